@@ -73,8 +73,7 @@ def parts(hypothesis: str) -> tuple[str, ...]:
         InputError: a simple name is not known.
     """
     found = tuple(part.strip() for part in hypothesis.split("+") if part.strip() not in ("", AS_IS))
-    unknown = [part for part in found if part not in MEANINGS]
-    if unknown:
+    if unknown := [part for part in found if part not in MEANINGS]:
         known = ", ".join(repr(name) for name in (AS_IS, *MEANINGS))
         raise InputError(
             f"hypothesis {unknown[0]!r} is not known.", hint=f"Use one of these, or several joined by ' + ': {known}."

@@ -37,15 +37,7 @@ from palpate.signals.payload import Payload
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
 from palpate.signals.wrench_sensor import Measured
 
-__all__ = [
-    "FORCE_TORQUE",
-    "ForceTorqueSection",
-    "accelerated",
-    "compensation",
-    "free_wrenches",
-    "noise_warnings",
-    "stated_sensor",
-]
+__all__ = ["FORCE_TORQUE", "ForceTorqueSection", "accelerated", "compensation", "free_wrenches", "stated_sensor"]
 
 _LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: lever arm of a force about a sensor, doubtful and impossible
 _TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
@@ -110,8 +102,7 @@ def stated_sensor(setup: Setup, recording: Recording | None = None) -> ForceTorq
         rate = setup.filter.rate or (None if recording is None else recording.rate())
         if wrench.noise.corner is not None and rate is not None:
             spectrum = NoiseSpectrum.of_corner(wrench.noise.corner, rate)
-    limits = None if wrench.range is None else wrench.range.six()
-    drift = None if wrench.drift is None else wrench.drift.six()
+    limits, drift = (None if pair is None else pair.six() for pair in (wrench.range, wrench.drift))
     return ForceTorque(deviation, limits, wrench.frame, spectrum, wrench.gain_error, drift)
 
 
@@ -139,13 +130,8 @@ def accelerated(setup: Setup, recording: Recording) -> bool:
     return any(bool((block.channels[UNSTEADY] > 0.0).any()) for block in motion.stream(iter([recording])))
 
 
-def noise_warnings(setup: Setup, recording: Recording) -> list[str]:
-    """Return a list of one warning where the rig's noise is off a recording's by a factor of two or more, else [].
-
-    Raises:
-        InputError: the rig has no [force_torque], its payload's file cannot be read, or the recording has no forces or
-            torques, or accelerations of another kind than stated.
-    """
+def _noise_warnings(setup: Setup, recording: Recording) -> list[str]:
+    """Return a list of one warning where the rig's noise is off a recording's by a factor of two or more, else []."""
     if (stated := setup.of(ForceTorqueSection).table.noise) is None:
         return []
     seen, _ = _noise_of(setup, recording)
@@ -187,7 +173,7 @@ def _build(setup: Setup) -> BuiltEstimator:
     made = wrench_estimator(setup, sensor, tare=setup.estimate.tare, drift=setup.followed(6))
     made.settings["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
     made.notes[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(sensor.payload, setup.estimate.tare)]
-    made.warnings += [] if head is None else [*noise_warnings(setup, head), *_turned(sensor, head)]
+    made.warnings += [] if head is None else [*_noise_warnings(setup, head), *_turned(sensor, head)]
     return made
 
 
@@ -335,7 +321,7 @@ FORCE_TORQUE = SensorKind(
     check=_check,
     options=("payload", "noise"),
     drift="palpate.sensors.force_torque.drift.wrench_drift",
-    warnings=noise_warnings,
+    warnings=_noise_warnings,
     view="palpate.sensors.force_torque.view.ForceTorqueView",
     start=lambda setup: seen_first(setup) or (FIRST if setup.of(ForceTorqueSection).table.noise is None else 0.0),
 )

@@ -21,7 +21,7 @@ QUIET = 0.1  # of the normal force: less friction does not show the moment along
 
 @dataclass(frozen=True, eq=False)
 class CalibratedRegion:
-    """The parts of a surface that a calibration touched, and the predicted error in each.
+    """The nine parts of a surface that a calibration may touch.
 
     Attributes:
         visits: (9,) number of blocks in each part.
@@ -35,7 +35,7 @@ class CalibratedRegion:
 
 
 def coverage(data: ReferenceBlocks, cells: LoadCells) -> CalibratedRegion:
-    """Return the region that the blocks cover, with errors predicted from the cells' calibration covariance."""
+    """Return the `CalibratedRegion` of blocks, with errors by the cells' calibration covariance."""
     at = data.contact[:, :2]
     low, high = at.min(axis=0), at.max(axis=0)
     cell = np.minimum((PARTS * (at - low) / np.maximum(high - low, 1e-9)).astype(int), PARTS - 1)
@@ -50,7 +50,6 @@ def coverage(data: ReferenceBlocks, cells: LoadCells) -> CalibratedRegion:
 
 
 def _foretold(data: ReferenceBlocks, cells: LoadCells, k: int) -> Float[np.ndarray, "5"]:
-    """Return the rms position errors (5,) [m] of touches at block k, from the calibration's covariance."""
     normal, tangents, at = data.normal[k], data.tangents[k], data.contact[k]
     pushes = [-normal, *(-normal + sign * FRICTION * t for t in tangents for sign in (1, -1))]
     out = list[float]()

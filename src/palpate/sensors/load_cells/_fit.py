@@ -1,15 +1,13 @@
 """The least squares of a calibration of load cells: wrench and contact against a reference.
 
-The voltages span six dimensions. With V their six strongest whitened directions, y = V' R^-1/2 (u - b) contains all
-their information about the wrench, and w = B y has 36 unknowns for any number of cells. The residuals of each block,
-with c the contact, n its normal, t two tangents and M_e = M - e x F the moment about e = c - d n, where the force acts
-[load cells, (18), corrected], are:
+With V the six strongest whitened directions of the voltages, y = V' R^-1/2 (u - b) contains all their information about
+the wrench w = B y. The residuals of each block, with c the contact, n its normal, t two tangents and M_e = M - e x F
+the moment about e = c - d n, where the force acts [load cells, (18), corrected], are:
 
     r = ( F - F_ref,  t . (n x M_e) / (F . n),  F . M_e / |F|  )
 
 The middle two are the point where the wrench meets the tangent plane at c, less c; the last is the moment along the
-force, which force and position do not contain. With a reference of zero, the first and the second, times F . n, are
-linear in B: that gives the global start.
+force. Those of F and M about c are linear in B: they give the start.
 """
 
 from __future__ import annotations
@@ -52,7 +50,7 @@ class ReferenceBlocks:
         signal: (n, 6) y.
         force: (n, 3) [N].
         contact: (n, 3) [m] on the surface.
-        normal: (n, 3) outward unit normals there.
+        normal: (n, 3) outward unit normals.
         tangents: (n, 2, 3) unit vectors.
         torque: (n,) [N m] about the normal.
     """
@@ -76,10 +74,9 @@ class Fit:
     """A fitted B, the law of indentation if one was fitted, and the residuals.
 
     Attributes:
-        unknowns: B row by row, then depth and exponent of the law, if fitted.
+        unknowns: (p,) B row by row, then depth and exponent of the law, if fitted.
         covariance: (p, p) of the unknowns.
-        residuals: (n, 6) estimate less reference: force [N], position along two tangents [m], moment along the force
-            [N m].
+        residuals: (n, 6) force [N], position along two tangents [m], moment along the force [N m]: less the reference.
         cost: half the sum of whitened squares.
         correlation: (6,) number of blocks that count as one independent block.
         followed: index of the start that was used.
@@ -94,7 +91,7 @@ class Fit:
 
     @property
     def inverse(self) -> Float[np.ndarray, "6 6"]:
-        """The inverse of B, (6, 6)."""
+        """Inverse of B, (6, 6)."""
         return np.linalg.inv(_matrix(self.unknowns))
 
     @property
@@ -106,7 +103,7 @@ class Fit:
 
     @property
     def indentation(self) -> Indentation | None:
-        """The law of indentation; None if none was fitted."""
+        """Law of indentation; None if none was fitted."""
         law = map(float, self.unknowns[36:])
         return Indentation(*law, covariance=self.covariance[36:, 36:]) if len(self.unknowns) > 36 else None
 
@@ -146,7 +143,7 @@ def _matrix(unknowns: Float[np.ndarray, " p"]) -> Float[np.ndarray, "6 6"]:
 def _normal(
     by_wrench: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], by_law: Float[np.ndarray, "n 6 l"]
 ) -> Float[np.ndarray, "p p"]:
-    """Return J' J for unknowns (B row by row, law), without J: for B it is a sum of products (A' A) x (y y')."""
+    """Return J' J for unknowns (B row by row, law): for B a sum of products (A' A) x (y y')."""
     count, laws = len(signal), by_law.shape[2]
     gram = np.swapaxes(by_wrench, 1, 2) @ by_wrench
     pairs = signal[:, :, None] * signal[:, None, :]
@@ -173,10 +170,7 @@ def _gradient(
 
 
 def _step(normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], damping: float = 0.0) -> np.ndarray:
-    """Return the solution of the damped normal equations, in units in which each unknown changes residuals equally.
-
-    An unknown that changes none, like the exponent without indentation, keeps its value.
-    """
+    """Return the solution of the damped normal equations; 0 for an unknown that changes no residual."""
     idle = np.diag(normal) == 0
     size = np.where(idle, 1.0, np.sqrt(np.diag(normal)))
     scaled = normal / np.outer(size, size) + np.diag(damping + idle)
@@ -191,7 +185,7 @@ def fit(
     indented: bool,
     robust: bool,
 ) -> Fit:
-    """Return the nonlinear least squares fit from the best of several starts, whitened again by its residuals.
+    """Return the nonlinear least squares `Fit` from the best of several starts, whitened again by its residuals.
 
     Args:
         data: blocks.
@@ -216,7 +210,7 @@ def fit(
 
 
 def _whitener(left: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6 6"]:
-    """Return the inverse Cholesky factor of the residuals' covariance, their spread about 0 with outliers clipped."""
+    """Return the inverse Cholesky factor of the residuals' covariance about 0, with outliers clipped."""
     deviation = np.sqrt(np.median(left**2, axis=0) / 0.4549)  # the median of chi-square of one degree
     cut_off = np.clip(left, -OUTLYING * deviation, OUTLYING * deviation)
     covariance = cut_off.T @ cut_off / len(left) / 0.973  # what a normal keeps of its variance within 3
@@ -260,7 +254,7 @@ def residuals(
 def _solve(
     data: ReferenceBlocks, start: np.ndarray, whitener: Float[np.ndarray, "6 6"], *, robust: bool
 ) -> tuple[np.ndarray, float]:
-    """Minimize a Huber cost by Levenberg-Marquardt, the law within its bounds; return unknowns and half the cost."""
+    """Minimize a Huber cost by Levenberg-Marquardt, the law within its bounds; return unknowns and cost."""
     found, damping = start, 1e-9
     left, slopes, law_slopes = _whitened(data, found, whitener)
     weight, cost = _huber(left, robust=robust)
@@ -304,13 +298,7 @@ def _huber(white: Float[np.ndarray, "n 6"], *, robust: bool) -> tuple[Float[np.n
 def _covariance(
     data: ReferenceBlocks, found: np.ndarray, whitener: Float[np.ndarray, "6 6"], zeros: Float[np.ndarray, "9"]
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "6"]]:
-    """Return the unknowns' covariance H^-1 (sum tau_c s_c^2 J_c' J_c + the part of the runs' zeros) H^-1, and tau.
-
-    Each whitened component counts as the number of independent samples in it.
-
-    Raises:
-        NotIdentifiable: the log does not determine the law of indentation.
-    """
+    """Return the unknowns' covariance H^-1 (sum tau_c s_c^2 J_c' J_c + the part of the runs' zeros) H^-1, and tau."""
     white = _whitened(data, found, whitener)
     times = correlation_time(white[0])
     whole, _, meat = _equations(data, found, whitener, white, times * np.mean(white[0] ** 2, axis=0), zeros)
@@ -350,13 +338,9 @@ def _equations(
 
 
 def validated(data: ReferenceBlocks, found: Fit, zeros: Float[np.ndarray, "9"], *, robust: bool) -> Validation:
-    """Return a cross-validation: omitted touches against the prediction of the others, by normal equations, J' r.
+    """Return the cross-validation of a fit to all blocks: omitted touches against the prediction of the others.
 
-    Args:
-        data: all blocks, in the order of time.
-        found: the fit to all blocks, from which the other fits start.
-        zeros: see `fit`.
-        robust: see `fit`.
+    They are compared by their normal equations, J' r. `zeros` and `robust` are those of `fit`.
     """
     whitener = _whitener(found.residuals)
     variance = found.correlation * np.mean((found.residuals @ whitener.T) ** 2, axis=0)

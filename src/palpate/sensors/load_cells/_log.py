@@ -36,7 +36,7 @@ class BenchLog:
         voltages: (n, m) [V].
         forces: (n, 3) [N] of the reference.
         centres: (n, 3) [m] of the ball.
-        torques: (n,) [N m] about the normal, from the reference.
+        torques: (n,) [N m] of the reference about the normal.
     """
 
     time: Float[np.ndarray, " n"]
@@ -134,16 +134,13 @@ def _rests_of(log: BenchLog, run: slice) -> Iterator[UnloadedStretch]:
 
 
 def _noise_of(smooth: Float[np.ndarray, "n 3"], width: int) -> float:
-    """Return the standard deviation [N] of smoothed forces, from the median difference at a lag of `width` rows."""
+    """Return the standard deviation of smoothed forces, from the median difference at a lag of `width` rows."""
     steps = smooth[width:] - smooth[:-width]
     return float(np.median(np.abs(steps), axis=0).max()) / MEDIAN_STEP if len(steps) else 0.0
 
 
 def _still(voltages: Float[np.ndarray, "n m"], log: BenchLog) -> tuple[int, int]:
-    """Return first and last of the rows around the middle that stay on the line fitted there.
-
-    A touch moves voltages before the force shows it.
-    """
+    """Return first and last of the rows around the middle that stay on its line: a touch moves voltages early."""
     width, count = log.rows(SMOOTH), len(voltages)
     smooth = _smooth(voltages, width)
     middle = slice(count // 4, max(count // 4 + 2, 3 * count // 4))
@@ -182,10 +179,9 @@ def rest_noise(log: BenchLog, found: list[UnloadedStretch]) -> tuple[Float[np.nd
 
 
 def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Blocks:
-    """Return means of blocks in which every sample is loaded by `least` [N] or more, without the rests' mean readings.
+    """Return the means of blocks in which every sample is loaded by `least` [N] or more, without zeros.
 
-    Within a run the zero is interpolated linearly between rests, and constant after the last. It is not interpolated
-    between runs: a sensor that was switched off has another zero.
+    Within a run the zero is interpolated linearly between rests, and constant after the last.
 
     Raises:
         InputError: the log has fewer than 200 such blocks.
@@ -210,7 +206,7 @@ def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Bloc
 
 
 def _zeros(log: BenchLog, found: list[UnloadedStretch]) -> Float[np.ndarray, "n k"]:
-    """Return unloaded voltages [V] and reference forces [N], (n, m + 3); a run without a rest uses the one before."""
+    """Return unloaded voltages and reference forces, (n, m + 3); a run without a rest uses the one before."""
     zero = np.empty((len(log.time), log.voltages.shape[1] + 3))
     for run in log.runs:
         before = [rest for rest in found if rest.rows.start < run.stop]

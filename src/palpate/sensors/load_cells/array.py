@@ -35,10 +35,7 @@ UPPER = np.triu_indices(6)
 
 
 class _Weighed(NamedTuple):
-    """Samples as wrenches, like `Measured`.
-
-    `which` is the explanation used, `extra` the covariance where several are, `slow` the zero's share of a variance.
-    """
+    """`Measured` with the explanation used (`which`), the covariance of several, and the zero's share of a variance."""
 
     time: Float[np.ndarray, " n"]
     wrench: Float[np.ndarray, "n 6"]
@@ -290,17 +287,14 @@ class LoadCellArray:
         return np.nan, ZeroState(np.array(self.zero.voltage), np.zeros(0), spread), np.zeros((len(spread), 0))
 
     def follow(self, state: ZeroState | None) -> None:
-        """Use a followed zero [V] and its covariance from now on; None: the zero that was taken.
-
-        A filter does not reduce the zero's error. The loops scale it by the filter's share, so the covariance for them
-        is divided by the share of a filter that has settled: before, it counts for more.
-        """
+        """Use a followed zero [V] and its covariance from now on; None: the zero that was taken."""
         voltage = self.zero.voltage if state is None else state.zero
         spread = np.zeros_like(self.cells.noise) if state is None else state.covariance
         slow = self.zero.share + self.cells.drift**2 if state is None else 0.0
         self._channels[:, 0], self._slow = voltage, float(slow)
         ways = self._inverse - np.einsum("sai,sak->sik", *self._corrections) @ self._rest
         ways = np.concatenate([self._inverse[None], ways])
+        # a filter does not reduce the zero's error, which the loops scale by its share: before it settles, too much
         self._covariances = np.ascontiguousarray(self._noises + ways @ spread @ ways.swapaxes(1, 2) / self._settled)
         rest = float(np.trace(self._rest @ spread @ self._rest.T)) / max(1, len(self._rest))
         wanders = float(np.sqrt(self.cells.drift**2 + rest))
@@ -328,7 +322,7 @@ class LoadCellArray:
         return find_faults(self.cells, kept, self.sound, self.names)
 
     def _seen_from(self, placement: Placement) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
-        """Return the noise's covariances in the surface's frame and the map to that of E w, cached."""
+        """Return the noise's covariances in the surface's frame and the map to that of E w."""
         if placement is not self._seen_at:
             self._seen_at, self._unsure = placement, _unsure(self.cells, placement.matrix)
             self._placement = None
@@ -352,7 +346,7 @@ class LoadCellArray:
         return _Weighed(time, *made, self._slow)
 
     def _voltages(self, recording: Recording) -> Float[np.ndarray, "n m"]:
-        """Return a copy of the voltages, contiguous and writable for the compiled loops; InputError without them."""
+        """Return a copy of the voltages, as the compiled loops take them; raise InputError without them."""
         found = recording.channels.get(VOLTAGE)
         if found is None:
             raise InputError(
@@ -369,7 +363,7 @@ class LoadCellArray:
         return zero
 
     def _restarted(self, waiting: list[Recording], begun: float) -> Iterator[Recording]:
-        """Yield the blocks that waited for the zero of their start, after taking it."""
+        """Take the zero of a start, and yield the blocks that waited for it."""
         if not waiting:
             return
         rest = [self._voltages(part)[part.time <= begun + self._seconds] for part in waiting]

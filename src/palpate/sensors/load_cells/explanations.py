@@ -84,7 +84,7 @@ class Explanations:
         return readings @ self.inverse.T - shares @ self.corrections[which]
 
     def _expected(self, wrench: Float[np.ndarray, "n 6"], metric: Float[np.ndarray, "6 6"]) -> np.ndarray:
-        """Return the expected square (n,) of each entry of v: noise, drift, and the calibration's misfit under load."""
+        """Return the expected square (n,) of an entry of v: noise, drift, and misfit under load."""
         load = np.einsum("ni,ij,nj->n", wrench, metric, wrench)
         return 1.0 + self.cells.drift**2 + self.cells.misfit**2 * load
 

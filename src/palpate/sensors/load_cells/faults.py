@@ -53,11 +53,10 @@ def find_faults(
 ) -> list[CellFault]:
     """Return a list of one `CellFault` where the cells of a log contradict each other, else [].
 
-    If the chi-square of the readings exceeds its bound in more than 0.2 % of the samples, each channel and each cell is
-    omitted in turn (`Explanations`), then each pair of cells is exchanged. The change that makes the samples agree is
-    the cause; the fault names all such changes, and its kind is "several" if there is none. A channel that repeats one
-    voltage is saturated if the load lies beyond it, else stuck. Of three cells only a wrong channel, an exchanged pair,
-    or a cell that does not move or repeats its reading is found.
+    They do if the chi-square of the readings exceeds its bound in more than 0.2 % of the samples. The cause is the
+    channel or cell without which the samples agree, or the pair of cells whose exchange makes them agree; all such
+    channels or cells are named. Of three cells only a wrong channel, an exchanged pair, or a cell that does not move or
+    repeats its reading is found.
 
     Args:
         cells: the model.
@@ -92,7 +91,7 @@ def find_faults(
 def _explained(
     made: Explanations, usable: np.ndarray, bad: np.ndarray, fits: np.ndarray, names: tuple[str, ...]
 ) -> CellFault | None:
-    """Return the fault of the channel or cell without which the others agree, or of all candidates; else None."""
+    """Return the fault of the channel or cell without which the others agree, or of all candidates."""
     share = np.mean(fits[bad], axis=0)
     if share.max() < AGREE:
         return None
@@ -111,7 +110,7 @@ def _explained(
 
 
 def _beside(made: Explanations, usable: np.ndarray, which: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the readings of an explanation's channels, and those that the other channels predict, (n, c) each."""
+    """Return the readings of an explanation's channels, and those that the others predict, (n, c) each."""
     out = made.channels(which)
     return usable[:, out], made.wrenches(usable, which) @ made.cells.matrix[out].T
 
@@ -183,24 +182,21 @@ def _named(
 
 
 def _repeats(values: np.ndarray, share: float = CLIPPED) -> Bool[np.ndarray, " c"]:
-    """Return which channels (c,) repeat their last reading exactly in more than `share` of samples, as at a range."""
+    """Return which channels (c,) repeat their last reading exactly in more than `share` of the samples."""
     if len(values) < 2:
         return np.zeros(int(values.shape[1]), dtype=bool)
     return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > share, dtype=bool)
 
 
 def _clipped(seen: np.ndarray, due: np.ndarray, bad: Bool[np.ndarray, " n"]) -> bool:
-    """Return whether the load lies beyond repeated readings, away from zero, as at the end of a range.
-
-    The position of that end in these readings depends on the zero, which is taken again at every start.
-    """
+    """Return whether the load lies beyond repeated readings, away from zero, as at the end of a range."""
     held = (np.diff(seen, axis=0, prepend=np.nan) == 0) & bad[:, None]
     beyond = np.where(seen == 0, True, np.sign(seen) * (due - seen) >= 0)
     return bool(np.count_nonzero(held & beyond) > 0.5 * np.count_nonzero(held))
 
 
 def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
-    """Return the median change (c,) of each channel over a hundredth of the log; jumps between logs do not count."""
+    """Return the median change (c,) of each channel over a hundredth of the log."""
     lag = max(1, len(values) // LAGS)
     if len(values) <= lag:
         return np.zeros(int(values.shape[1]))
@@ -215,7 +211,7 @@ def _steady(off: np.ndarray, due: np.ndarray) -> bool:
 
 
 def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
-    """Return the fault of the two cells that agree with the others when exchanged; None if there are none."""
+    """Return the fault of the two cells that agree with the others when exchanged."""
     bound = unlikely(3 * int(kept.sum()) - 6)
 
     def agreeing(pair: tuple[int, int]) -> float:
@@ -231,7 +227,7 @@ def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float)
 
 
 def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
-    """Return the fault of the cell, of three, that does not move or repeats its readings while the others move."""
+    """Return the fault of the cell, of three, that does not move or repeats its readings alone."""
     size = np.sqrt(np.diag(cells.noise)).reshape(-1, 3)
     moves = (usable.std(axis=0).reshape(-1, 3) / size).max(axis=1)
     for cell in np.flatnonzero(kept).tolist():
@@ -248,7 +244,7 @@ def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float)
 
 
 def _leaves(column: np.ndarray) -> bool:
-    """Return whether channels mostly stop repeating a reading before the log ends, as they leave a range's end."""
+    """Return whether channels mostly stop repeating a reading before the log ends, as at a range's end."""
     held = np.diff(column, axis=0) == 0
     last = np.logical_and.accumulate(held[::-1], axis=0)[::-1]
     return bool(np.count_nonzero(held & ~last) > 0.5 * np.count_nonzero(held))

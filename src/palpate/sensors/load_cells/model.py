@@ -298,7 +298,6 @@ def with_changes(cells: LoadCells, **changes: Any) -> LoadCells:
 def _shaped(
     name: str, values: ArrayLike | None, shape: tuple[int, ...], unknown: ArrayLike = 0.0
 ) -> Float[np.ndarray, "..."]:
-    """Return a read-only array of this shape, `unknown` for None; raise an InputError at another shape or NaN."""
     array = frozen(np.full(shape, unknown) if values is None else values)
     if array.shape != shape or not (name in ("positions", "limits") or np.isfinite(array).all()):  # there NaN, inf mean
         seen = f"shape {array.shape}" if array.shape != shape else "numbers that are not finite"

@@ -162,7 +162,7 @@ _FLAT = 1e12
 def _at(
     cells: LoadCells, points: np.ndarray, normals: np.ndarray, force: np.ndarray, spread: np.ndarray, soft: bool
 ) -> tuple[np.ndarray, ...]:
-    """Return the first five fields of `Resolution` for a force of 1 N at each point, and its readings (n, 3 k)."""
+    """Return the first five fields of `Resolution` for 1 N at each point, and its readings (n, 3 k)."""
     slope = position_slope(points, normals, force)
     place = slope[:, :3]
     wrench = np.concatenate([force, np.cross(points, force)], axis=1)
@@ -182,7 +182,7 @@ def _at(
 
 
 def _directions(normals: np.ndarray, friction: float) -> list[np.ndarray]:
-    """Return unit forces (n, 3) that press with the given friction, in `AZIMUTHS` directions."""
+    """Return unit forces (n, 3) that press with a friction, in `AZIMUTHS` directions."""
     if friction == 0.0:
         return [-normals]
     first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])

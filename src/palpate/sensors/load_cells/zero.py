@@ -96,7 +96,7 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
 
 
 def _touch(cells: LoadCells, zero: Float[np.ndarray, " m"]) -> Float[np.ndarray, "6"] | None:
-    """Return the wrench that explains nearly all of the zero's change, if its force is `HEAVY` or more; else None."""
+    """Return the wrench that explains nearly all of the zero's change, if it is `HEAVY`; else None."""
     change = zero - cells.bias
     inverse, _, rest = cells.inverse()
     wrench = inverse @ change
