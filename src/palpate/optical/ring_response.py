@@ -92,7 +92,7 @@ class RingResponse(Value):
 
     @property
     def shears(self) -> bool:
-        """Whether shear was calibrated."""
+        """True if shear was calibrated."""
         return len(self.coefficients) == 4
 
     @property
