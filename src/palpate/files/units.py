@@ -99,7 +99,7 @@ def known_unit(unit: str, table: Mapping[str, float]) -> str | None:
 
 @lru_cache(maxsize=1 << 15)  # called several times for each of the columns of a log
 def split_unit(name: str) -> tuple[str, str]:
-    """Return the quantity and the unit, "" if it has none, of a column's name: `Fx [N]`, `Fx (N)`, `Fx_N`, `Fx / N`.
+    """Return quantity and unit, or "", of a column's name: `Fx [N]`, `Fx (N)`, `Fx_N`, `Fx / N`.
 
     Text in square brackets is a unit unless it is an index or an axis; other text only if it is known to be one.
     """

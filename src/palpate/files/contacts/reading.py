@@ -29,7 +29,7 @@ _KIND = KIND.replace("/msg/", "/")
 def contact_blocks(path: Path) -> Iterator[Contacts]:
     """Yield the rows of a file of contacts, in order, in pieces, at least one; their notes have remarks on the file.
 
-    From OUTPUT.part every complete block is read, and damage is noted.
+    Of OUTPUT.part every complete block is read.
 
     Raises:
         InputError: the file cannot be read or holds no contacts, or a row in it is invalid.

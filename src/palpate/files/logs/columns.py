@@ -176,10 +176,9 @@ def _columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
 
 def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
     """Return the layout with arrays that are named as channels in place of missing columns."""
-    arrays = {name: shape for name, shape in shapes.items() if shape}
-    if not arrays:
+    made = {name: _columns(name, shape) for name, shape in shapes.items() if shape}
+    if not made:
         return layout
-    made = {name: _columns(name, shape) for name, shape in arrays.items()}
     changes: dict[str, object] = {}
     if layout.wrench is not None and not set(layout.wrench) <= shapes.keys():
         for names in ((FORCE, TORQUE), (WRENCH,), (SINGLE,)):

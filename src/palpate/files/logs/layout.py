@@ -1,4 +1,4 @@
-"""Describe the layout of a log: columns, arrays or topics, units and axes; compare units with those that it states."""
+"""Describe the layout of a log: columns, arrays or topics, units and axes."""
 
 from __future__ import annotations
 

@@ -25,8 +25,8 @@ class Images:
 
     Attributes:
         size: height, width, channels of the first image; 0, 0, 0 if unknown.
-        count: number of images, of a video as announced; 0 if unknown.
-        rate: [Hz]; None of a folder, or if unknown.
+        count: number of images, as a video announces it; 0 if unknown.
+        rate: [Hz] of a video; None if unknown.
         codec: four characters of a video; suffixes of a folder.
     """
 
@@ -62,7 +62,7 @@ class LogContents:
 
 
 class Log(Watched, ABC):
-    """An opened log; every reader of a format is a subclass."""
+    """An opened log."""
 
     @abstractmethod
     def contents(self) -> LogContents:

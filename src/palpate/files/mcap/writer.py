@@ -25,7 +25,7 @@ class Written(NamedTuple):
     """A chunk that is in the file.
 
     Attributes:
-        entry: its record in the summary (a chunk index).
+        entry: its record in the summary.
         end: byte of the file at which the next chunk begins.
         span: first and last time of its messages [ns].
         counts: number of its messages in each channel.
@@ -46,7 +46,7 @@ class WrittenTopic(NamedTuple):
 
 
 class McapWriter:
-    """Maker of the bytes of an MCAP file, in the order in which they are to be written.
+    """Maker of the bytes of an MCAP file, in their order.
 
     Args:
         topics: the channels, numbered from 1.

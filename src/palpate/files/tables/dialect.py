@@ -168,8 +168,7 @@ def _found(lines: list[str], path: Path) -> Dialect | None:
         names = [*names, f"column_{width}"]
     before = [lines[k] for k in above if header < 0 or k < header]
     first = max([header, *(k for k in above if k in units)]) + 1 if header >= 0 else start
-    stated = next(iter(units.values()), list[str]())
-    stated = [re.sub(r"^[\[(]|[\])]$", "", unit) for unit in stated]
+    stated = [re.sub(r"^[\[(]|[\])]$", "", unit) for fields in units.values() for unit in fields]  # one line at most
     return Dialect(delimiter, ".", tuple(names), tuple(stated), first, header, dict(_facts(before)))
 
 
