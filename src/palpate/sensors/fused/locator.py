@@ -308,7 +308,7 @@ class FusedLocator:
         return slack, slack <= _BINDS * (1.0 + np.abs(normal))
 
     def unseen(self, fused: Fused) -> Unseen:
-        """Return as `Unseen` the places of one more contact that explain the wrench of `fused`, of several the oddest.
+        """Return as `Unseen` the places of one more contact that explain the wrench of `fused` with the least `p`.
 
         Raises:
             InputError: `fused` has no finite wrench.

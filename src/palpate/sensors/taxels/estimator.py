@@ -124,7 +124,7 @@ class TaxelEstimator(ContactEstimator):
 
     @property
     def label(self) -> Int[np.ndarray, "*cells"]:
-        """Return each cell's area in the last frame (`body.shape`), from 1; 0: none, negative: the area's rim."""
+        """Return the index of each cell's area in the last frame (`body.shape`), from 1; 0: none, negative: its rim."""
         return self._frames.label.reshape(self.body.shape)
 
     def tare(self, recording: Recording) -> Tare:

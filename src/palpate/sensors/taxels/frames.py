@@ -120,7 +120,7 @@ class TaxelFrames:
 
     @property
     def label(self) -> Int[np.ndarray, " k"]:
-        """Return each cell's area (k,), as `TaxelEstimator.label`."""
+        """Return the index of each cell's area (k,), as `TaxelEstimator.label`."""
         return self._whole[_kernels.LABEL]
 
     def run(

@@ -61,8 +61,6 @@ class Health:
 def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = None, falling: bool = False) -> Health:
     """Return the `Health` of a body's cells from a log's start, which may contain touches.
 
-    The baseline of a cell is where its readings crowd at their unloaded end.
-
     Args:
         recording: at least 8 frames.
         body: the body that was recorded.

@@ -36,7 +36,7 @@ class Curve:
         kind: one of `KINDS`.
         parameters: (p,).
         covariance: (p, p) of the parameters.
-        largest: [N] up to which the curve was measured; it must rise up to there.
+        largest: [N] up to which the curve was measured.
         saturation: raw intensity at the end of the sensor's range; NaN: not known.
         falling: the raw reading falls as the force grows.
         joint: [N] of `two_range`; knots: [N] of `monotone`; reference, scale: of `resistive`.

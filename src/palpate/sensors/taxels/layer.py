@@ -122,7 +122,7 @@ class TaxelLayer:
         ]
 
     def legend(self) -> list[str]:
-        """Return one HTML string, a colour bar up to the force `most` [N]; [] if no forces are known."""
+        """Return a list of one HTML string, a colour bar up to the force `most` [N]; [] if no forces are known."""
         return [bar("cell", self.most, "N")] if self._known else []
 
     @property

@@ -89,7 +89,7 @@ class ModuleLayout(Value):
 
 
 def _unbent(away: Float[np.ndarray, "t 3"], axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "t 2"]:
-    """Return flat places p + (p' K p) K p / 6 of a bent sheet's points about its origin, K its curvature."""
+    """Return flat places p + (p' K p) K p / 6 of points on a bent sheet of curvature K, to fourth order."""
     for _ in range(_ROUNDS):  # until the third axis is normal to the sheet in the middle
         lean, _ = _bend(away @ axes.T)
         outward: Float[np.ndarray, "3"] = axes[2] - lean @ axes[:2]

@@ -41,8 +41,8 @@ class PlacesLayer:
     """A layer of patches at the taxels, with a black rim on those never touched, and their 95 % ellipsoids.
 
     Args:
-        places: places of the taxels.
-        surface: of the link, which gives the normals that are not known; None: they point away from the middle.
+        places: to draw.
+        surface: of the link, for normals that are not known; None: these point away from the middle.
     """
 
     def __init__(self, places: TaxelPlaces, surface: Surface | None = None) -> None:

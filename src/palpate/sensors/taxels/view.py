@@ -93,10 +93,7 @@ class TaxelView(SensorView):
 
 
 class _Cells:
-    """A feed of cell forces to the page by a separate estimator, because a stream has none.
-
-    It takes the baseline from untouched frames, again after each tare.
-    """
+    """A feed of cell forces to the page by a separate estimator that takes its baseline from untouched frames."""
 
     def __init__(self, tares: Callable[[], int], setup: Setup, made: TaxelEstimator, layer: TaxelLayer) -> None:
         self._tares, self._layer = tares, layer
