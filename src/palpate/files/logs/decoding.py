@@ -73,7 +73,7 @@ def role(kind: str) -> str:
 
 
 def has_header(kind: str) -> bool:
-    """Return True if messages of a type that has a role have a header, with a stamp."""
+    """Return True if messages of a type that has a role have a header."""
     return FIXED[kind].strings > 0 if kind in FIXED else kind == IMAGE
 
 
@@ -98,7 +98,7 @@ def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) ->
 def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
     """Return the shape of the array, or (rows, columns) of the one-channel image, in the first readable message.
 
-    None without one. `topic` has images, or a type in `ARRAYS`.
+    None if no message is readable. The topic has images, or a type in `ARRAYS`.
     """
     cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:

@@ -38,7 +38,7 @@ def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
 
 
 def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Return an image as uint8 (height, width, 3): grey repeated, alpha dropped, the upper 8 of 16 bits; else None."""
+    """Return an image as uint8 (height, width, 3), grey repeated, alpha dropped; None unless uint8 or uint16 (upper bits)."""
     if image.dtype.kind != "u" or image.dtype.itemsize > 2:
         return None
     if image.dtype.itemsize == 2:
@@ -48,7 +48,7 @@ def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
 
 
 def decoded(cv2: Any, raw: bytes, *, as_stored: bool = False) -> np.ndarray | None:
-    """Return the image in the bytes of a JPEG, PNG, BMP, TIFF or WebP file, uint8 (height, width, 3); else None.
+    """Return the image in a JPEG, PNG, BMP, TIFF or WebP file, uint8 (height, width, 3); None if it cannot be decoded.
 
     `as_stored` keeps the type and the number of channels. `cv2` is OpenCV.
     """

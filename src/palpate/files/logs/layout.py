@@ -39,7 +39,7 @@ POSE_COLUMNS = {ORIENTATION: ORIENTATION_COLUMNS, POSITION: POSITION_COLUMNS, AC
 
 @dataclass(frozen=True)
 class ArrayChannel:
-    """A channel with an array per sample: voltages of load cells, readings of taxels, the reference of a test bench.
+    """A channel with an array per sample: voltages of load cells, readings of taxels.
 
     Args:
         name: of the channel of the `Recording`.

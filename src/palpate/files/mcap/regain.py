@@ -51,7 +51,9 @@ class Regained(NamedTuple):
 
 
 def regained(path: Path) -> Regained | None:
-    """Return the part of a file that is complete and whose checksums agree; None if no such file of `McapWriter`.
+    """Return the part of a file that is complete and whose checksums agree.
+
+    None if its head is incomplete, or not that of a `McapWriter`.
 
     Raises:
         OSError: the file cannot be read.

@@ -37,7 +37,7 @@ class Dialect:
         delimiter: comma, semicolon, tab, bar, or `SPACES`.
         decimal: "." or ",".
         names: of the columns.
-        units: of the columns, or "", from a row of their own; empty without that row.
+        units: of the columns, from a row of their own, "" where it has none; empty without that row.
         first: index of the line at which rows may begin.
         header: index of the line with the names; -1: there are none, and `column_1`, ... are used.
         stated: key in lower case -> value, from the lines before the header.

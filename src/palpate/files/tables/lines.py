@@ -55,7 +55,7 @@ def _open_pipe(path: Path) -> BufferedReader:
 
 
 def complete_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
-    """Yield a text (UTF-16 as UTF-8) in pieces of about `size` bytes, cut at newlines, which are dropped there.
+    """Yield a text (UTF-16 as UTF-8) in pieces of about `size` bytes (-1: at once), cut at newlines, which go.
 
     Raises:
         InputError: the file is not text, has a line of more than 64 MB, or cannot be read.
