@@ -14,7 +14,7 @@ from palpate.signals.wrench_sensor import Placement
 from palpate.signals.zero_filter import FollowedSensor, ZeroFilter, ZeroWindow
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["DELAY", "ContactShape", "Decided", "DriftGate", "Jump"]
+__all__ = ["DELAY"]
 
 DELAY = 1.0  # s a window waits: a touch that grows by 20 mN/s is noticed within it, at 40 mN of noise and 200 Hz
 AFTER = 0.5  # s after a touch that are not used: the end of a release that is as slow

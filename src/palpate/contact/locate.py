@@ -25,7 +25,7 @@ from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces.surface import Surface, SurfaceLike, as_surface
 
-__all__ = ["METHODS", "Candidates", "Locator", "locate"]
+__all__ = ["METHODS", "Candidates", "Locator", "in_space", "locate"]
 
 WORSE = 0.05  # of a touch's samples
 _END = 32  # answered samples at the end of a touch, as many as a branch remembers
