@@ -79,10 +79,8 @@ class TaxelView(SensorView):
         made = cast("TaxelEstimator", estimator)
         body, health = made.body, made.health
         shape = (body.rows, body.columns) if body.rows else None
-        drawn = cell_mesh(body)
-        if setup.link.stated is not None:
-            mesh = setup.link.surface().drawn()
-            drawn = (mesh.vertices, mesh.faces)
+        run = super().report(run, setup, estimator)
+        drawn = cell_mesh(body) if setup.link.stated is None else run.body
         facts = [("cells", f"{len(body)}, of which {int(body.usable.sum())} are used")]
         if health is not None:
             rest = f"{np.median(health.baseline):.3g} counts, noise {np.median(health.noise):.2g} counts (medians)"
