@@ -54,8 +54,8 @@ def two_stage(
 ) -> Vector:
     """Fit force on (weight, bias), then torque on (centre, bias), and return all (12,).
 
-    The torque's regressor is the modelled weight: with the measured force, as [probe] prints it, the force's noise
-    pulls the centre towards the sensor.
+    The torque's regressor is the modelled weight: the noise of the measured force, as [probe] prints it, would pull the
+    centre towards the sensor.
 
     Args:
         wrenches: (n, 6) in the sensor frame.
@@ -100,12 +100,12 @@ def residual_covariance(residuals: Float[np.ndarray, "n 6"], force_unknowns: int
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of a log's wrenches: independent noise, and a bias that drifts from one wrench to the next.
+    """Errors of a log's wrenches: independent noise, and a drift of the bias.
 
     Attributes:
         white: (6, 6) covariance of each wrench's independent error.
-        walk: (6,) standard deviation of the bias's drift from block to block, along each axis; 0 where none is seen.
-        block: (n,) index of each wrench's block; there are at most `BLOCKS`.
+        walk: (6,) standard deviation of the bias's drift from block to block; 0 where none is seen.
+        block: (n,) index of each wrench's block.
     """
 
     white: Float[np.ndarray, "6 6"]
@@ -199,8 +199,8 @@ def kept_samples(
 ) -> Bool[np.ndarray, " n"]:
     """Return a mask (n,) of the samples within `CUTOFF` robust standard deviations, per channel, of a robust fit.
 
-    A Huber fit is followed by least squares on the samples within, until these no longer change. `floor` (6,) is the
-    least standard deviation. Regressors are rotations: there is no leverage to guard against.
+    Least squares on the samples within follow a Huber fit, until these no longer change. `floor` (6,) is the least
+    standard deviation.
     """
 
     def left(weights: np.ndarray | None) -> np.ndarray:

@@ -128,7 +128,6 @@ def _torque_refusal(null: np.ndarray) -> NotIdentifiable:
 
 
 def _across(axis: np.ndarray) -> np.ndarray:
-    """Return a unit vector perpendicular to an axis, along a coordinate axis where one is nearly perpendicular."""
     other = np.eye(3)[np.abs(axis).argmin()]
     across = other - axis * (axis @ other) / (axis @ axis)
     return across / np.linalg.norm(across)

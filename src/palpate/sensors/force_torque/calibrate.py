@@ -43,10 +43,10 @@ def identify_payload(
     """Identify weight, centre of mass and biases from wrenches of the payload alone [probe, (1)-(2), corrected].
 
     Two linear least squares: force on (weight, bias), then torque on (centre, bias) with the modelled weight; then all
-    jointly, whitened, if `noise` is given and explains the residuals. The covariance of all twelve parameters is that
-    of the residuals, or of the noise if it explains them, with the drift of the bias where they show one; it is widened
-    where parts of the log do not predict each other as it allows. From residuals alone it is too small by 1.1 at 40
-    poses, by 2 at 12: with few poses state the noise. Average the samples of each pose first: they share one error.
+    jointly, if `noise` is given and explains the residuals. The covariance comes from the residuals, or from the noise
+    if it explains them, and from the drift of the bias; it is widened where parts of the log do not predict each other.
+    From residuals alone it is too small by 1.1 at 40 poses, by 2 at 12: with few poses state the noise. Average the
+    samples of each pose first: they share one error.
 
     Args:
         wrenches: (n, 6) [N, N m], or a `Wrench` of n, in the sensor frame, in the order of time. Rows with NaN or
@@ -54,7 +54,7 @@ def identify_payload(
         rotations: (n, 3, 3), sensor in base; or (n, 4) its quaternions x, y, z, w.
         gravity: (3,) its direction in the base, of any length; None: identified.
         magnitude: |g| [m/s^2], by which the weight is divided into a mass.
-        noise: of one reading: standard deviations of force and torque, or six, or a (6, 6) covariance; None: not known.
+        noise: of a reading: standard deviations of force and torque, or six, or a (6, 6) covariance; None: not known.
         robust: set samples aside that lie 5 robust standard deviations from the fit, and list them in the notes.
         hypothesis: mistake in the log, as the notes name it, for which the log is corrected before the fit. Later
             wrenches must be corrected in the same way before `Payload.compensate`.

@@ -169,9 +169,9 @@ class Compensation:
         readings: Float[np.ndarray, "n 6"],
         extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
-        """Return the live inputs (20 n,) of n samples: readings, rotations, accelerations, their deviations, ages.
+        """Return the live inputs (20 n,) of n samples: their readings (n, 6), rotations (n, 3, 3), and so on.
 
-        Shapes are (n, 6), (n, 3, 3), (n, 3), (n,) and (n,); an age [s] is the time since the zero was taken.
+        Then follow accelerations (n, 3), their standard deviations (n,), and ages of the zero (n,) [s].
 
         Args:
             time: (n,) [s].
@@ -216,9 +216,7 @@ class Compensation:
         return located, None if self.noise is None else covariances
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
-        """Set the filter that wrenches pass before `place`, so that covariances are of the noise that remains after it.
-
-        The noise counts as white where its spectrum is not known.
+        """Set the filter that wrenches pass before `place`, for covariances of the noise that remains after it.
 
         Args:
             filter: filter of the wrenches; None: none.
@@ -241,8 +239,8 @@ class Compensation:
         Later covariances contain the error of the mean, and the payload's error less that in the window.
 
         Raises:
-            InputError: the window has too few samples or is not steady (the message has figures), or lacks forces,
-                torques or an orientation that is needed.
+            InputError: the window has too few samples, is not steady, or lacks forces, torques or an orientation that
+                is needed.
         """
         made = self._compensated(self._readings(recording), self._bias, self._stated)
         usable = made.status < 0
@@ -418,10 +416,10 @@ class Compensation:
         return self._mean, self._unsure, placement.factor, placement.matrix, self._constant_in(placement)
 
     def _constant_in(self, placement: Placement) -> Float[np.ndarray, "5 6 6"]:
-        """Return the five constant covariances in the surface's frame that the compiled `place` takes.
+        """Return the constant covariances in the surface's frame that the compiled `place` takes.
 
         With w(t) the share of white noise that remains after a filter and s those of the noise N of each channel,
-        w A + B is N at a start, and N s when the filter has settled; B also contains tare and misfit.
+        w A + B is N at a start, and N s when the filter has settled.
         """
         if placement is self._placement:
             return self._constant

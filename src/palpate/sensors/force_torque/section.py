@@ -131,7 +131,6 @@ def accelerated(setup: Setup, recording: Recording) -> bool:
 
 
 def _noise_warnings(setup: Setup, recording: Recording) -> list[str]:
-    """Return a list of one warning where the rig's noise is off a recording's by a factor of two or more, else []."""
     if (stated := setup.of(ForceTorqueSection).table.noise) is None:
         return []
     seen, _ = _noise_of(setup, recording)
@@ -140,7 +139,7 @@ def _noise_warnings(setup: Setup, recording: Recording) -> list[str]:
 
 
 def _noise_of(setup: Setup, recording: Recording) -> tuple[Float[np.ndarray, "6"] | None, NoiseSpectrum | None]:
-    """Return deviations (6,) and spectrum of the noise where a recording rests; else of its quiet parts, and None."""
+    """Return deviations (6,) and spectrum of the noise where a recording rests, else in its quiet parts."""
     if setup.of(ForceTorqueSection).payload is None or ORIENTATION not in recording.channels:
         wrenches = recording.wrenches()
     else:  # without the payload, which moves with the arm and is not noise
@@ -178,7 +177,6 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def _turned(sensor: Compensation, head: Recording) -> list[str]:
-    """Return a warning where the gravity that an IMU reads shows that its axes are not the sensor's."""
     motion = sensor.motion
     if motion is None or motion.source != "imu" or motion.gravity is None or ORIENTATION not in head.channels:
         return []
@@ -207,7 +205,6 @@ def _payload_said(payload: Payload | None, tare: float | None) -> list[str]:
 
 
 def _motion(setup: Setup, head: Recording | None) -> Motion | None:
-    """Return the source of accelerations; None without a payload or a log."""
     stated, payload = setup.acceleration, setup.of(ForceTorqueSection).payload
     if payload is None or not payload.weight.any() or head is None:
         return None
@@ -228,7 +225,6 @@ def _check(table: RigForceTorque | None, path: Path) -> None:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Return the rig for the log's columns or topic of forces and torques; None where there are none."""
     found = _topics_of(log, contents, body) if contents.topics else columns_guess(log, contents)
     if found is None:
         return None
@@ -270,8 +266,7 @@ def _with_torques(found: WrenchColumns, wrenches: np.ndarray, size: float | None
 
 def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> WrenchColumns | None:
     wrenches = guess.topics_of(contents, "wrench")
-    seen = survey(log) if wrenches else None
-    if seen is None:
+    if not wrenches or (seen := survey(log)) is None:
         return None
     several = (
         f"{len(wrenches)} topics hold wrenches: {', '.join(wrenches)}; the first is taken, and --topic chooses another"
@@ -287,12 +282,7 @@ def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> Wren
 
 
 def _torque_unit(free: np.ndarray, size: float | None) -> str:
-    """Return "N mm" if N m puts the lines of action off the body and N mm does not, else "N m".
-
-    Args:
-        free: wrenches without bias.
-        size: [m] of the body; None: not known, and N mm is only guessed where the arm in N m is longer than 2 m.
-    """
+    """Return "N mm" if N m puts the lines of action off a body of this size [m] and N mm does not, else "N m"."""
     if size is None or not len(free):
         return "N mm" if _arm(free) > _LONGEST_ARM else "N m"
     for unit in ("N m", "N mm"):

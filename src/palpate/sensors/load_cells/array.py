@@ -49,14 +49,12 @@ class _Weighed(NamedTuple):
 class LoadCellArray:
     """The `WrenchSensor` of cells under a rigid frame; see `LoadCells`.
 
-    A sample's wrench is computed from all channels or, where those contradict each other, without the channel or cell
+    A sample's wrench is computed from all channels or, where they contradict each other, without the channel or cell
     that explains it. Where several explanations fit, it is the mean of their wrenches, with a covariance that covers
-    them; where none fits, the sample is INVALID. One channel or cell at its range is omitted; more make a sample
-    SATURATED.
+    them; where none fits, the sample is INVALID. It is SATURATED where more than one cell is at its range.
 
-    The zero is that of the calibration until a `tare`. In a stream it is taken again wherever the log begins anew:
-    after a gap of 5 s, or where time runs back. A later start that is not at rest keeps the previous zero, and gives a
-    warning.
+    The zero is that of the calibration until a `tare`. In a stream it is taken again after a gap of 5 s, or where time
+    runs back; a start that is not at rest keeps the previous zero, and gives a warning.
 
     Args:
         cells: the model.
@@ -253,7 +251,7 @@ class LoadCellArray:
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n m"]) -> Free:
-        """Return a `Free` of voltages (n, 3 k) [V]: a row is NaN where a used channel is at its range or not finite."""
+        """Return a `Free` of voltages (n, 3 k) [V], rows NaN where a used channel is at its range or not finite."""
         sound: Bool[np.ndarray, "n m"] = np.abs(kept) <= LARGEST
         beyond: Bool[np.ndarray, "n m"] = (kept <= self._channels[:, 1]) | (kept >= self._channels[:, 2])
         full = beyond & np.isfinite(self._channels[:, 1]) & sound
@@ -346,7 +344,6 @@ class LoadCellArray:
         return _Weighed(time, *made, self._slow)
 
     def _voltages(self, recording: Recording) -> Float[np.ndarray, "n m"]:
-        """Return a copy of the voltages, as the compiled loops take them; raise InputError without them."""
         found = recording.channels.get(VOLTAGE)
         if found is None:
             raise InputError(
@@ -363,7 +360,6 @@ class LoadCellArray:
         return zero
 
     def _restarted(self, waiting: list[Recording], begun: float) -> Iterator[Recording]:
-        """Take the zero of a start, and yield the blocks that waited for it."""
         if not waiting:
             return
         rest = [self._voltages(part)[part.time <= begun + self._seconds] for part in waiting]

@@ -110,7 +110,7 @@ def identify_load_cells(
     """Identify C, its covariance and the noise from voltages, a reference force and a ball's position [load cells, D].
 
     A linear least squares, then the paper's nonlinear one on wrench and contact, with the moment along the force in
-    addition, on means over 10 ms. The bias is taken in every unloaded stretch.
+    addition. The bias is taken in every unloaded stretch.
 
     Args:
         time: (n,) [s]; a gap begins a new run. Rows with a number that is not finite are omitted.
@@ -127,10 +127,8 @@ def identify_load_cells(
 
     Raises:
         InputError: a shape is wrong, the log does not begin unloaded or has too few touches, a channel never moves, is
-            at its range or has another unit, the ball is far from the surface or does not press, or no wrench explains
-            the readings.
-        NotIdentifiable: the log does not contain a direction of the wrench or the law of indentation, or the cells do
-            not measure a direction.
+            at its range or has another unit, the ball is far off or does not press, or no wrench explains the readings.
+        NotIdentifiable: the log lacks a direction of the wrench or an indentation, or the cells do not measure one.
     """
     log, names = _complete(time, voltages, forces, centres, torques), options.names
     if options.positions is not None:
@@ -190,7 +188,6 @@ def identify_load_cells(
 def _complete(
     time: ArrayLike, voltages: ArrayLike, forces: ArrayLike, centres: ArrayLike, torques: ArrayLike | None
 ) -> BenchLog:
-    """Return the log's complete rows; raise InputError for wrong shapes or no such row."""
     at, u, f, c = (np.asarray(part, dtype=np.float64) for part in (time, voltages, forces, centres))
     if u.ndim != 2 or u.shape[1] < 9 or u.shape[1] % 3:
         raise InputError(f"voltages must be (n, 3 k) of at least three cells, not {u.shape}.")
@@ -221,7 +218,6 @@ def _unexplained(white: np.ndarray, basis: np.ndarray, blocks: Blocks, correlati
 
 
 def _require_pressing(blocks: Blocks, normal: np.ndarray) -> None:
-    """Raise InputError if the reference's force points out of the surface in too many blocks."""
     pulling = np.count_nonzero(np.sum(blocks.forces * normal, axis=1) > 0) / len(normal)
     if pulling > PULLING:
         raise InputError(
@@ -253,7 +249,6 @@ def _check_channels(
     limits: ArrayLike | None,
     names: tuple[str, ...],
 ) -> None:
-    """Raise InputError if a channel never moves, is at its range, or has another unit than the others."""
     if still := [name for name, span in zip(names, np.ptp(voltages, axis=0), strict=True) if span == 0]:
         raise InputError(
             f"{_listed(still)} never changes: the cell is dead, or not connected.",

@@ -54,8 +54,8 @@ class CalibrateLoadCells(Calibration):
         """Return a `CalibrationResult` with the `LoadCells` of a bench log.
 
         Raises:
-            InputError: rig or log cannot be read, the rig lacks [surface] or [load_cells], or `identify_load_cells`
-                refuses the log: it does not begin unloaded, a channel never moves, the ball does not press.
+            InputError: rig or log cannot be read, the rig lacks [surface] or [load_cells], or the log does not begin
+                unloaded, a channel never moves, or the ball does not press.
             NotIdentifiable: log or cells do not determine every direction of the wrench.
         """
         setup = self.stated.resolve()
@@ -129,8 +129,8 @@ def design_load_cells(
         tared: number of independent readings that the bias is taken from.
 
     Raises:
-        InputError: a number is not allowed, rig or model cannot be read, the rig lacks [surface], [load_cells] or a
-            key, the page cannot be written or would replace an input, or the package for reports is not installed.
+        InputError: a number is not allowed, rig or model cannot be read or lack a key, the page cannot be written or
+            would replace an input, or the package for reports is not installed.
         NotIdentifiable: the cells do not determine a wrench.
     """
     require_report()

@@ -21,9 +21,9 @@ CHANCE = 1e-6  # that sound channels leave more than the bound
 class Explanations:
     """The s = 4 k explanations of k cells: explanation e is that cell e is wrong, for e < k, or else channel e - k.
 
-    Readings u without zero are a wrench w = A u, and v = Q u that no wrench makes, of unit variance. An omitted set J
-    of channels has an unknown error f, v = Q_J f + noise. With U an orthonormal basis of Q_J, the rest of |v|^2 is
-    |v|^2 - |U v|^2, and the wrench without J is w - K U v with K = A_J Q_J^+ U'.
+    Readings u without zero are a wrench w = A u, and v = Q u that no wrench makes, of unit variance. With U an
+    orthonormal basis of Q_J, J the omitted channels, the rest of |v|^2 is |v|^2 - |U v|^2, and the wrench without J is
+    w - K U v with K = A_J Q_J^+ U'.
 
     Attributes:
         cells: the model.

@@ -127,7 +127,6 @@ def _far(gains: np.ndarray) -> np.ndarray:
 
 
 def _unclear(made: Explanations, candidates: list[int], share: float) -> CellFault:
-    """Return the "unclear" fault of several candidates that explain the samples equally well."""
     count, cells = made.cells.cells, tuple(made.cell(e) for e in candidates)
     axes = {"xyz"[(e - count) % 3] if e >= count else "" for e in candidates}
     if len(axes) == 1:

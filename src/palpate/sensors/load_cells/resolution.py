@@ -30,10 +30,10 @@ class Resolution:
     Attributes:
         noise: (n,) [m N] position error from the noise of readings and bias, times the force.
         calibration: (n,) [m] position error from the calibration.
-        force: (n,) [N] error of the force vector from the noise.
-        scale: (n,) error of the force vector from the calibration, as a share of the force.
+        force: (n,) [N] error of the force from the noise.
+        scale: (n,) error of the force from the calibration, over the force.
         torque: (n,) [N m] error of the torque about the normal from the noise; NaN for contacts without torque.
-        largest: (n,) [N] force at which the first cell leaves its range; inf where no range is known.
+        largest: (n,) [N] force at which the first cell leaves its range; inf where none is known.
     """
 
     noise: Float[np.ndarray, " n"]

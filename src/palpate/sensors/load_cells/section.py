@@ -206,7 +206,6 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
-    """Return a note on the smallest force whose contact point is known to the wanted accuracy."""
     accuracy = table.accuracy or WANTED
     above = surface.centre + np.array([0.0, 0.0, surface.size])
     points, normals, _ = surface.project(above[None])
@@ -215,7 +214,6 @@ def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Return the rig for columns or arrays of three voltages for each of at least three cells; else None."""
     if contents.topics:
         return _guess_topic(log, contents)
     there = list(contents.names)
@@ -246,7 +244,6 @@ def _guess_topic(log: Path, contents: LogContents) -> Guess | None:
 
 
 def _voltage_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return columns named like voltages, three each of at least three cells; None where there are none."""
     heads: dict[str, list[str]] = {}
     for name in names:
         if match := _CELL.match(name):

@@ -24,7 +24,7 @@ from palpate.viewer.run_report import Run
 from palpate.viewer.scene import Layer, Scene
 
 if TYPE_CHECKING:
-    from viser import BoxHandle, ClientHandle, GuiApi, LabelHandle, ViserServer
+    from viser import BoxHandle, ClientHandle, GuiApi, ViserServer
 
 __all__ = ["LoadCellLayer", "LoadCellView", "load_cells", "loads"]
 
@@ -103,7 +103,7 @@ class LoadCellLayer:
 
     def __init__(self, cells: LoadCells) -> None:
         self.cells = cells
-        self._drawn: list[tuple[BoxHandle, LabelHandle]] = []
+        self._drawn: list[BoxHandle] = []
         self._most: float | None = None  # V of a cell that is drawn darkest
         self._met = 1e-12
 
@@ -133,7 +133,8 @@ class LoadCellLayer:
         for number, place in enumerate(places + PULLED * down, start=1):
             name = f"/load_cells/{number}"
             box = server.scene.add_box(name, dimensions=(side, side, 0.6 * side), position=place)
-            self._drawn.append((box, server.scene.add_label(f"{name}/name", "", position=(0.0, 0.0, -side))))
+            server.scene.add_label(f"{name}/name", f"{number}", position=(0.0, 0.0, -side))
+            self._drawn.append(box)
 
     def panel(self, gui: GuiApi) -> None:
         """Add no controls to the panel."""
@@ -146,10 +147,8 @@ class LoadCellLayer:
         if self._most is None:  # nothing was touched when they were drawn: darkest is the most so far
             self._met = max(self._met, float(carried.max()))
         shades = colours(np.clip(carried / self._darkest, 0.0, 1.0))
-        for number, (box, label) in enumerate(self._drawn):
-            red, green, blue = shades[number].tolist()
+        for box, (red, green, blue) in zip(self._drawn, shades.tolist(), strict=True):
             box.color = (red, green, blue)
-            label.text = f"{number + 1}"
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
         """Return a list of pairs (name, text): the predicted load [mV] of every cell; 0 without a contact."""

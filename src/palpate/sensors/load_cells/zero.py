@@ -45,8 +45,8 @@ class Zero:
 def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str = "") -> Zero:
     """Return the mean reading of a window without contact as a `Zero`.
 
-    If one alone of four or more cells is not at rest, the zero is taken, with a warning that names it: a touch would
-    move all. A change since the calibration that is nearly a wrench, as under a steady touch, gives a warning too.
+    One cell of four or more that is not at rest gives a warning, as a touch would move all; so does a change since the
+    calibration that is nearly a wrench, as under a steady touch.
 
     Args:
         cells: the model.
