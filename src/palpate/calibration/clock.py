@@ -233,18 +233,23 @@ def _judged(problem: _Problem, offset: float) -> ClockOffset:
 def _score(
     problem: _Problem, offset: float, solution: Float[np.ndarray, "6"], spread: float
 ) -> tuple[float, float, float]:
+    """Return the sums of `_sums` for an offset, weight and bias."""
+    columns, slope, _ = problem.linearised(offset, solution)
+    residual = problem.force - columns @ solution
+    across = slope - columns @ _solve(columns, slope, _weights(residual, spread)) if problem.known is None else slope
+    return _sums(problem.time, across, residual, spread)
+
+
+def _sums(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> tuple[float, float, float]:
     """Return the sum of psi, one equation for the offset, with its slope and its variance.
 
     The variance is that of sums over stretches, about their mean, or of independent residuals where that is larger.
     """
-    columns, slope, _ = problem.linearised(offset, solution)
-    residual = problem.force - columns @ solution
     weights = _weights(residual, spread)
-    across = slope - columns @ _solve(columns, slope, weights) if problem.known is None else slope
     along = np.sum(across * residual, axis=1)
     lost = 2.0 * (weights * along / (CAUCHY * spread)) ** 2  # a far residual pulls less the further it is
     information = float(np.sum(weights * np.sum(across**2, axis=1) - lost))
-    stretch = np.unique(np.floor((problem.time - problem.time[0]) / CLUSTER), return_inverse=True)[1]
+    stretch = np.unique(np.floor((time - time[0]) / CLUSTER), return_inverse=True)[1]
     sums = np.bincount(stretch.reshape(-1), weights * along)
     alike = float(np.sum((sums - sums.mean()) ** 2)) * len(sums) / max(len(sums) - 1, 1)
     return float(sums.sum()), information, max(alike, float(np.sum((weights * along) ** 2)))
