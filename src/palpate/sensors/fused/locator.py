@@ -56,8 +56,10 @@ class FusionSettings:
             raise InputError(f"friction must be positive, not {self.friction:g}.")
         if not 0 <= self.tangential <= self.friction:
             raise InputError(f"tangential ({self.tangential:g}) must be between 0 and friction ({self.friction:g}).")
-        if not (0 <= self.gain < 1 and 0 <= self.floor < inf):
-            raise InputError("gain must be between 0 and 1, and floor must not be negative.")
+        if not 0 <= self.gain < 1:
+            raise InputError(f"gain must be from 0 to below 1, not {self.gain:g}.")
+        if not 0 <= self.floor < inf:
+            raise InputError(f"floor must be finite and not negative, not {self.floor:g} N.")
         if self.turns < 0:
             raise InputError(f"turns must not be negative, not {self.turns}.")
         if not 0 < self.alarm < 0.5:

@@ -130,8 +130,10 @@ def identify_intensity(
         return Intensity((common,), provenance=record, notes=(*_remarks(common, why), *left.notes))
     rows, columns = shape or tuple(int(last) + 1 for last in cell.max(axis=0))
     pressed, number = np.unique(cell, axis=0, return_inverse=True)
-    if (pressed < 0).any() or (pressed >= [rows, columns]).any():
-        raise InputError(f"a press names a cell that is not on the sheet of {rows} x {columns}.", where="intensity")
+    outside = ((pressed < 0) | (pressed >= [rows, columns])).any(axis=1)
+    if outside.any():
+        named = tuple(pressed[outside][0].tolist())
+        raise InputError(f"a press names cell {named}, not on the sheet of {rows} x {columns}.", where="intensity")
     which, number = np.zeros((rows, columns), np.int64), number.ravel()
     use = _below(common, intensity)
     zero, gain, error = _gains(common, force, intensity, number, len(pressed))
