@@ -86,6 +86,10 @@ class AnswerReader:
             InputError: another number of taxels, or fewer than 16 of the first 2,048 frames are finite.
         """
         values = values.reshape(len(time), -1)
+        taxels = self._head[0][1].shape[1] if self._head else len(self._rest)
+        if taxels and values.shape[1] != taxels:
+            what = f"a frame has {values.shape[1]} taxels, but the first frames have {taxels}."
+            raise InputError(what, where="frames")
         good = later(time, self._latest)
         if not good.all():
             self._back += int(np.count_nonzero(~good))
@@ -155,9 +159,6 @@ class AnswerReader:
             self._read(time, each)
 
     def _read(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
-        if values.shape[1] != len(self._rest):
-            what = f"a frame has {values.shape[1]} taxels, but the first frames have {len(self._rest)}."
-            raise InputError(what, where="frames")
         for start in range(0, len(time), PIECE):
             self._piece(time[start : start + PIECE], values[start : start + PIECE])
 

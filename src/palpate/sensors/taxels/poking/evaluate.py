@@ -27,7 +27,7 @@ class TaxelErrors:
 
     Attributes:
         number: (k,) index of each taxel; module: (k,) index of its module, -1: none.
-        touched: (k,) true where a poke touched it, or where that is not known of any.
+        touched: (k,) true where a poke touched the taxel; all true where pokes are not known.
         estimate, truth: (k, 3) [m].
         absolute: (k,) [m]; relative: (k,) [m] after `motion`, NaN for fewer than three taxels.
         motion: from the estimate to the truth; None for fewer than three taxels.

@@ -62,7 +62,9 @@ def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations
     force, torque = in_link(pokes)
     weights = pokes.weight[pokes.poke]
     if weighted:
-        weights = weights * (pokes.response / _strongest(pokes)[pokes.poke]) ** 2
+        strongest = np.zeros(len(pokes))
+        np.maximum.at(strongest, pokes.poke, pokes.response)
+        weights = weights * (pokes.response / strongest[pokes.poke]) ** 2
     sound = np.asarray(np.isfinite(pokes.wrench).all(axis=1), dtype=bool)
     weights = np.where(sound[pokes.poke], weights, 0.0)
     sums = np.zeros((pokes.taxels, 12))
@@ -70,14 +72,6 @@ def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations
     matrix = sums[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     weight = np.bincount(pokes.taxel, weights, pokes.taxels)
     return NormalEquations(matrix, sums[:, 6:9].copy(), sums[:, 9:].copy(), weight)
-
-
-def _strongest(pokes: Pokes) -> Float[np.ndarray, " n"]:
-    found = np.ones(len(pokes))
-    some = np.diff(pokes.starts) > 0
-    if some.any():
-        found[some] = np.maximum.reduceat(pokes.response, pokes.starts[:-1][some])
-    return found
 
 
 def free(equations: NormalEquations) -> Places:

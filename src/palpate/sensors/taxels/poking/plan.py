@@ -58,7 +58,7 @@ class Plan:
     Attributes:
         chosen: (m,) indices of candidates, in order.
         worst: (m + 1,) [m] largest standard deviation of a taxel, before the first poke and after each.
-        reached: true if it is as small as wanted at the end.
+        reached: true if the last of `worst` is as small as wanted.
     """
 
     chosen: Int[np.ndarray, " m"]
@@ -168,7 +168,7 @@ def known_after(
         made: (c,) number of pokes at each, which need not be whole.
         priors: of the errors.
         configurations: number of them.
-        deviations: (f,) [m, rad] prior ones of a unit's unknowns; None: nothing is known.
+        deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns; None: nothing is known.
     """
     rows = options.rows[made > 0] * np.sqrt(made[made > 0])[:, None, None]
     flat = rows.reshape(-1, options.rows.shape[2])
@@ -201,13 +201,13 @@ def plan_pokes(
     square = np.swapaxes(by, 1, 2) @ by
     rng = np.random.default_rng(0)
     known: Float[np.ndarray, "p p"] = covariance.copy()
-    chosen, worst = list[int](), [0.0]
-    for turn in range(min(pokes, MOST) + 1):
+    chosen, worst = list[int](), list[float]()
+    while True:
         blocks = known[columns[:, :, None], columns[:, None]]
         traces = np.einsum("kif,kfg,kig->k", by, blocks, by)
         j = int(np.argmax(traces))
-        worst[-1] = float(np.sqrt(traces[j]))
-        if worst[-1] <= wanted or turn == min(pokes, MOST):
+        worst.append(float(np.sqrt(traces[j])))
+        if worst[-1] <= wanted or len(chosen) >= min(pokes, MOST):
             break
         few = np.arange(len(options.taxel))
         if len(few) > LOOKED:
@@ -226,5 +226,4 @@ def plan_pokes(
         known = known - spread[best].T @ (inverse[best] @ spread[best])
         known = 0.5 * (known + known.T)
         chosen.append(int(few[best]))
-        worst.append(0.0)
     return Plan(np.array(chosen, dtype=np.int64), np.array(worst), bool(worst[-1] <= wanted))

@@ -124,7 +124,11 @@ class Pokes(Value):
         return np.bincount(self.taxel[self.weight[self.poke] > 0], minlength=self.taxels)
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> Pokes:
-        """Return the `Pokes` that a mask (n,) selects; configurations keep their numbers."""
+        """Return the `Pokes` that a mask (n,) selects; configurations keep their numbers.
+
+        Raises:
+            InputError: another length.
+        """
         same = ("wrench", "rotation", "origin", "configuration", "weight", "time")
         picked: dict[str, np.ndarray] = {name: getattr(self, name)[rows] for name in same}
         picked |= {name: getattr(self, name)[rows[self.poke]] for name in ("taxel", "response")}

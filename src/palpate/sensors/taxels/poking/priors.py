@@ -31,7 +31,7 @@ class Priors:
         lever: [m] by which cross-talk between forces and torques is scaled.
         start, start_angle: [m], [rad] of each module from the start (CAD); inf: any.
         smooth: [m] of each single taxel from the mean of its neighbours, without a surface; inf: any.
-        neighbours, spacing: [m] their distance, and its standard deviation; inf: any.
+        neighbours, spacing: [m] distance of next neighbours, and its standard deviation; inf: any.
 
     Raises:
         InputError: a negative value.

@@ -58,7 +58,7 @@ class PokePlaces:
     """Places of n pokes among the w taxels about each.
 
     Attributes:
-        taxels: (n, w) about the poke, -1: none; shares: (n, w) of their places in the poke's, with a sum of 1.
+        taxels: (n, w) about the poke, -1: none; shares: (n, w) weights of their places in the poke's, with a sum of 1.
         origin: (n,) the taxel that answered most.
         second: (n, 2) [m] the poke's offset from shares times places, in the tangent plane of `origin`.
         covariance: (n, 2, 2) [m^2] of the poke's place in that plane.

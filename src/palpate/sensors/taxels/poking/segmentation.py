@@ -140,7 +140,7 @@ def _samples(
     parts: Sequence[tuple[np.ndarray, ...]], limits: Float[np.ndarray, "6"] | None
 ) -> tuple[_Samples, list[str]]:
     """Join blocks of times, wrenches, quaternions and positions, without rows that run back in time."""
-    columns = [np.concatenate(each) for each in zip(*parts, strict=True)]
+    columns = [np.concatenate(each) for each in zip(*parts, strict=True)] or 4 * [np.zeros(0)]
     good, said = later(columns[0]), list[str]()
     if not good.all():
         back = np.count_nonzero(~good)
@@ -150,7 +150,7 @@ def _samples(
         columns = [each[good] for each in columns]
     time, wrench, quaternion, position = columns
     if not len(time):
-        raise InputError("must have at least one wrench with a time.", where="wrenches")
+        raise InputError("the log must have at least one wrench with a time.", where="wrenches")
     if limits is not None:
         wrench = np.where((np.abs(wrench) >= limits).any(axis=1, keepdims=True), np.nan, wrench)
     quaternion = _aligned(quaternion)

@@ -80,7 +80,7 @@ def solve(
         units: initial values.
         priors: of the nuisances.
         start: prior places of the units; None: nothing is known.
-        deviations: (f,) [m, rad] prior ones of a unit's unknowns from the start; None: nothing is known.
+        deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns; None: nothing is known.
     """
     count = max(pokes.configurations, 1)
     nuisances, before = Nuisances.none(count), Before(units, start, deviations, Nuisances.deviations(priors, count))

@@ -50,7 +50,11 @@ class Nuisances(Value):
         return np.concatenate([part.ravel() for part in vars(self).values()])
 
     def moved(self, by: Float[np.ndarray, " q"]) -> Nuisances:
-        """Return `Nuisances` with a vector (q,), in the order of `vector`, added."""
+        """Return `Nuisances` with a vector (q,), in the order of `vector`, added.
+
+        Raises:
+            InputError: another length.
+        """
         own = list[np.ndarray](vars(self).values())
         added = np.split(by, np.cumsum([part.size for part in own])[:-1])
         return Nuisances(*(part + more.reshape(part.shape) for part, more in zip(own, added, strict=True)))

@@ -94,7 +94,7 @@ def round_chart(
         normals: (f, 3) of the facets, unit.
         areas: (f,) of the facets [m^2].
         origin: of the sheet [m].
-        axis: a point [m] and a direction; None: the smallest eigenvector of sum A n n', nearest to all normals' lines.
+        axis: a point [m] and a direction; None: along the smallest eigenvector of sum A n n', nearest to all normals.
 
     Raises:
         InputError: the axis has no direction, or the origin lies on it.

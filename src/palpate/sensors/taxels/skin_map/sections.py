@@ -107,7 +107,7 @@ def _crossings(
 
 
 def _runs(first: Int[np.ndarray, " n"], last: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the integers from first to before last of each entry, after the index of their entry."""
+    """Return, for all integers from first to before last of each entry, the entry's index and the integer."""
     count = np.maximum(last - first, 0)
     owner = np.repeat(np.arange(len(count)), count)
     start = np.repeat(first - np.concatenate([[0], np.cumsum(count)[:-1]]), count)

@@ -159,7 +159,7 @@ def full_sections(site: Site, planes: Planes | None = None) -> tuple[Chart, Span
     chart, sections = _round(site, planes or _ANY)
     rows, _, periodic = _block(site, sections, True)
     if not periodic:
-        raise GeometryError("the link does not close about an axis.")
+        raise GeometryError("the link does not close about an axis, as the paper's method needs: use isometric.")
     return chart, (float(sections.u[rows.start]), float(sections.u[rows.stop - 1]))
 
 
@@ -229,7 +229,7 @@ def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, sl
     first, last = np.argmax(met, axis=0), len(met) - 1 - np.argmax(met[::-1], axis=0)
     long = np.where(any_met, last - first + 1, 0)
     if not any_met.any():
-        raise GeometryError("the planes miss the mesh: no two of them meet on it.")
+        raise GeometryError("the planes miss the mesh: no two of them meet on it. Check the axis and the heights.")
     good = long >= _LEAST * np.median(long[any_met])
     if good.all():
         columns, periodic = slice(0, len(good)), True
@@ -240,7 +240,8 @@ def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, sl
     if high - low < 3 or columns.stop - columns.start < 4:
         raise GeometryError(
             "the link cannot be cut into a grid around the sheet's origin: "
-            f"it has {high - low + 1} complete sections of {columns.stop - columns.start} spokes there."
+            f"it has {high - low + 1} complete sections of {columns.stop - columns.start} spokes there. Give the axis "
+            "of the link, or a mesh that is complete there."
         )
     rows = _without_rims(slice(low, high + 1), site.normals, sections.facet[:, columns])
     return rows, columns, periodic
