@@ -12,11 +12,10 @@ from jaxtyping import Float
 
 from palpate.spatial.shown import three_digits
 from palpate.viewer._style import AXES
-from palpate.viewer.captions import caption, comparison
+from palpate.viewer.captions import caption, comparison, touch_list
 from palpate.viewer.legend import keys, legend
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, SceneMoment
 from palpate.viewer.scene3d import DrawSettings
-from palpate.viewer.touch_list import touch_list
 from palpate.viewer.widgets import ELLIPSE, along_time, dock, theme
 
 if TYPE_CHECKING:

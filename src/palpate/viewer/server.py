@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from ipaddress import ip_address
 from secrets import token_urlsafe
@@ -43,12 +43,9 @@ def serve(
     Raises:
         InputError: viser is not installed, or nothing can listen there.
     """
-    try:
-        with Page(scene, host, port) as page:
-            up(page.address)
-            threading.Event().wait()
-    except KeyboardInterrupt:  # how this ends
-        return
+    with suppress(KeyboardInterrupt), Page(scene, host, port) as page:  # Ctrl-C is how this ends
+        up(page.address)
+        threading.Event().wait()
 
 
 def require_viser(host: str, port: int) -> None:
@@ -135,7 +132,6 @@ class Page(Served):
         scene.ready()
         super().__init__(host, port)
         self.look(lambda aspect: aim(scene, aspect))
-        self._lock = threading.Lock()
         self._sessions: dict[int, BrowserSession] = {}
         if together:
             self._sessions[-1] = BrowserSession(self._server, scene)
@@ -156,14 +152,10 @@ class Page(Served):
         super().stop()
 
     def _join(self, client: ClientHandle) -> None:
-        session = BrowserSession(client, self.scene.copied())
-        with self._lock:
-            self._sessions[client.client_id] = session
+        self._sessions[client.client_id] = BrowserSession(client, self.scene.copied())
 
     def _leave(self, client: ClientHandle) -> None:
-        with self._lock:
-            session = self._sessions.pop(client.client_id, None)
-        if session is not None:
+        if (session := self._sessions.pop(client.client_id, None)) is not None:
             session.stop()
 
 
