@@ -286,13 +286,11 @@ def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
     Raises:
         InputError: `out` is not as `empty` makes it.
     """
-    if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
-        if out.shape == (width,):
-            return out[None]
-        if out.shape[-1:] == (width,) and out.size:
-            return out.reshape(-1, width)
+    carray = type(out) is np.ndarray and out.flags.carray
+    if carray and out.dtype == FLOAT and out.shape[-1:] == (width,) and out.size:
+        return out.reshape(-1, width)
     seen = [str(getattr(out, each)) for each in ("dtype", "shape") if hasattr(out, each)] or [type(out).__name__]
-    if type(out) is np.ndarray and not out.flags.carray:
+    if type(out) is np.ndarray and not carray:
         seen.append("that cannot be written to" if not out.flags.writeable else "that is not contiguous")
     raise InputError(f"out must be rows of {width} numbers, as `empty` returns them, not {' '.join(seen)}.")
 
