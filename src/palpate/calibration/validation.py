@@ -47,7 +47,7 @@ class Validation:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Tuple of one sentence if predictions are 1.5 times as far off as expected, or more; else ()."""
+        """Tuple of one sentence if predictions are over 1.5 times as far off as expected, beyond chance; else ()."""
         if self.widening <= OFF**2:
             return ()
         return (

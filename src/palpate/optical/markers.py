@@ -311,12 +311,12 @@ class MarkerTracker:
         self._fresh, self._sampled, self._same, self._since = True, False, 0, 0
 
     def track(self, image: np.ndarray, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
-        """Write every marker's pixels x, y into `out` (m, 2), NaN where not found; return a mask (m,) of those found.
+        """Write the pixels x, y of every marker of an image into `out` (m, 2), NaN where not found.
 
-        `frame` and `searched` tell of the image (h, w, 3) uint8.
+        Return a mask (m,) of the markers found, and set `frame` and `searched`.
 
         Raises:
-            InputError: `out` is not a writable float64 array (m, 2), `image` is not uint8, or OpenCV is missing.
+            InputError: `out` is not a writable float64 array (m, 2), `image` cannot be uint8, or OpenCV is missing.
         """
         require_out(out, (len(self._areas), 2))
         image, self.searched = _read(image), False

@@ -54,8 +54,8 @@ class Payload(Value):
         mass: [kg] in place of the weight, in a base whose z axis points up.
 
     Raises:
-        InputError: an array has another shape or numbers that are not finite, the magnitude is not positive, the mass
-            is negative, or a weight and a mass are given.
+        InputError: an array has another shape or numbers beyond 1e9 or NaN, the magnitude is not from 1e-9 to 1e9, the
+            mass is negative, or a weight and a mass are given.
     """
 
     weight: Float[np.ndarray, "3"]
