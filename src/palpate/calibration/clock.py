@@ -35,7 +35,7 @@ class ClockOffset:
     Attributes:
         offset: [s].
         deviation: its standard deviation [s].
-        residual: robust standard deviation [N] of the fit's residuals, along each axis, of averages over 10 ms.
+        residual: robust standard deviation [N] of the fit's residuals, along each axis.
         samples: number of readings used.
         validation: agreement of the offsets of parts of the log with those of the rest.
         notes: messages for the user, one sentence each.

@@ -40,7 +40,7 @@ class Search:
         found: `WalkFit` of largest likelihood.
         rate: (m,) of the warm-up at the start [unit/s]; rate_deviation: (m,) its standard deviation; settling: [s].
         warm: True if there is a significant warm-up.
-        touched: stretches that were omitted as touched [s]; share: their share of the log.
+        touched: stretches omitted as touched [s]; share: of the log.
         span: [s] of the log.
     """
 

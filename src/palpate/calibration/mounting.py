@@ -41,9 +41,9 @@ class Mounting:
         pose: T_sensor_surface.
         covariance: (6, 6) of (rotation vector [rad], translation [m]), T = exp(xi) T_mean, in the sensor's frame and
             about its origin.
-        residual: rms of the residuals over their expected standard deviations, about 1 where the model holds.
+        residual: rms of the residuals over their expected standard deviations.
         observable: small motions, in the surface's axes, that the touches determine better than the prior does.
-        unobservable: the other motions, which the prior determines.
+        unobservable: the other motions.
         touches: (k,) numbers of the touches that were used.
         validation: errors of touches that a fit did not use.
         notes: messages for the user, one sentence each.

@@ -140,22 +140,21 @@ class Fisheye:
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class RingView(Value):
-    """A camera's view of a ring of markers, and the markers' places at rest.
+    """A camera's view of rings of markers, and the markers' places at rest.
 
-    The ring's frame: origin in the ring's centre, z along the barrel's axis towards the camera, angles about z from x.
-    Further rings of as many markers may stand above and below it.
+    The ring's frame: origin in the first ring's centre, z along the barrel's axis towards the camera, angles about z
+    from x.
 
     Args:
         camera: the lens.
         pose: T_ring_camera.
         radius: of the rings of markers [m].
-        angles: (m,) of the markers at rest [rad], ring by ring.
-        rings: (r,) heights of the rings of markers [m]; the first is 0.
+        angles: (m,) of the markers at rest [rad], ring by ring, the same number in each.
+        rings: (r,) heights of the rings [m]; the first is 0.
 
     Raises:
         InputError: a radius that is not positive, fewer than three angles or NaN among them, angles that cannot be
-            divided among the rings, a first height that is not 0, a camera in the ring's plane, or a ring that is not
-            in front of the camera.
+            divided among the rings, a first height that is not 0, a camera in the ring's plane, or a ring behind it.
     """
 
     camera: Fisheye

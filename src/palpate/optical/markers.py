@@ -51,15 +51,15 @@ class MarkerColour:
     Args:
         score: of a pixel, 0 to 255: "red", "green", "blue" (that channel less a share of the others), "bright"
             (grey) or "dark" (255 less grey).
-        threshold: share, 0 to 1, of the way from the skin's score to the markers' above which a pixel may be of a
-            marker.
-        coverage: share, 0 to 1, of the image that markers cover; the markers' score follows from it.
+        threshold: share of the way from the skin's score to the markers' above which a pixel may be of a marker.
+        coverage: share of the image that markers cover; the markers' score follows from it.
         background: side of the square [px] whose mean is subtracted first, for uneven light; 0: none.
-        others: sixteenths, 0 to 8, of each of the other channels that are subtracted from a colour: 8 removes all grey,
-            less leaves less noise.
+        others: sixteenths of each of the other channels that are subtracted from a colour: 8 removes all grey, less
+            leaves less noise.
 
     Raises:
-        InputError: an unknown score, a share outside its range, or a negative background.
+        InputError: an unknown score, a share that is not between 0 and 1, a negative background, or `others` that are
+            not 0 to 8.
     """
 
     score: str = "red"

@@ -148,8 +148,7 @@ def _nearest(whole: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 def part_of(period: float, settings: WindowSettings, scale: float = 1.0, periods: float = 2.0) -> tuple[int, float]:
     """Return the rows of a part, odd, and the factor of the noise, 1 or more.
 
-    With fewer than two periods of interpolated poses in a part, the parabola fits some of their noise; the factor makes
-    up for that.
+    With fewer than two periods of interpolated poses in a part, the parabola fits some of their noise.
 
     Args:
         period: rows from pose to pose, from `pose_period`.

@@ -49,7 +49,7 @@ def require_forward(filter: Filter | None) -> None:
 
 
 class Forward:
-    """A filter that runs forward over samples as they come, however the stream is cut.
+    """A filter that runs forward over samples as they come.
 
     It starts afresh where time steps back, or forward by more than 5 periods and 0.05 s; other samples count as evenly
     spaced. Samples with a status of 0 or more are skipped.

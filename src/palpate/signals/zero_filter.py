@@ -154,13 +154,13 @@ class FilterStep(NamedTuple):
 class ZeroFilter:
     """Kalman filter of zero b, coefficients c and rate r of a `Drift`, whose windows read b + h c + noise.
 
-    Predicted by t, with e = s (1 - exp(-t/s)) and s = `settling` (e = t if s is infinite),
+    With e = s (1 - exp(-t/s)) and s = `settling` (e = t if s is infinite), predicted by t,
 
         b <- b + e r,    r <- exp(-t/s) r,    P_b <- P_b + e (P_br + P_rb) + e^2 P_r + walk^2 t.
 
     Args:
         drift: of the m channels.
-        coefficients: (q,) prior standard deviations of the coefficients.
+        coefficients: (q,) prior standard deviations of c.
 
     Raises:
         InputError: `coefficients` is not an array of q numbers.

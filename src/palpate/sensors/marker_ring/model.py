@@ -60,8 +60,8 @@ class MarkerRing(Value):
         provenance: origin of the calibration.
 
     Raises:
-        InputError: the response has other rings than the view, `rest` or `area` is not of the view's markers, or
-            `radius` or `jitter` is too small.
+        InputError: the response has other rings than the view, `rest` or `area` is not of the view's markers,
+            `radius` is not above that of the markers, or `jitter` is not positive.
     """
 
     radius: float
