@@ -21,7 +21,7 @@ FEWEST = 3  # taxels of a module
 
 
 def common_layout(places: TaxelPlaces, surface: Surface | None = None, *, spacing: float | None = None) -> ModuleLayout:
-    """Return a `ModuleLayout` common to all modules: the mean of their flat places, each turned onto the others.
+    """Return a `ModuleLayout` common to all modules: the mean of their flat places, turned onto each other.
 
     Args:
         places: places on equal modules, with as many indices each.

@@ -127,7 +127,7 @@ def after_calibration(
         places: a result of `calibrate_taxels` by modules or single taxels.
         surface: as in the calibration.
         priors: as in the calibration.
-        start: true if the calibration began from CAD.
+        start: true if it began from CAD.
 
     Raises:
         InputError: the result does not state its configurations and noise, or has no taxels.

@@ -37,8 +37,7 @@ def believed(
 
     Args:
         pokes: as they were measured.
-        start: expected places of the taxels, by whose distances two pokers are separated; None: by the taxels that
-            answer together in other pokes.
+        start: expected places of the taxels, which separate two pokers; None: taxels that answer together elsewhere do.
         saturated: (n,) pokes in which a taxel reads its largest value, for the notes; None: not known.
 
     Raises:

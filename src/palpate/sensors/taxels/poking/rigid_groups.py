@@ -183,7 +183,7 @@ def fitted(
     Args:
         layout: flat places of the taxels; three or more of each module must have a place, which is not checked.
         places: (k, 3) [m] of the taxels, NaN if not known.
-        surface: on which the modules are laid; None: they are free in space.
+        surface: on which the modules lie; None: they are free in space.
         weights: (k,) of the places; None: equal.
     """
     share = np.where(placed(layout, places), 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)

@@ -332,7 +332,7 @@ def _apart(one: Float[np.ndarray, "*n 16"], other: Float[np.ndarray, "*m 16"]) -
 def _measured(
     samples: _Samples, spans: Float[np.ndarray, "p 2"], free: _Free
 ) -> tuple[Float[np.ndarray, "n 16"], Float[np.ndarray, "n 2"], dict[str, int]]:
-    """Return usable pokes' means minus the free reading, start and end [s] of each, and why how many are not usable."""
+    """Return usable pokes' means minus the free reading, start and end [s] of each, and counts of others by reason."""
     step = float(np.median(np.diff(samples.time))) if len(samples.time) > 1 else 0.0
     means, counts = samples.windows(spans)
     lacking = counts < np.maximum(LEAST, 0.5 * np.diff(spans, axis=1)[:, 0] / max(step, 1e-9))

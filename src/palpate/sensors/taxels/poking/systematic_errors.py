@@ -1,11 +1,10 @@
-"""Model errors of sensor and robot in pokes: bias, frames, cross-talk; and predict the torque of a poke with them.
-
-Measurements stay as they are: to correct them by a free cross-talk shrinks the residual with the measurement.
+"""Model errors of sensor and robot in pokes, and predict the torque of a poke with them.
 
     w_measured = (I + C) [f, c x f] + b,    c = R (Exp(phi) p + rho) + o
 
 with p the contact in the link's frame, (R, o) the link's reported pose, rho and phi the error of this pose: the sum of
-that of all configurations and that of this one.
+that of all configurations and that of this one. Measurements are not corrected: a free cross-talk C would shrink the
+residual with the measurement.
 """
 
 from __future__ import annotations

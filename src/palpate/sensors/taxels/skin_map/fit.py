@@ -109,7 +109,7 @@ def refined(
         uv: (k, 2) parameters of the points.
         narrowest: smallest span after halving, in u and in v.
         control: largest number of control points.
-        enough: rms distance that needs no refinement [m].
+        enough: rms distance [m] that needs no refinement.
 
     Returns:
         The `BSplineSurface`, and the distance (k,) [m] of each point from it.

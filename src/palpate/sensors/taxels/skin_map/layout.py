@@ -98,11 +98,11 @@ class Sheet:
 
 @dataclass(frozen=True, eq=False)
 class LaidSheet:
-    """Places of a sheet's lattice on a surface, and the strain of the sheet.
+    """Places of a sheet's lattice on a surface, and its strain.
 
     Attributes:
         uv: (2 r + 1, 2 c + 1, 2) parameters of cells' corners (even indices), centres (odd) and the middles of sides.
-        rms: root mean square of the principal strains over the sheet.
+        rms: root mean square of the principal strains.
         worst: the principal strain that is farthest from 0.
         rounds: number of Gauss-Newton steps.
     """
@@ -241,10 +241,7 @@ def _pushed(
 def _geodesic(
     surface: Parametric, begin: Float[np.ndarray, "m 6"], places: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n m 6"]:
-    """Return states (u, v, u', v', J, J') along unit-speed geodesics at lengths that rise from 0, by Runge-Kutta (4).
-
-    Between its equal steps a cubic goes through their ends and slopes.
-    """
+    """Return states (u, v, u', v', J, J') along unit-speed geodesics at lengths from 0, by Runge-Kutta (4)."""
     steps = max(1, int(np.ceil(places[-1] / _STEP)))
     h = places[-1] / steps
     y, k = surface.geodesics(begin, h, steps)

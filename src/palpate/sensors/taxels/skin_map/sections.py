@@ -40,7 +40,7 @@ def cut(
 ) -> Sections:
     """Find the outermost point of a triangle mesh on each line of a chart; return `Sections`.
 
-    Neither winding nor neighbours matter: triangles may be unconnected, doubled, or of inner bodies.
+    Triangles may be unconnected, doubled, or of inner bodies.
 
     Args:
         chart: the lines, in which a plane u and a plane v meet.

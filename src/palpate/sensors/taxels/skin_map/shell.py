@@ -39,12 +39,12 @@ _LEAST = 0.7  # of the rows that most spokes have, for a spoke to count
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """The user's own two families of planes: across an axis, and through it.
+    """The user's own two families of planes.
 
     Attributes:
         axis: a point [m] and the direction of the link's axis; None: found from the mesh.
-        heights: along the axis [m], from that point or, without one, from the sheet's origin; None: chosen.
-        angles: about the axis [rad], from the sheet's origin; None: chosen.
+        heights: of planes across the axis [m], from that point or, without one, from the sheet's origin; None: chosen.
+        angles: of planes through the axis [rad], from the sheet's origin; None: chosen.
     """
 
     axis: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None = None
@@ -98,7 +98,7 @@ class Shell:
     Attributes:
         surface: the spline.
         chart: its lines.
-        sections: cuts of the mesh that show which part is covered.
+        sections: cuts of the mesh, which show the covered part.
         distance: to the mesh's facets or vertices, mean and worst [m], along the normal.
         notes: for the user, a sentence each.
     """
@@ -134,7 +134,7 @@ def shell(
 
     Raises:
         InputError: the planes' axis has no direction, or passes through the origin.
-        GeometryError: no part of the mesh about the origin can be seen along the lines of two families of planes.
+        GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
     planes = planes or _ANY
     found, whole = None, False
