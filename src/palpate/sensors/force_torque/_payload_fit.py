@@ -176,11 +176,10 @@ def gain_of(
 ) -> tuple[Float[np.ndarray, "p n 6"], Float[np.ndarray, "n 6 p"]]:
     """Return the gain G^-1 Z_i^T (p, n, 6), G = sum Z_i^T J_i, of an estimate that solves sum Z_i^T r_i = 0, and Z.
 
-    Jointly whitened, Z = S^-1 J; in two stages, Z is J without the torque's rows for the force's parameters.
-
     Args:
         jacobian: J, (n, 6, p), in the free parameters; only the torque determines the last six.
-        noise: S, (6, 6) covariance of one sample, for a joint fit; None: in two stages.
+        noise: S, (6, 6) covariance of one sample, for a joint fit, Z = S^-1 J; None: in two stages, Z being J without
+            the torque's rows for the force's parameters.
     """
     if noise is not None:
         instruments = np.linalg.solve(noise, jacobian)

@@ -1,9 +1,8 @@
 """Named mistakes in how a log's wrenches and rotations were recorded, and the correction of each.
 
-The residual distinguishes the frame of the wrenches, the swap of y and z (it makes the sensor left-handed, which no
-rotation undoes) and the direction of the rotations. A reversed sign shows only as a weight that points up: against the
-given gravity, or else against a base whose z points up. No set of poses shows a reversed torque, which mirrors the
-centre, or a fixed rotation of sensor or base, which turns weight or centre.
+The residual distinguishes the frame of the wrenches, the swap of y and z (a left-handed sensor) and the direction of
+the rotations. A reversed sign shows only as a weight that points up: against the given gravity, or else in a base whose
+z points up. No poses show a reversed torque, which mirrors the centre, or a fixed rotation of sensor or base.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ FAR_BETTER = 3.0  # an explanation must reduce the misfit by this
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A way to read a log, other than wrenches in the sensor frame with rotations of the sensor in the base.
+    """A way to read a log: "as is", or with mistakes undone.
 
     Attributes:
         name: name that `identify_payload(..., hypothesis=name)` takes.

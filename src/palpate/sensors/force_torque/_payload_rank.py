@@ -19,8 +19,8 @@ def check_poses(
 ) -> None:
     """Require that the poses separate the parameters.
 
-    The regressors of force, on (w, f0), and torque, on (|w| c, m0), have singular values over sqrt(n) in [0, sqrt 2],
-    near 1 for poses in all directions. Below MIN_SINGULAR they may come from wrong orientations alone.
+    The singular values of the regressors of force, on (w, f0), and torque, on (|w| c, m0), over sqrt(n) are near 1 for
+    poses in all directions; below MIN_SINGULAR they may come from wrong orientations alone.
 
     Args:
         rotations: (n, 3, 3), sensor in base.

@@ -128,8 +128,6 @@ def judged(
 ) -> tuple[Payload, Validation]:
     """Return the payload, its covariance with the bias's drift and widened by a cross-validation, and the latter.
 
-    An omitted part of the log is compared by its normal equations, Z^T r.
-
     Raises:
         NotIdentifiable: the poses do not determine the parameters.
     """
@@ -140,7 +138,7 @@ def judged(
     noise = solution.white if solution.joint else None
     gain = gain_of(model(_parameters(payload), rotations)[1] @ basis, noise)[0]
 
-    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:  # of the normal equations, Z^T r
         part = solve(wrenches[~left], rotations[~left], replace(settings, robust=False)).payload
         predicted, jacobian = model(_parameters(part), rotations)
         jacobian = jacobian @ basis

@@ -33,10 +33,7 @@ SURE = 5.0  # times its standard deviation: a smaller tare is no touch
 
 
 class _Readings(NamedTuple):
-    """Samples as the compiled loops take them: n rows, contiguous and writable, or one that stands for all.
-
-    `unsteady` is the standard deviation [m/s^2] of the acceleration, `age` the time [s] since the zero was taken.
-    """
+    """Samples as the compiled loops take them, n rows or one for all; `unsteady` is the acceleration's deviation."""
 
     time: np.ndarray
     wrench: np.ndarray
@@ -147,8 +144,8 @@ class Compensation:
         Args:
             time: [s].
             reading: (6,) [N, N m] as measured.
-            rotation: (3, 3) sensor in base, used where it is needed.
-            acceleration: (3,) [m/s^2] of the sensor in its own frame, without gravity; None: 0.
+            rotation: (3, 3) sensor in base, where it is needed.
+            acceleration: (3,) [m/s^2] in the sensor's frame, without gravity; None: 0.
 
         Raises:
             InputError: the rotation is needed and None, or an argument has another shape.
@@ -176,7 +173,7 @@ class Compensation:
         Args:
             time: (n,) [s].
             readings: (n, 6) [N, N m] as measured.
-            extra_channels: `ORIENTATION`, `ACCELERATION`, `UNSTEADY` of a `Recording`, as far as they are known.
+            extra_channels: `ORIENTATION`, `ACCELERATION`, `UNSTEADY`, as far as they are known.
 
         Raises:
             InputError: the readings have another shape, or the orientation is needed and there is none.
@@ -208,7 +205,7 @@ class Compensation:
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
         """Return wrenches (n, 6) [N, N m] in the surface's frame and covariances (n, 6, 6), None if noise is unknown.
 
-        The filter's share does not reduce the errors of payload, tare and mounting, the same in every sample.
+        A filter's share does not reduce the errors of payload, tare and mounting.
         """
         located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
         constant = self._load, *self._placing(placement)
@@ -284,7 +281,7 @@ class Compensation:
 
     @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n 19"]:
-        """Return the columns (n, 19) of `kept` from the live inputs (20 n,) of `count` = n samples."""
+        """Return the columns (n, 19) of `kept` from the live inputs (20 n,) of `count` samples."""
         if count == 1:
             return inputs[None, :19].copy()
         parts = np.split(inputs[: 19 * count], [6 * count, 15 * count, 18 * count])

@@ -47,8 +47,7 @@ def wrench_drift(
 
     Raises:
         InputError: the sensor turns and its payload is not known, there is a payload and no orientation, the payload's
-            file cannot be read, or the log is too short, touched, has a channel that never changes, or times that run
-            backwards.
+            file cannot be read, the log is too short or touched, a channel never changes, or times run backwards.
     """
     setup, notes = _moving(setup, recording)
     sensor, rotations = setup.of(ForceTorqueSection), _rotations(recording)

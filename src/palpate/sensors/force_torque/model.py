@@ -32,7 +32,7 @@ class ForceTorque(Value):
     Args:
         noise: standard deviations of force and torque of one reading [N, N m], or six, or a (6, 6) covariance, force
             first; None: not known.
-        limits: (6,) range [N, N m] of each channel, inf for none; a reading at it is saturated. None: not known.
+        limits: (6,) range [N, N m], at which a reading is saturated, inf for none; None: not known.
         frame: of the log's wrenches, "sensor" or "base".
         spectrum: of the noise; None: white.
         gain_error: standard deviation of each entry of the sensor's matrix, as a share: the channels of force err by
@@ -90,7 +90,7 @@ class ForceTorque(Value):
         return by_name("palpate.sensors.force_torque.compensation.Compensation")(self)
 
     def saturated(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Bool[np.ndarray, "*batch"]:
-        """Return a mask (*batch,) of readings (*batch, 6) [N, N m], as measured in the sensor frame, at a range."""
+        """Return a mask (*batch,) of readings (*batch, 6) [N, N m], in the sensor frame, at a limit; False for NaN."""
         if self.limits is None:
             return np.zeros(wrenches.shape[:-1], dtype=bool)
         return np.any(np.abs(wrenches) >= self.limits, axis=-1)

@@ -21,12 +21,12 @@ def average_poses(
 ) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k 3 3"], Int[np.ndarray, " k"]]:
     """Return mean wrenches, rotations and sample counts of the stretches whose orientation stays within 0.3 degrees.
 
-    Samples of one pose share its model error: a fit to single samples would be overconfident. A log with fewer than
-    four stretches is returned unchanged, with counts of one.
+    A fit to single samples would be overconfident: those of one pose share its model error. A log with fewer than four
+    stretches is returned unchanged, with counts of one.
 
     Args:
-        wrenches: (n, 6) [N, N m]; rows that are not finite belong to no pose.
-        rotations: (n, 3, 3); rows that are not finite belong to no pose.
+        wrenches: (n, 6) [N, N m]; rows that are not finite are in no stretch.
+        rotations: (n, 3, 3), likewise.
         shortest: least number of samples in a stretch.
 
     Returns:

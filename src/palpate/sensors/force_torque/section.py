@@ -58,7 +58,7 @@ _USUAL = {"time": "", "force_unit": "N", "torque_remark": "", "frame": "sensor",
 
 
 class ForceTorqueSection(SensorSection):
-    """A six-axis force/torque sensor as a rig states it; the file of its payload is read once."""
+    """A six-axis force/torque sensor as a rig states it."""
 
     name: ClassVar[str] = "force_torque"
     called: ClassVar[str] = "a six-axis force/torque sensor"
@@ -241,7 +241,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
 
 
 def _with_torques(found: WrenchColumns, wrenches: np.ndarray, size: float | None) -> WrenchColumns:
-    """Return the columns with the noise and the torque's unit, guessed from its numbers where nothing states it."""
+    """Return the columns with the noise and the torque's unit, guessed where nothing states it."""
     fields, remarks, layout = dict(found.fields), list(found.remarks), found.layout
     if "torque_unit" not in fields:
         known = wrenches[np.isfinite(wrenches).all(axis=1)]

@@ -25,14 +25,14 @@ BLURRED = 1e-3  # m: radius of the median ellipse above which a filter is worth 
 
 
 class ForceTorqueView(WrenchView):
-    """The report's view of a six-axis force/torque sensor: payload, mounting and advice."""
+    """The report's view of a six-axis force/torque sensor."""
 
     def compensated(self, estimator: WrenchEstimator) -> str:
         """Return "with a payload model" or "without a payload model"."""
         return f"{'without' if _payload(estimator) is None else 'with'} a payload model"
 
     def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
-        """Return the names of the uncertainties that the ellipses contain in addition to the noise, in a tuple."""
+        """Return the names of the uncertainties in the ellipses, other than the noise, as a tuple."""
         held = super().uncertain(setup, estimator)
         return held if _payload(estimator) is None else ("the payload's", *held)
 

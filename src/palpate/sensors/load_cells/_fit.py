@@ -1,13 +1,10 @@
 """The least squares of a calibration of load cells: wrench and contact against a reference.
 
-With V the six strongest whitened directions of the voltages, y = V' R^-1/2 (u - b) contains all their information about
-the wrench w = B y. The residuals of each block, with c the contact, n its normal, t two tangents and M_e = M - e x F
-the moment about e = c - d n, where the force acts [load cells, (18), corrected], are:
+The wrench is w = B y, y = V' R^-1/2 (u - b) with V the six strongest whitened directions of the voltages. The residuals
+of each block, with c the contact, n its normal, t two tangents and M_e = M - e x F the moment about e = c - d n, where
+the force acts [load cells, (18), corrected], are force, position and moment along the force:
 
     r = ( F - F_ref,  t . (n x M_e) / (F . n),  F . M_e / |F|  )
-
-The middle two are the point where the wrench meets the tangent plane at c, less c; the last is the moment along the
-force. Those of F and M about c are linear in B: they give the start.
 """
 
 from __future__ import annotations
@@ -76,7 +73,7 @@ class Fit:
     Attributes:
         unknowns: (p,) B row by row, then depth and exponent of the law, if fitted.
         covariance: (p, p) of the unknowns.
-        residuals: (n, 6) force [N], position along two tangents [m], moment along the force [N m]: less the reference.
+        residuals: (n, 6) of force [N], position along two tangents [m], moment along the force [N m].
         cost: half the sum of whitened squares.
         correlation: (6,) number of blocks that count as one independent block.
         followed: index of the start that was used.
@@ -114,7 +111,7 @@ def touches(
     contact: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
 ) -> ReferenceBlocks:
-    """Return the blocks of a log with contact, normal and tangents, as `fit` takes them."""
+    """Return blocks with contact, normal and tangents, as `fit` takes them."""
     across = np.cross(normal, np.where(np.abs(normal[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
     first = across / np.linalg.norm(across, axis=1, keepdims=True)
     both = np.stack([first, np.cross(normal, first)], axis=1)
@@ -338,10 +335,7 @@ def _equations(
 
 
 def validated(data: ReferenceBlocks, found: Fit, zeros: Float[np.ndarray, "9"], *, robust: bool) -> Validation:
-    """Return the cross-validation of a fit to all blocks: omitted touches against the prediction of the others.
-
-    They are compared by their normal equations, J' r. `zeros` and `robust` are those of `fit`.
-    """
+    """Return the cross-validation of a fit to all blocks, by J' r; `zeros` and `robust` are those of `fit`."""
     whitener = _whitener(found.residuals)
     variance = found.correlation * np.mean((found.residuals @ whitener.T) ** 2, axis=0)
 

@@ -65,7 +65,7 @@ class BenchLog:
         return [slice(*ends) for ends in pairwise([*starts, len(self.time)])]
 
     def rows(self, duration: float) -> int:
-        """Return the number of rows in a duration [s], at least one."""
+        """Return the number of rows in a duration [s], at least 1."""
         return max(1, round(duration / self.step))
 
 

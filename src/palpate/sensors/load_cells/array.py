@@ -49,9 +49,9 @@ class _Weighed(NamedTuple):
 class LoadCellArray:
     """The `WrenchSensor` of cells under a rigid frame; see `LoadCells`.
 
-    A sample's wrench is computed from all channels or, where they contradict each other, without the channel or cell
-    that explains it. Where several explanations fit, it is the mean of their wrenches, with a covariance that covers
-    them; where none fits, the sample is INVALID. It is SATURATED where more than one cell is at its range.
+    Where channels contradict each other, a wrench is computed without the one channel or cell that explains it. Where
+    several explanations fit, it is their mean, with a covariance that covers them; where none fits, the sample is
+    INVALID. It is SATURATED where channels of more than one cell are at their range.
 
     The zero is that of the calibration until a `tare`. In a stream it is taken again after a gap of 5 s, or where time
     runs back; a start that is not at rest keeps the previous zero, and gives a warning.

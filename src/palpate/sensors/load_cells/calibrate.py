@@ -46,8 +46,8 @@ class CalibrationOptions:
         noise: (3 k,) standard deviations [V] or (3 k, 3 k) covariance [V^2] of one reading; None: estimated from the
             unloaded stretches.
         least: [N] lighter touches are omitted.
-        start: (6, 3 k) map from voltages to wrenches, a start in addition to the linear least squares; if it leads to a
-            worse fit, it is not used, and a note states that.
+        start: (6, 3 k) map from voltages to wrenches, a start in addition to the linear one; None: no other. A note
+            states if it leads to a worse fit and is not used.
         robust: whether residuals beyond three standard deviations count less.
         names: names of the channels, for messages.
         provenance: kept in the model.
@@ -69,12 +69,12 @@ _USUAL = CalibrationOptions()
 
 @dataclass(frozen=True, eq=False)
 class LoadCellCalibration:
-    """Calibrated load cells, and how well they explain the log they come from.
+    """Calibrated load cells, and how well they explain their log.
 
     Attributes:
         cells: the model, with notes.
-        touches: the blocks of the log that were used, with the reference's force and contact.
-        fit: the fit to `touches`, with its residuals.
+        touches: blocks of the log that were used, with the reference's force and contact.
+        fit: the fit to `touches`.
         reference_noise: [N] standard deviation of one unloaded reading of the reference.
         coverage: parts of the surface and directions of force that the log contains.
         validation: errors of touches that a fit had not seen, over those expected.

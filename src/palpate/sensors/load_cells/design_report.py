@@ -35,7 +35,7 @@ class Design:
         accuracy: [m] wanted accuracy of the place.
         force: [N] of the maps.
         friction: tangent of the angle between force and normal.
-        tared: number of independent readings that the bias was taken from.
+        tared: number of independent readings of the bias.
         variants: pairs (name of the difference, cells) of other layouts to compare with.
     """
 
@@ -81,7 +81,7 @@ class Design:
         return self.with_changes()
 
     def with_changes(self, **changes: Any) -> Resolution:
-        """Return the `Resolution` if some arguments of `resolution` change; NaN where points are not `seen`.
+        """Return the `Resolution` with other arguments of `resolution`; NaN where points are not `seen`.
 
         Args:
             changes: `cells`, `friction`, `tare` or `sound`.
@@ -100,8 +100,7 @@ def compose(design: Design) -> Report:
     """Return the design's page as a `Report`.
 
     Raises:
-        InputError: the design's `tared` is not positive or its `friction` negative, or the package for reports is not
-            installed.
+        InputError: `tared` is not positive, `friction` is negative, or the package for reports is not installed.
     """
     known = "their calibration" if design.cells.samples else "the layout and the noise alone, before they are built"
     sections = (_maps(design), _curves(design), _dead(design), _variants(design), _facts(design))

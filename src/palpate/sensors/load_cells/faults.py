@@ -29,12 +29,12 @@ class CellFault:
     """A fault of one or more cells.
 
     Attributes:
-        cells: numbers, from 0, of the cells; () where the kind is "several".
+        cells: numbers, from 0; () for "several".
         kind: "dead", "stuck", "saturated", "swapped", "drifting", "unit", "gain", "unclear" where any one of the cells
             may be wrong, or "several" where no single cause explains the readings.
-        share: share of the samples in which the fault shows.
+        share: of the samples in which the fault shows.
         text: sentence about the fault, with advice.
-        channels: numbers, from 0, of the channels that are or may be wrong; () where the kind does not tell.
+        channels: numbers, from 0, of those that are or may be wrong; () where they are not known.
     """
 
     cells: tuple[int, ...]
@@ -53,10 +53,9 @@ def find_faults(
 ) -> list[CellFault]:
     """Return a list of one `CellFault` where the cells of a log contradict each other, else [].
 
-    They do if the chi-square of the readings exceeds its bound in more than 0.2 % of the samples. The cause is the
-    channel or cell without which the samples agree, or the pair of cells whose exchange makes them agree; all such
-    channels or cells are named. Of three cells only a wrong channel, an exchanged pair, or a cell that does not move or
-    repeats its reading is found.
+    They do if the chi-square of the readings exceeds its bound in more than 0.2 % of the samples. The cause is each
+    channel or cell without which the samples agree, or the pair of cells whose exchange makes them agree. Of three
+    cells only a wrong channel, an exchanged pair, or a cell that does not move or repeats its reading is found.
 
     Args:
         cells: the model.

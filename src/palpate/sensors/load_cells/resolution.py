@@ -77,7 +77,7 @@ def resolution(
         normals: (n, 3) outward unit normals.
         friction: tangent of the angle between force and normal; the worst direction counts.
         tare: number of independent readings that the bias was taken from.
-        soft: whether a contact may have a torque about the normal; if not, F . M = 0 is used.
+        soft: whether a contact may have a torque about the normal; else F . M = 0.
         sound: mask (k,) of the cells that answer; None: all. The others still carry load.
 
     Raises:

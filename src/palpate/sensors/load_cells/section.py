@@ -106,7 +106,7 @@ class RigLoadCells:
 
 
 class LoadCellSection(SensorSection):
-    """Load cells as a rig states them; the file of their calibration is read once."""
+    """Load cells as a rig states them."""
 
     name: ClassVar[str] = "load_cells"
     called: ClassVar[str] = "3-axis load cells under a body"
@@ -151,12 +151,12 @@ class LoadCellSection(SensorSection):
         """Mask (k,) of the calibrated cells that the rig does not exclude.
 
         Raises:
-            InputError: as for `cells`.
+            InputError: the rig names no model, the file cannot be read, or the model does not fit the rig.
         """
         return ~np.isin(np.arange(self.cells.cells) + 1, self.table.without)
 
     def nominal(self) -> LoadCells:
-        """Return the calibrated `LoadCells`, or without a model those predicted from positions, sensitivity and noise.
+        """Return the calibrated `LoadCells`; without a model those predicted from positions, sensitivity and noise.
 
         Raises:
             InputError: the model cannot be read or does not fit the rig, or there is none and a prediction lacks a key.

@@ -34,7 +34,7 @@ _STRONG = 0.95  # quantile of the loads that is drawn darkest
 
 
 class LoadCellView(WrenchView):
-    """The view of load cells: their places and loads on the page, their facts and faults in the report."""
+    """The view of load cells on the page and in the report."""
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
         """Return one `LoadCellLayer` in a tuple.
@@ -45,7 +45,7 @@ class LoadCellView(WrenchView):
         return (LoadCellLayer(setup.of(LoadCellSection).cells),)
 
     def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
-        """Return the names of the uncertainties that the ellipses contain in addition to the noise, in a tuple."""
+        """Return the names of the uncertainties in the ellipses, other than the noise, as a tuple."""
         return (*super().uncertain(setup, estimator), "the calibration's")
 
     def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
@@ -99,7 +99,7 @@ def loads(
 
 
 class LoadCellLayer:
-    """A layer with a box for each cell, below the body, darker for a larger load; no boxes if a place is unknown."""
+    """A layer with a box for each cell, below the body, darker for a larger load."""
 
     def __init__(self, cells: LoadCells) -> None:
         self.cells = cells
@@ -118,7 +118,7 @@ class LoadCellLayer:
         return self.cells.positions[np.isfinite(self.cells.positions).all(axis=1)]
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Draw the boxes below the body; none where the place of a cell is not known."""
+        """Draw the boxes; none where the place of a cell is not known."""
         self._drawn = []  # anew: a copy of this layer may be drawn elsewhere
         if len(self.places) < self.cells.cells:
             return
