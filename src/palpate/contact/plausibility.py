@@ -86,7 +86,8 @@ class RequiredBounds:
     """Friction and torsion of the loaded samples, compared with the bounds.
 
     Attributes:
-        friction: (k,) tan of the angle between -force and normal; torsion: (k,) |torque|/|F . n| [m].
+        friction: (k,) tan of the angle between -force and normal.
+        torsion: (k,) |torque|/|F . n| [m].
         bounds: friction and torsion [m] that were allowed.
         size: of the body [m]; no patch is larger.
     """

@@ -53,7 +53,7 @@ class Wrench(Value):
 
     @classmethod
     def from_vector(cls, vector: ArrayLike, covariance: ArrayLike | None = None) -> Wrench:
-        """Make a `Wrench` of six-vectors (*batch, 6), force first [N, N m], and a covariance as for the class.
+        """Make a `Wrench` of six-vectors (*batch, 6), force first [N, N m], with a covariance (*batch, 6, 6) or (6, 6), or None.
 
         Raises:
             InputError: other shapes.
