@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,10 +95,8 @@ def _best_joint(force: np.ndarray, signed: np.ndarray) -> Curve:
 def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
     fits: list[Curve] = []
     for joint in joints:
-        try:
+        with suppress(InputError):  # it does not rise
             fits.append(_two_range(float(joint))(force, signed))
-        except InputError:  # it does not rise
-            continue
     if not fits:
         raise InputError("no curve of two ranges that rises with force fits the log.", where="intensity")
     return min(fits, key=lambda fit: fit.residual)

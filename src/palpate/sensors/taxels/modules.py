@@ -75,10 +75,8 @@ class ModuleLayout(Value):
         """
         flat = np.full((len(places), 2), np.nan)
         module = np.where(places.there, places.module, -1)
-        for number in range(places.modules):
+        for number in np.unique(module[module >= 0]):
             rows = np.flatnonzero(module == number)
-            if not len(rows):
-                continue
             away = places.positions[rows] - places.positions[rows].mean(axis=0)
             outward = np.nan_to_num(places.normals[rows]).sum(axis=0)
             axes = np.linalg.svd(away, full_matrices=True)[2]

@@ -283,10 +283,9 @@ def _represented(places: TaxelPlaces) -> Int[np.ndarray, " k"]:
     """Return the taxel that represents each taxel's module; a taxel on no module represents itself."""
     module = np.where(places.there, places.module, -1)
     found = np.where(places.there, np.arange(len(places)), _NONE)
-    for number in range(places.modules):
+    for number in np.unique(module[module >= 0]):
         rows = np.flatnonzero(module == number)
-        if len(rows):
-            found[rows] = rows[min(_REPRESENTS, len(rows) - 1)]
+        found[rows] = rows[min(_REPRESENTS, len(rows) - 1)]
     whole = np.arange(len(places)) // _MODULE
     inside = np.isin(whole, np.unique(whole[places.there & (places.module >= 0)]))
     return np.where((found == _NONE) & inside, _PAD, found)
