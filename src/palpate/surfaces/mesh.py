@@ -228,7 +228,7 @@ class Mesh(Value):
 
     @functools.cached_property
     def covered(self) -> Bool[np.ndarray, " f"]:
-        """Mask of the facets that give no contacts, (f,); without `touchable`, those that cannot be reached from outside.
+        """Mask of the facets that give no contacts, (f,); without `touchable`, those that nothing outside can reach.
 
         They are found on first use, by rays and a ball of a fifth of the body's size.
         """
