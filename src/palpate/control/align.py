@@ -229,7 +229,7 @@ class AlignController:
                 self.supervisor.stop(time, f"the robot has not followed the last {self._unheard} commands")
 
     def _new(self, wrench: ArrayLike | None) -> bool:
-        """Return whether the wrench is a new, finite reading; store it."""
+        """Store the wrench; return whether it is a new, finite reading."""
         if wrench is None:
             return False
         reading = np.asarray(wrench, dtype=np.float64)
@@ -277,7 +277,7 @@ class AlignController:
         return np.asarray(said, dtype=np.float64) + self._sensor.T @ self._gravity + lever
 
     def _move(self, time: float) -> None:
-        """Compute a new command from the state: pose of the last command, wanted step from it, joints."""
+        """Compute the next command from the last one's pose and the wanted step."""
         self._e[:] = 0.0
         arm, offset, axes, tip = self.arm, self.model.offset, self._stance, self._foremost
         self._moves.stance.unchecked(arm.chain, self._command, offset, self._axes, self._tip, axes, tip)

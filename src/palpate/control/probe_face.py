@@ -127,7 +127,7 @@ class ProbeFace(Value):
         return np.array(found)
 
     def _met(self, k: int, lean: float, centre: Float[np.ndarray, " 3"]) -> float:
-        """Return where along x or y [m] the force through a centre of pressure, which lies inside, leaves the face."""
+        """Return where along x or y [m] the force through an inner centre of pressure leaves the face."""
         towards = np.array([0.0, 0.0, np.cos(lean)])
         towards[k] = np.sin(lean)
         ahead = (self.cells[:, :3] - centre) @ towards
@@ -136,7 +136,7 @@ class ProbeFace(Value):
         return float(centre[k]) + float(ahead[near].max()) * np.sin(lean)
 
     def _leaning(self, k: int, lean: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return depths of the cells behind the middle, and projected areas, along an axis leaning towards x or y."""
+        """Return depths of the cells and projected areas along an axis that leans towards x or y."""
         towards = np.array([0.0, 0.0, np.cos(lean)])
         towards[k] = np.sin(lean)
         return -self.cells[:, :3] @ towards, self.cells[:, 6] * np.maximum(self.cells[:, 3:6] @ towards, 0.0)

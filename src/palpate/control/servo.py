@@ -101,7 +101,7 @@ class _Course:
 
 @dataclass(frozen=True, eq=False)
 class _Begun:
-    """A command, the time when it began, and the course before it."""
+    """A command, when it began, and the course before it."""
 
     time: float
     target: Float[np.ndarray, " n"]
@@ -206,7 +206,7 @@ class ServoModel:
         return [each for each in self._begins if each.time > command.time]
 
     def _without(self, command: _Begun, time: float, joints: Float[np.ndarray, " n"]) -> float:
-        """Return the root mean square difference of the feedback from joints that never had this command."""
+        """Return the root mean square difference of the feedback from joints without this command."""
         course = command.before.copy()
         for each in self._after(command):
             if each.time <= time:
@@ -215,7 +215,7 @@ class ServoModel:
         return math.dist(joints, course.state[0] + self.offset) / math.sqrt(len(joints))
 
     def _take_out(self, command: _Begun) -> None:
-        """Remove a command that never came: model the time since again; later commands begin as they did."""
+        """Remove a command that never came, and model the time since again."""
         later = deque(self._after(command))
         while self._begins and self._begins[-1].time >= command.time:
             self._begins.pop()

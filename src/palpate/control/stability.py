@@ -101,7 +101,7 @@ class DelayedRobot(Value):
         object.__setattr__(self, "_servo", frozen(self._discrete()))
 
     def _discrete(self) -> Float[np.ndarray, "m k"]:
-        """Return rows of the servo's next state, from its state and the commands at a cycle's start and end; exact."""
+        """Return exact rows of the servo's next state, from its state and the commands at a cycle's start and end."""
         if self.lag == 0:
             return np.zeros((0, 2))
         from scipy.linalg import expm  # here: it takes 0.1 s to import
@@ -181,7 +181,7 @@ class Tracker:
 
 
 def _radius(size: int, cycle: Callable[[Rows], Rows]) -> float:
-    """Return the spectral radius of a linear cycle, whose matrix is its image of the unit vectors."""
+    """Return the spectral radius of a linear cycle."""
     return float(np.abs(np.linalg.eigvals(cycle(np.eye(size)))).max())
 
 
@@ -251,7 +251,7 @@ def least_damping(robot: DelayedRobot, mass: float, stiffness: float) -> float:
 
 
 def _edge(first: float, last: float, holds: Callable[[float], bool]) -> float:
-    """Return where `holds` ceases, searched in steps of a tenth and refined; 0 if at once, `last` if nowhere."""
+    """Return where `holds` ceases; 0 if at once, `last` if nowhere."""
     if not holds(first):
         return 0.0
     low = first
@@ -294,7 +294,7 @@ def require_stable(robot: DelayedRobot, admittance: Admittance, stiffness: float
 
 
 def _advice(robot: DelayedRobot, admittance: Admittance, stiffness: float, what: str) -> str:
-    """Return a sentence that proposes a damping, or also a mass if no damping is enough at this mass."""
+    """Return a sentence that proposes a damping and, if needed, a mass."""
     of_damping, _, of_mass = _UNITS[what]
     least = least_damping(robot, admittance.mass, stiffness)
     if admittance.damping < least < math.inf:

@@ -197,7 +197,7 @@ class TouchNavigator:
         return self._sent
 
     def _fault(self, time: float, here: Pose, far: float, *, touched: bool) -> str | None:
-        """Return the reason why the robot cannot go on; None if it can."""
+        """Return why the robot cannot go on; None if it can."""
         if side := self._watch.update(time, here, self._sent, touched=touched):
             return f"the {side} track does not follow"
         if self._progress.update(time, here[0], here[1], far) > self.settings.patience:
@@ -205,7 +205,7 @@ class TouchNavigator:
         return None
 
     def _decided(self, time: float, here: Pose, felt: Felt) -> tuple[float, float]:
-        """Return the forward speed and turn rate; set the state and its reason."""
+        """Return forward speed and turn rate; set the state and its reason."""
         behind = any(cos(angle) < -0.5 for angle, _ in felt)
         if time < self._until and not behind:
             return self._leave
@@ -264,13 +264,13 @@ class TouchNavigator:
         self._changed = True
 
     def _squeezed(self, felt: Felt) -> Felt:
-        """Return the contacts on both flanks, if the weaker side presses hard: a gap that only gets narrower."""
+        """Return the contacts on both flanks, if the weaker side presses hard."""
         flanks = [(angle, force) for angle, force in felt if abs(cos(angle)) < cos(self.settings.glancing)]
         hard = [max((force for angle, force in flanks if angle * side > 0.0), default=0.0) for side in (1.0, -1.0)]
         return flanks if min(hard) > self.settings.squeeze * self.settings.force else []
 
     def _pressed(self, time: float, here: Pose, ahead: Felt) -> str | None:
-        """Return the reason why the contact ahead counts as fixed, and remember it; None if it does not."""
+        """Return why the contact ahead counts as fixed, and remember it; None if it does not."""
         set_ = self.settings
         strongest = max(force for _, force in ahead)
         firm = strongest > set_.firm
@@ -292,7 +292,7 @@ class TouchNavigator:
         return why
 
     def _stands(self, time: float, here: Pose, ahead: Felt, belief: float = 1.0) -> None:
-        """Remember the contacts ahead as fixed, as parts of a wall if they are in line with known places."""
+        """Remember the contacts ahead as fixed, as parts of a wall if in line with known places."""
         self._test.end()
         if not self.settings.remember:
             return
@@ -316,7 +316,7 @@ class TouchNavigator:
         return time - self._stood[2] > seconds
 
     def _followed(self, time: float, here: Pose) -> tuple[float, float]:
-        """Return forward speed and turn rate along the cheapest way, which is found again after changes."""
+        """Return forward speed and turn rate along the cheapest way."""
         if time - self._planned > (0.3 if self._changed else 2.0):
             way, cost = self.map.way(time, here[:2], self.goal)
             corners = [(here[0], here[1]), *((float(x), float(y)) for x, y in way)]
@@ -348,10 +348,7 @@ class TouchNavigator:
         return 0.5 * (low + high) if low > high else max(low, min(high, forward))
 
     def _aside(self, turn: float, felt: Felt) -> float:
-        """Return the turn rate [rad/s] that turns the heading away from contacts on a flank, more for a larger force.
-
-        Tracks cannot step aside: a flank is relieved only by driving on at an angle to the contact.
-        """
+        """Return the turn rate [rad/s] that turns the heading away from contacts on a flank, more for more force."""
         set_, high, low = self.settings, inf, -inf
         for angle, force in felt:
             off = pi / 2 + min(set_.off, set_.relief * (force - set_.flank)) - abs(angle)

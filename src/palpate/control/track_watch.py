@@ -82,7 +82,7 @@ class TrackWatch:
         return forward - 0.5 * self.drive.track * turned, forward + 0.5 * self.drive.track * turned
 
     def _judge(self, seconds: float) -> bool:
-        """Return whether neither track followed in the window that ends; count a track that alone did not."""
+        """Return whether neither track followed; count one that alone did not."""
         enough = (LEAST * seconds) ** 2 / self._frames  # sum of squares at that speed, frame by frame
         gains = [both / asked if asked > enough else None for both, asked in zip(self._both, self._asked, strict=True)]
         slow = [gain is not None and gain < FOLLOWS for gain in gains]

@@ -161,7 +161,7 @@ class Follow:
         return self._observed(*contact, *frame, values, *wanted, self._readings, self._variances)
 
     def _learn(self, seen: Sensed, pressing: float) -> None:
-        """Fit the stiffness from depth against time and force, from a third of the wanted force on."""
+        """Fit the stiffness, from a third of the wanted force on."""
         if self._pressing > 0.3 * self.force:
             row = np.array([1.0, seen.time - self._begun, np.sqrt(max(0.0, pressing) / self.force)])
             self._sums += np.outer(row, row)
@@ -190,6 +190,6 @@ class Follow:
         self.ready = True
 
     def _know_radii(self) -> None:
-        """Set the radii [m/rad], the displacement of the contact per angle, from the stiffness."""
+        """Set the radii [m/rad] from the stiffness."""
         for k in (0, 1):
             self.radii[k] = np.interp(np.log(self.stiffness), np.log(self._grid), self._table[:, k])

@@ -121,7 +121,7 @@ def _shares(statuses: Sequence[int]) -> str:
 
 
 def _warnings(results: Sequence[LogResult]) -> Section:
-    """Return a section that lists each warning once, with the logs that have it."""
+    """Return a section of each warning once, with its logs."""
     logs = dict[str, list[str]]()
     for each in results:
         for said in each.warnings:

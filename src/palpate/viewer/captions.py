@@ -88,7 +88,7 @@ def caption(moment: SceneMoment, magnification: int, more: Sequence[tuple[str, s
 
 
 def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterator[tuple[str, str]]:
-    """Yield names and values of one contact; of several, with a headline and its features on one line."""
+    """Yield names and values of one contact; of several, its features are on one line."""
     if not single:
         yield f"<b>contact {contact.identity}</b>", f"<b>{_force(contact)}</b>, {contact.status.words}"
     yield "place [mm]", _place(contact)
@@ -115,7 +115,6 @@ def _size(contact: ShownContact) -> float:
 
 
 def _force(contact: ShownContact) -> str:
-    """Return the size of the force, with its standard deviation if known."""
     size, deviation = _size(contact), contact.force_deviation
     return f"{uncertain(size, deviation)} N" if np.isfinite(deviation) else _newton(size)
 

@@ -131,7 +131,7 @@ class Drawing:
         by_name("palpate.files.atomic.write_text")(Path(path), self.page())
 
     def _repr_html_(self) -> str:
-        """Return the drawing for notebooks, in an iframe that isolates its style and script."""
+        """Return the drawing for notebooks, isolated in an iframe."""
         return (
             f'<iframe srcdoc="{escape(self.page())}" sandbox="allow-scripts" title="{escape(self.title)}" '
             'style="width:100%;max-width:720px;height:424px;border:0"></iframe>'
@@ -142,7 +142,7 @@ class Drawing:
         return f'Drawing({len(self.faces):,} facets{marks}; a notebook shows it, .save("contacts.html") makes a page)'
 
     def _data(self) -> str:
-        """Return the data for the script as JSON, centred and scaled to size 1; no "<" in it can end an element."""
+        """Return the data for the script as JSON, centred and scaled to size 1, without "<"."""
         low, high = box(self._drawn_points())
         middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
         vertices, faces = simpler(self.vertices, self.faces, FACETS)
@@ -161,7 +161,7 @@ class Drawing:
         return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
 
     def _drawn_points(self) -> Float[np.ndarray, "n 3"]:
-        """Return the vertices of the facets; without any, the known points of the marks [m]."""
+        """Return the vertices of the facets, else the known points of the marks [m]."""
         if len(self.faces):
             return self.vertices[np.unique(self.faces)]
         return np.array([mark.point for mark in self.marks if np.isfinite(mark.point).all()]).reshape(-1, 3)
@@ -206,7 +206,7 @@ def simpler(
 
 
 def _closed(faces: Int[np.ndarray, "f 3"]) -> bool:
-    """Return whether no edge belongs to one facet alone, so that the inside cannot be seen."""
+    """Return whether every edge belongs to two facets: the inside cannot be seen."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, count = np.unique(edges, axis=0, return_counts=True)
     return bool((count > 1).all())

@@ -88,7 +88,7 @@ class Guard:
         return compare_digest(token.encode(errors="replace"), self.token.encode())
 
     def _hosts(self, request: Request) -> set[str]:
-        """Return the names that lead here, none that a stranger could make lead here."""
+        """Return the names that lead here and that no stranger could make lead here."""
         names = {"localhost", "127.0.0.1", "[::1]", in_url(self.host.lower()), in_url(request.local)}
         return {f"{name}:{request.port}" for name in names} | (names if request.port == 80 else set[str]())
 

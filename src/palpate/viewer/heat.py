@@ -92,7 +92,6 @@ def linear(colour: UInt8[np.ndarray, "v 3"]) -> UInt8[np.ndarray, "v 3"]:
 
 
 def _quartered(corners: Float[np.ndarray, "f 3 6"]) -> Float[np.ndarray, "g 3 6"]:
-    """Cut each facet at the middles of its edges into four."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     return np.concatenate([np.stack(three, axis=1) for three in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
@@ -101,7 +100,7 @@ def _quartered(corners: Float[np.ndarray, "f 3 6"]) -> Float[np.ndarray, "g 3 6"
 def _gathered(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], seconds: Float[np.ndarray, " n"], cell: float
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
-    """Merge the points of one cell [m] and side into their mean: a million contacts lie in some thousand cells."""
+    """Merge the points of one cell [m] and side into their mean."""
     keys = np.concatenate([np.floor((points - points.min(axis=0)) / cell), normals > 0], axis=1).astype(np.int64)
     sizes = keys.max(axis=0) + 1
     code = np.ravel_multi_index(keys.T, sizes)

@@ -93,7 +93,7 @@ def _css(ink: Sequence[int] | Sequence[float]) -> str:
 
 
 def _lit(ink: ArrayLike) -> str:
-    """Return the colour in which the page shows a line: it takes the line's colour as linear."""
+    """Return the colour in which the page shows a line, as it takes the line's colour as linear."""
     return _css((255 * (np.asarray(ink) / 255) ** (1 / 2.2)).tolist())
 
 

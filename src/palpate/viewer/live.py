@@ -159,7 +159,7 @@ class LivePage(Served):
             self._tare.disabled = figures.taring
 
     def _curve(self, silent: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return times [s], 0 being now, and forces [N] of the curve; NaN becomes 0, as the curve knows no NaN."""
+        """Return times [s], 0 being now, and forces [N], 0 for NaN, of the curve."""
         timeline = self.scene.timeline
         clock, force = downsampled(timeline.clock, self.scene.total[:, None], ROWS)
         return clock - timeline.duration - (silent if silent > SILENT else 0.0), np.nan_to_num(force[:, 0])

@@ -123,12 +123,10 @@ def error_over_force(
 
 
 def _height(across: np.ndarray, up: np.ndarray) -> float:
-    """Return the height [inches] of a map next to its bar of colours."""
     return float(np.clip(0.7 + 3.1 * np.ptp(up) / max(float(np.ptp(across)), 1e-9), 1.8, 4.6))
 
 
 def _levels(values: np.ndarray) -> np.ndarray:
-    """Return round numbers from the least value to the largest."""
     from matplotlib.ticker import MaxNLocator
 
     known = values[np.isfinite(values)]

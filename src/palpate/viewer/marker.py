@@ -73,7 +73,7 @@ class Marker:
         self._show_torque(scene.turning(contact))
 
     def _show_ellipse(self, scene: Scene, contact: ShownContact, magnification: int) -> None:
-        """Lay the ellipse on the body, the fainter the larger it is relative to the body."""
+        """Lay the ellipse on the body, the fainter the larger it is."""
         points = scene.placed(scene.ellipse_on_body(contact, magnification)).astype(np.float32)
         strength = fade(magnification * float(contact.axes[0]), scene.size)
         self._lay(points)
@@ -97,7 +97,6 @@ class Marker:
             self._disc.faces = _facets(len(points))
 
     def _show_force(self, scene: Scene, contact: ShownContact) -> None:
-        """Draw the force as an arrow whose tip is at the contact point."""
         tip = scene.placed(contact.point)
         shaft = contact.force * scene.newton / scene.size
         length = float(np.linalg.norm(shaft))
@@ -112,7 +111,6 @@ class Marker:
         _put(self._label, text=f"{name}{length * scene.size / scene.newton:.1f} N")
 
     def _show_torque(self, share: float) -> None:
-        """Draw an arc about the normal, in proportion to the share of the usual torque."""
         seen = abs(share) > FAINTEST  # NaN is not
         _put(self._arc, visible=seen)
         if seen:
@@ -131,7 +129,7 @@ def facing(way: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]:
 
 
 def _put(handle: SceneNodeHandle, **values: bool | float | str) -> None:
-    """Set the attributes that have changed: a handle takes 0.1 ms to find out that nothing has."""
+    """Set the attributes that have changed: a handle takes 0.1 ms to find out."""
     for name, value in values.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)
@@ -163,7 +161,7 @@ def fade(long: float, size: float) -> float:
 
 @cache
 def _ends(around: int) -> Int[np.ndarray, "k 2"]:
-    """Return the numbers of the first and last point of each side of a polygon."""
+    """Return the first and last point of each side of a polygon."""
     return (np.arange(around)[:, None] + np.arange(2)) % around
 
 

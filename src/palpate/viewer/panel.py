@@ -138,7 +138,7 @@ class Panel:
         self._place = self._plot(PLACES, ("x", "y", "z"), AXES, "mm")
 
     def _plot(self, which: slice, names: tuple[str, ...], inks: tuple[str, ...], unit: str) -> GuiUplotHandle:
-        """Add a plot: lines of forces, dots of places, which exist in touch only."""
+        """Add a plot: lines of forces, dots of places."""
         from viser import uplot
 
         dots = unit == "mm"
@@ -178,7 +178,7 @@ def _short(seconds: float) -> float:
 
 
 def _range(values: Float[np.ndarray, "m k"], zero: bool) -> tuple[float, float]:
-    """Return the bounds of an axis, from the least value to the largest with some air; with `zero`, 0 is among them."""
+    """Return the bounds of an axis with some air; with `zero`, 0 is among them."""
     known = values[np.isfinite(values)]
     known = np.append(known, 0.0) if zero or not len(known) else known
     low, high = float(known.min()), float(known.max())
@@ -189,7 +189,7 @@ def _range(values: Float[np.ndarray, "m k"], zero: bool) -> tuple[float, float]:
 def _marked(
     clock: Float[np.ndarray, " m"], values: Float[np.ndarray, "m k"], now: float, bounds: tuple[float, float]
 ) -> tuple[Float[np.ndarray, " r"], ...]:
-    """Return the columns of a plot, and one that draws a line at the current time; NaN is put far below the plot."""
+    """Return the columns of a plot, and one that marks the current time; NaN is put far below."""
     below, above = bounds[0] - 10 * (bounds[1] - bounds[0]), bounds[1] + 1.0
     at = int(np.searchsorted(clock, now))
     rows = np.where(np.isfinite(values), values, below)

@@ -268,7 +268,6 @@ def spectra(shown: Sequence[SpectrumPanel]) -> Figure:
 def _curve(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return a line over time with few points that looks the same."""
     clock, rows = downsampled(time, values[:, None], 2 * COLUMNS)
     return clock, rows[:, 0]
 
@@ -280,7 +279,7 @@ def clock_of(time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], st
 
 
 def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:
-    """Return the first and last time of a log, for axes that start and end with it."""
+    """Return the first and last known time; None without a span."""
     known = time[np.isfinite(time)]
     return (float(known.min()), float(known.max())) if len(known) and np.ptp(known) > 0 else (None, None)
 
@@ -288,7 +287,7 @@ def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:
 def _banded(
     frequency: Float[np.ndarray, " k"], density: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "b 3"]]:
-    """Return means over bands that are equally wide on a logarithmic axis, some of one frequency only."""
+    """Return means over equal bands of a logarithmic axis."""
     band = np.floor(20 * np.log2(frequency / frequency[0]))
     starts = np.flatnonzero(np.diff(band, prepend=-1.0))
     sizes = np.diff(starts, append=len(band))
@@ -314,7 +313,7 @@ def strip(axes: Any, time: Float[np.ndarray, " n"], kinds: Int[np.ndarray, " n"]
 
 
 def _body(axes: Any, vertices: np.ndarray, faces: np.ndarray, order: tuple[int, int, int], toward: float) -> None:
-    """Draw the facets that face the viewer as pixels, the furthest first, lighter if they face the viewer more."""
+    """Draw the facets that face the viewer as pixels, the furthest first."""
     from matplotlib.collections import PolyCollection
 
     corners = 1e3 * vertices[faces]
@@ -338,7 +337,7 @@ def _body(axes: Any, vertices: np.ndarray, faces: np.ndarray, order: tuple[int, 
 def _touched(
     axes: Any, point: Float[np.ndarray, "n 2"], force: Float[np.ndarray, " n"], far: Bool[np.ndarray, " n"]
 ) -> Any:
-    """Draw dots where the contact is visible and rings where the body hides it, the strongest on top."""
+    """Draw dots, and rings where the body hides the contact, the strongest on top."""
     from matplotlib import colormaps
 
     some = thinned(np.flatnonzero(np.isfinite(point[:, 0])), DOTS)
@@ -378,7 +377,6 @@ def _free(at: Float[np.ndarray, "2"], taken: Float[np.ndarray, "n 2"], wide: flo
 
 
 def _mark(axes: Any, at: float, text: str) -> None:
-    """Draw a vertical line with a text that explains it."""
     axes.axvline(at, color=INK, linewidth=1.0)
     axes.annotate(f" {text}", (at, 1.0), xycoords=("data", "axes fraction"), va="top", fontsize=8.5)
 

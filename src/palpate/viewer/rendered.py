@@ -119,7 +119,7 @@ def _inside(
     count: Int[np.ndarray, " k"],
     width: int,
 ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
-    """Return for each pixel inside a facet: number of the facet and of the pixel, barycentric shares of the corners."""
+    """Return for each pixel inside a facet: facet, pixel, barycentric shares of the corners."""
     which = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
     x = low[which, 0] + number % spans[which, 0]

@@ -80,7 +80,7 @@ def _answered(run: RunSummary) -> str:
 
 
 def _touches(run: RunSummary, other: RunSummary) -> ReportTable:
-    """Return a table of each touch with its partner, and how far they differ."""
+    """Return a table of each touch with its partner."""
     ours, theirs = run.finder.touches(), other.finder.touches()
     with_whom, start = partners(ours, theirs), since(ours.start)[0]
     rows: list[tuple[str, ...]] = []
@@ -105,7 +105,6 @@ def _pictures(
     runs: tuple[RunSummary, RunSummary],
     body: Body | None,
 ) -> Iterator[Picture]:
-    """Yield the force over time of each run and, where the body is known, the body with its touches."""
     for name, held in zip(names, kept, strict=True):
         yield force_picture(held, f"Force over time in {name}.")
     if body is not None:
@@ -114,6 +113,6 @@ def _pictures(
 
 
 def _ends(time: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Return the least and the largest of the known times [s]; inf and -inf without one."""
+    """Return the least and the largest known time [s]; inf and -inf without one."""
     known = time[np.isfinite(time)]
     return float(known.min(initial=np.inf)), float(known.max(initial=-np.inf))

@@ -234,7 +234,7 @@ def _places(run: Run) -> Section:
 
 
 def _in_space(run: Run, touches: Events) -> str:
-    """Return the body with its touches as a drawing that can be turned; "" if the body is not known."""
+    """Return the body with its touches as a `Drawing`; "" if it is not known."""
     if run.body is None:
         return ""
     kept, marks = run.kept, _numbered(touches)
@@ -302,7 +302,6 @@ def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTab
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:
-    """Return a section with names and hashes of the files, and versions."""
     used = ", ".join(f"{name} {release}" for name, release in (("numpy", np.__version__), ("Python", python_version())))
     files = {name: said for name, said in provenance.items() if name != "palpate"}
     facts = [(name.replace("_", " "), said.replace(" sha256:", ", SHA-256 ")) for name, said in files.items()]
@@ -311,7 +310,6 @@ def _inputs(provenance: Mapping[str, str]) -> Section:
 
 
 def _time_budget(stages: Mapping[str, float], samples: int) -> Section:
-    """Return a section with the seconds of each stage, and microseconds per sample."""
     total, count = sum(stages.values()), max(samples, 1)
     if not total:
         return Section("Time budget")

@@ -88,7 +88,7 @@ class RunSummary:
 
 
 class _Thinned:
-    """The contacts that `pick` takes from each bucket of `size` samples; `size` doubles when there are too many."""
+    """The contacts that `pick` takes from each bucket of `size` samples, which doubles if they are too many."""
 
     def __init__(self, limit: int, pick: Callable[[Contacts, int], Contacts]) -> None:
         self.limit, self.size, self._pick, self._held = limit, 1, pick, 0

@@ -392,7 +392,7 @@ class Scene:
         return points + (above + _LIFT * self.size) * normals
 
     def _total_beside(self, clock: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Return the compared contacts' total force at times since the start of these, (k,) [N]; NaN elsewhere."""
+        """Return the compared contacts' total force at times since the start, (k,) [N]; NaN elsewhere."""
         if (other := self.other) is None:
             return np.full(len(clock), np.nan)
         seconds = clock - self._ahead(other)
@@ -543,20 +543,20 @@ def rounded_up(value: float) -> float:
 
 
 def _sampled(contacts: Contacts) -> tuple[Int[np.ndarray, " m"], Bool[np.ndarray, " n"], Timeline]:
-    """Return the first row of each sample, the rows that are contacts with a place, and the timeline of the samples."""
+    """Return the first row of each sample, the rows with a place, and the timeline."""
     starts = sample_starts(contacts)
     touched = contacts.located & (contacts.answered | (contacts.status == Status.SATURATED))
     return starts, touched, Timeline.of(contacts.time[starts], np.logical_or.reduceat(touched, starts))
 
 
 def _newton(size: float, shown: Contacts) -> float:
-    """Return the length of an arrow per newton [m]: a strong one is about a third as long as the body."""
+    """Return the length of an arrow per newton [m]."""
     strong = float(np.nanquantile(np.linalg.norm(shown.force, axis=1), _STRONG)) if len(shown) else 1.0
     return _ARROW * size / max(strong, 1e-9)
 
 
 def _corners(box: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "8 3"]:
-    """Return the corners of a box from its least and its largest coordinates."""
+    """Return the corners of a box."""
     return np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -569,7 +569,7 @@ def _directions() -> Float[np.ndarray, "k 3"]:
 
 
 def _width(size: float, points: Float[np.ndarray, "n 3"]) -> float:
-    """Return the width of the spot that a touch leaves [m]: small relative to the body and to the touched region."""
+    """Return the width of the spot that a touch leaves [m]."""
     extent = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else size
     return float(np.clip(extent / 40, size / 300, size / 50))
 

@@ -109,7 +109,7 @@ class Scene3D:
             self._trail.colors = np.repeat(shade.astype(np.uint8)[:, None], 2, axis=1)
 
     def _show_numbers(self, wanted: bool) -> None:
-        """Show or hide the numbers of the touches at their places; they are drawn on first use."""
+        """Show or hide the numbers of the touches, drawn on first use."""
         if wanted and not self._numbers:
             found, size = self.scene.touches, self.scene.size
             places = self.scene.placed(found.point + 0.02 * size * found.normal)
@@ -143,7 +143,7 @@ class Scene3D:
         return made.getvalue()
 
     def _add_ground(self) -> None:
-        """Add a grid under the body and the axes of the surface's frame; the legend has their scale and colours."""
+        """Add a grid under the body and the axes of the surface's frame."""
         size = self.scene.size
         cell = rounded_up(size / 12)
         floor = self.scene.placed(self.scene.bounds[0] - 0.03 * size)[2]

@@ -160,7 +160,7 @@ class Page(Served):
 
 
 def _shown(host: str) -> str:
-    """Return the start of a URL for a host, one that other machines can use if they can reach it."""
+    """Return the start of a URL for a host, as other machines reach it."""
     from palpate.viewer.guard import in_url  # here: what it needs comes with viser
 
     try:
@@ -171,7 +171,7 @@ def _shown(host: str) -> str:
 
 
 def _own(everywhere: str) -> str:
-    """Return this machine's address on its network; without a network, the loopback address."""
+    """Return this machine's address on its network, else the loopback address."""
     family = socket.AF_INET6 if ":" in everywhere else socket.AF_INET
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
@@ -182,7 +182,7 @@ def _own(everywhere: str) -> str:
 
 
 def _free(host: str, port: int) -> int:
-    """Return the port, or the next that can be listened at; without one, viser itself would wait for ever."""
+    """Return the port, or the next one that can be listened at: viser itself would wait for ever."""
     last: OSError | None = None
     for candidate in range(port, min(port + PORTS, 65536)) if port > 0 else [0] * (port == 0):
         try:

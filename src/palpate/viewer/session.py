@@ -90,7 +90,7 @@ class BrowserSession:
             self.scene3d.face(client, strongest)
 
     def _save(self, client: ClientHandle) -> None:
-        """Send a browser its picture of the scene as a PNG file, or a notification if it makes none."""
+        """Send a browser its picture of the scene, or a notification without one."""
         camera = client.camera
         try:
             shown = client.get_render(camera.image_height, camera.image_width, transport_format="png", timeout=30.0)

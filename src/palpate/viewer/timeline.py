@@ -61,7 +61,7 @@ class Timeline:
 
     @cached_property
     def _spans(self) -> Int[np.ndarray, "m 2"]:
-        """First and last sample of each touch, (m, 2): it goes on over gaps of `GAP`, and lasts at least `SHORTEST`."""
+        """First and last sample of each touch, (m, 2), over gaps of `GAP`, at least `SHORTEST` long."""
         touched = np.flatnonzero(self.touched)
         if not len(touched):
             return np.zeros((0, 2), dtype=np.int64)

@@ -221,7 +221,7 @@ def _rebound(function: Any, **names: Any) -> Any:
 
 
 def _used(code: CodeType) -> Iterator[str]:
-    """Yield the names used in a function and in functions nested in it."""
+    """Yield the names used in a function and those nested in it."""
     yield from code.co_names
     for each in code.co_consts:
         if isinstance(each, CodeType):
