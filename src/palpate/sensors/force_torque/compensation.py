@@ -459,7 +459,7 @@ class Compensation:
         return np.diag(np.repeat(np.where(seen > EXPLAINED * stated, seen - stated, 0.0), 3))
 
     def _readings(self, recording: Recording) -> _Readings:
-        moves = recording.channels if self._weighs else {}
+        moves: Mapping[str, np.ndarray] = recording.channels if self._weighs else {}
         return _Readings(
             recording.time.copy(),
             recording.wrenches(),

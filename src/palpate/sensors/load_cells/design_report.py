@@ -91,8 +91,8 @@ class Design:
             NotIdentifiable: the sound cells do not determine a wrench.
         """
         points, normals, _ = self.places
-        stated = {"cells": self.cells, "friction": self.friction, "tare": self.tared}
-        made = resolution(points=points, normals=normals, **(stated | changes))
+        arguments: dict[str, Any] = {"cells": self.cells, "friction": self.friction, "tare": self.tared, **changes}
+        made = resolution(points=points, normals=normals, **arguments)
         return Resolution(**{name: np.where(self.seen, value, np.nan) for name, value in vars(made).items()})
 
 
@@ -214,7 +214,7 @@ def _dead(design: Design) -> Section:
 def _variants(design: Design) -> Section:
     if not design.variants:
         return Section("What would change it")
-    changes = (
+    changes: tuple[tuple[str, dict[str, Any]], ...] = (
         ("as it is", {}),
         *((name, {"cells": cells}) for name, cells in design.variants),
         ("the bias from four times as many readings", {"tare": 4 * design.tared}),
