@@ -304,7 +304,7 @@ def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]
 
 
 def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]:
-    """Extend the first axis by one cell at each end, by a parabola through the last three or a line through two."""
+    """Extend the first axis by one cell at each end, by a parabola or a line."""
     if len(values) == 1:
         return np.concatenate([values, values, values])
     if len(values) == 2:

@@ -109,7 +109,7 @@ def _bend(points: Float[np.ndarray, "t 3"]) -> tuple[Float[np.ndarray, "2"], Flo
 
 
 def _ring() -> Float[np.ndarray, "12 2"]:
-    """Return twelve taxels along the edge of a triangle, each next to the last: iCub's earlier modules."""
+    """Return twelve taxels along the edge of a triangle: iCub's earlier modules."""
     angle = np.pi / 2 + 2 * np.pi / 3 * np.arange(4)
     corners = 4 * _STEP / np.sqrt(3) * np.column_stack([np.cos(angle), np.sin(angle)])
     share = np.arange(4)[:, None] / 4

@@ -128,7 +128,7 @@ def _checked(places: TaxelPlaces, path: Path) -> TaxelPlaces:
 
 
 def _read_icub(content: bytes, path: Path) -> TaxelPlaces:
-    """Read both of iCub's forms: bare rows, or rows below [calibration] with taxel2Repr, their modules, above them."""
+    """Read bare rows, or rows below [calibration] with taxel2Repr, their modules, above."""
     text = content.decode("utf-8", errors="replace")
     head, named, body = text.partition("[calibration]")
     offset = len(head.splitlines()) if named else 0
@@ -172,7 +172,7 @@ def _rows(text: str, offset: int, path: Path) -> Float[np.ndarray, "k 6"]:
 
 
 def _numbered(groups: Int[np.ndarray, " k"], *, own: bool) -> Int[np.ndarray, " k"]:
-    """Return module indices from 0, in rising order; `own`: a taxel that represents only itself is on no module."""
+    """Return module indices from 0; `own`: a taxel that represents only itself is on no module."""
     known = np.unique(groups[groups >= 0])
     if own:
         alone = [group for group in known.tolist() if group < len(groups) and (groups == group).sum() == 1]
@@ -199,7 +199,7 @@ def _unit_normals(
 
 
 def _read_table(path: Path) -> TaxelPlaces:
-    """Read the columns x, y, z[, nx, ny, nz][, module], a row for each taxel."""
+    """Read the columns x, y, z[, nx, ny, nz][, module]."""
     from palpate.files.tables.table import read_table  # here: it loads polars
 
     table = read_table(path)
@@ -232,7 +232,7 @@ def _read_table(path: Path) -> TaxelPlaces:
 
 
 def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
-    """Read fixed frames of taxels, z outward, numbered by their names, from a URDF fragment or a robot's URDF."""
+    """Read fixed frames of taxels, z outward, numbered by their names."""
     try:
         root = ElementTree.fromstring(b"<fragment>" + re.sub(rb"<\?xml.*?\?>", b"", content) + b"</fragment>")
     except ElementTree.ParseError as problem:
@@ -268,7 +268,7 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
 
 
 def _icub(places: TaxelPlaces, name: str) -> str:
-    """Return [calibration] of iCub's skinManager as text; rows of zeros are indices without a taxel."""
+    """Return [calibration] of iCub's skinManager; rows of zeros are no taxel."""
     table = np.nan_to_num(np.concatenate([places.positions, places.normals], axis=1))
     table[~places.there] = 0.0
     rows = [" ".join(f"{number:.9f}" for number in row) for row in table]
@@ -280,7 +280,7 @@ def _icub(places: TaxelPlaces, name: str) -> str:
 
 
 def _represented(places: TaxelPlaces) -> Int[np.ndarray, " k"]:
-    """Return the taxel that represents each taxel's module; a taxel on no module represents itself."""
+    """Return the taxel that represents each taxel's module, itself on no module."""
     module = np.where(places.there, places.module, -1)
     found = np.where(places.there, np.arange(len(places)), _NONE)
     for number in np.unique(module[module >= 0]):
@@ -301,7 +301,7 @@ def _csv(places: TaxelPlaces, name: str) -> str:
 
 
 def _urdf(places: TaxelPlaces, name: str) -> str:
-    """Return a fixed frame for each taxel, z along its normal, below a link that the user must name."""
+    """Return a fixed frame for each taxel, z along its normal."""
     lines = [f"<!-- Taxels of {name}: put these into the robot and name the link that carries them. -->"]
     for number in np.flatnonzero(places.there).tolist():
         normal = places.normals[number]
