@@ -38,7 +38,7 @@ def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
 
 
 def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Return an image of uint8 or uint16 (upper bits) as uint8 (height, width, 3), grey repeated; None for other types."""
+    """Return an image of uint8 or uint16 (upper bits) as uint8 (height, width, 3), grey repeated; None for others."""
     if image.dtype.kind != "u" or image.dtype.itemsize > 2:
         return None
     if image.dtype.itemsize == 2:
