@@ -120,7 +120,7 @@ def diagnose(
 
 
 def misfit(solution: PayloadSolution) -> float:
-    """Return the misfit of a `Hypothesis`."""
+    """Return the misfit of `Hypothesis`."""
     lengths = np.linalg.norm(solution.residuals.reshape(-1, 2, 3), axis=2)
     return float(np.sqrt(np.prod(np.quantile(lengths, 0.8, axis=0))))
 
@@ -133,7 +133,7 @@ def points_up(payload: Payload, settings: PayloadSettings) -> bool:
 
 
 def is_bad(solution: PayloadSolution, wrenches: Float[np.ndarray, "n 6"], settings: PayloadSettings) -> bool:
-    """Return whether the residual is larger than that of a sound log, or too many samples were set aside."""
+    """Return whether residuals are larger than those of a sound log, or too many samples are set aside."""
     stated = np.zeros(2) if settings.noise is None else np.sqrt(np.diag(settings.noise).reshape(2, 3).mean(axis=1))
     variation = float(np.std(wrenches[:, 3:], axis=0).max())
     share = BAD_SHARE * np.array([np.linalg.norm(solution.payload.weight), variation])

@@ -60,7 +60,7 @@ def check_noise(
 
 
 def _scaled_svd(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return singular values over sqrt(n) in decreasing order, and their directions as rows."""
+    """Return singular values over sqrt(n), in decreasing order, and their directions as rows."""
     rows = columns.reshape(-1, columns.shape[-1])
     gram = rows.T @ rows / len(columns)  # values of 0.02 are far above its rounding
     values, vectors = np.linalg.eigh(gram)

@@ -233,7 +233,7 @@ class Compensation:
     def tare(self, recording: Recording) -> Tare:
         """Subtract the mean compensated wrench of a window from now on, and return it as a `Tare`.
 
-        Later covariances contain the error of the mean, and the payload's error less that in the window.
+        Later covariances contain the mean's error, and the payload's less that in the window.
 
         Raises:
             InputError: the window has too few samples, is not steady, or lacks forces, torques or an orientation that

@@ -310,7 +310,7 @@ class LoadCellArray:
         return ()
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings, a sentence each: a missing zero, the zeros of later starts, and a fault of the cells."""
+        """Return warnings, a sentence each: a missing zero, zeros of later starts, a fault of the cells."""
         zero = () if self._known else ("no zero of the cells was taken: the zero of the calibration is used",)
         return (*zero, *self._doubted, *(fault.text for fault in self.faults()))
 

@@ -37,7 +37,7 @@ class LoadCells(Value):
         matrix: (3 k, 6) C [V/N, V/(N m)], force first, about the origin of the surface's frame.
         noise: (3 k, 3 k) covariance [V^2] or (3 k,) standard deviations [V] of one reading.
         limits: (3 k, 2) [V] lowest and highest reading; None: not known.
-        covariance: (36, 36) of the relative error E, row by row: the true matrix is C (I + E); None: 0.
+        covariance: (36, 36) of E, row by row: the true matrix is C (I + E); None: 0.
         positions: (k, 3) [m] of the cells, NaN where not known; None: all.
         indentation: law of the soft layer on the frame; None: rigid.
         bias: (3 k,) [V] b in the calibration, with which later ones are compared; None: 0.
@@ -172,8 +172,7 @@ class LoadCells(Value):
     ) -> Float[np.ndarray, "*batch"]:
         """Return the chi-square (*batch,) of readings, the squared residual of a fitted wrench over its variance.
 
-        Its degrees of freedom are the number of used channels less 6. The variance is that of noise, drift and the
-        misfit under load.
+        Its degrees of freedom are the used channels less 6. The variance is that of noise, drift and misfit under load.
 
         Args:
             readings: (*batch, 3 k) [V], u - b.
@@ -219,7 +218,7 @@ class LoadCells(Value):
 
 @takes_arrays
 def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
-    """Require that cells do not all lie on one line: forces there have no moment about it [load cells, (4)].
+    """Require that cells are not all on one line: forces there have no moment about it [load cells, (4)].
 
     Args:
         positions: (k, 3) [m]; nothing is checked if one is not finite.
