@@ -224,15 +224,16 @@ def _tilts(down: Float[np.ndarray, "n 3"] | None, used: Bool[np.ndarray, " n"]) 
     known = np.isfinite(turned).all(axis=1)
     if not known.any():
         return turned[:, :0]
-    turned = turned - turned[known].mean(axis=0)
-    spread, axes = np.linalg.eigh(turned[known].T @ turned[known] / np.count_nonzero(known))
+    middle: Float[np.ndarray, "3"] = turned[known].mean(axis=0)
+    turned = turned - middle
+    spread, axes = np.linalg.eigh(turned[known].T @ turned[known] / int(np.count_nonzero(known)))
     return turned @ axes[:, spread > LEAST_TILT**2]
 
 
 def _made(found: Search, groups: Sequence[Sequence[int]], samples: int, *, kelvin: bool) -> DriftFit:
     """Convert the result of the search to a `DriftFit`."""
     best = found.found
-    warm_up = np.sqrt(found.rate**2 + found.rate_deviation**2)
+    warm_up: Float[np.ndarray, " m"] = np.sqrt(found.rate**2 + found.rate_deviation**2)
     for group in groups:
         warm_up[list(group)] = np.sqrt(np.mean(warm_up[list(group)] ** 2))
     drift = Drift(

@@ -113,7 +113,7 @@ class Search:
         without = self._given(None)
         steady = self._given(np.inf, without)
         settling, best = self._settled(steady)
-        freedom = self.windows.mean.shape[1] + 1
+        freedom: int = self.windows.mean.shape[1] + 1
         gain = 2.0 * (best.likelihood - without.likelihood)
         self.warm = bool(gain > 2.0 * gammaincinv(freedom / 2.0, SURE))  # by chi-square
         self.settling = settling if self.warm else np.inf

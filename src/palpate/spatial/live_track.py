@@ -134,7 +134,8 @@ class LiveTrack(PoseTrack):
     def _before(self, age: Float[np.ndarray, " k"]) -> np.ndarray:
         """Return the rows (k,) that are about as long before the newest as the age."""
         stamps: Float[np.ndarray, " n"] = self._rows[:, 0]
-        found: Int[np.ndarray, " k"] = np.searchsorted(stamps, stamps[-1] - age, side="right") - 1
+        wanted: Float[np.ndarray, " k"] = stamps[-1] - age
+        found: Int[np.ndarray, " k"] = np.searchsorted(stamps, wanted, side="right") - 1
         return np.clip(found, 0, len(stamps) - 2)
 
 

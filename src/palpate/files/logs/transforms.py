@@ -166,7 +166,8 @@ def _bytes(data: bytes, at: Int[np.ndarray, " n"], width: int) -> np.ndarray:
 
 def _in_order(pieces: list[Transforms]) -> Transforms:
     """Join transforms, sorted by message."""
-    pieces = [Transforms(*np.zeros((4, 0), dtype=np.int64), np.zeros((0, 7))), *pieces]
+    none = np.zeros(0, dtype=np.int64)
+    pieces = [Transforms(none, none, none, none, np.zeros((0, 7))), *pieces]
     joined = [np.concatenate([getattr(piece, each.name) for piece in pieces]) for each in fields(Transforms)]
     order = np.argsort(joined[3], kind="stable")
     return Transforms(*(values[order] for values in joined))

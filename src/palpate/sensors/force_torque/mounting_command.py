@@ -170,7 +170,7 @@ def _in_sensor(
 
 
 def _picked(touches: TrueTouches, rows: Rows) -> TrueTouches:
-    labels = tuple(touches.label[row] for row in rows)
+    labels = tuple(touches.label[int(row)] for row in rows.tolist())
     return TrueTouches(touches.start[rows], touches.end[rows], touches.point[rows], labels)
 
 

@@ -243,17 +243,17 @@ def fit_rings(
             markers or do not lie one around the other.
         NotIdentifiable: the first ring is no even ring about the picture's middle.
     """
-    pixels, rings = rest_pixels, shaped(rings, (None,), "rings")
-    if not len(rings) or len(pixels) % len(rings):
-        raise InputError(f"{len(pixels)} markers cannot be divided equally among {len(rings)} rings.")
-    if len(rings) == 1:
+    pixels, heights = rest_pixels, shaped(rings, (None,), "rings")
+    if not len(heights) or len(pixels) % len(heights):
+        raise InputError(f"{len(pixels)} markers cannot be divided equally among {len(heights)} rings.")
+    if len(heights) == 1:
         return fit_ring_view(pixels, radius, **camera)
-    inmost = np.split(np.argsort(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1)), len(rings))
-    owned = dict(zip(np.argsort(rings).tolist(), inmost, strict=True))  # the nearer, the larger in the picture
+    inmost = np.split(np.argsort(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1)), len(heights))
+    owned = dict(zip(np.argsort(heights).tolist(), inmost, strict=True))  # the nearer, the larger in the picture
     view, first = fit_ring_view(pixels[owned[0]], radius, **camera)
     order, angles = [owned[0][first]], [view.angles]
-    for ring in range(1, len(rings)):
-        x, y = view.to_plane(pixels[owned[ring]], rings[ring : ring + 1]).T
+    for ring in range(1, len(heights)):
+        x, y = view.to_plane(pixels[owned[ring]], heights[ring : ring + 1]).T
         turn: Float[np.ndarray, " m"] = np.sort(np.arctan2(y, x))
         gaps: Float[np.ndarray, " m"] = np.append(turn[1:], turn[0] + 2.0 * np.pi) - turn
         usual = 2.0 * np.pi / len(turn)
@@ -263,7 +263,7 @@ def fit_rings(
             raise InputError(said, where="marker_ring.rings", hint=hint)
         order.append(owned[ring][np.argsort(np.arctan2(y, x))])
         angles.append(turn)
-    return RingView(view.camera, view.pose, radius, np.concatenate(angles), rings), np.concatenate(order)
+    return RingView(view.camera, view.pose, radius, np.concatenate(angles), heights), np.concatenate(order)
 
 
 def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:

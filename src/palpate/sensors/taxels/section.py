@@ -215,7 +215,9 @@ class SkinSection(SensorSection):
 def _layout(setup: Setup) -> LogLayout:
     skin = setup.of(SkinSection)
     cells = ArrayChannel(CELLS, skin.shape(), skin.table.cells, skin.table.topic, table="skin")
-    return LogLayout(wrench=None, arrays=(cells,), **setup.common | {"rate": skin.table.rate or setup.time.rate})
+    common = setup.common
+    common["rate"] = skin.table.rate or setup.time.rate
+    return LogLayout(wrench=None, arrays=(cells,), **common)
 
 
 def _build(setup: Setup) -> BuiltEstimator:

@@ -142,7 +142,7 @@ class AnswerReader:
         values = np.concatenate([each for _, each in self._head])[:HEAD]
         whole = values.dtype.kind in "iu" or bool((values == np.rint(values)).all())
         cells = self._sign * values.astype(np.float64)
-        known = np.isfinite(cells).all(axis=1)
+        known = np.asarray(np.isfinite(cells).all(axis=1), dtype=bool)
         if np.count_nonzero(known) < FEWEST:
             raise InputError(
                 f"only {np.count_nonzero(known)} of the first {len(known)} frames of taxels have all their readings.",

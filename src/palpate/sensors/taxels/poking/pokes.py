@@ -98,12 +98,13 @@ class Pokes(Value):
         """
         above = responses > threshold
         poke, taxel = np.nonzero(above)
-        (count, taxels), response = responses.shape, responses[poke, taxel]
+        count, taxels = (int(size) for size in responses.shape)
+        response = responses[poke, taxel]
         starts = np.concatenate([[0], np.cumsum(above.sum(axis=1))])
-        weight = np.ones(count) if weight is None else weight
-        time = np.full(count, np.nan) if time is None else time
+        weights: Float[np.ndarray, " n"] = np.ones(count) if weight is None else weight
+        times: Float[np.ndarray, " n"] = np.full(count, np.nan) if time is None else time
         return cls(
-            wrench, rotation, origin, configuration, starts, taxel, response, taxels, noise, weight, time, threshold
+            wrench, rotation, origin, configuration, starts, taxel, response, taxels, noise, weights, times, threshold
         )
 
     def __len__(self) -> int:

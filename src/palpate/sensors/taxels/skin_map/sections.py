@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -86,7 +86,7 @@ def _crossings(
     """Return the lines that cross segments, those segments, and the offsets [m] along the lines."""
     if not chart.round:
         begin, end = ends[..., 0].min(axis=1), ends[..., 0].max(axis=1)
-        segment, line = _runs(np.searchsorted(v, begin, "left"), np.searchsorted(v, end, "right"))
+        segment, line = _runs(_places(v, begin, "left"), _places(v, end, "right"))
         a, b = ends[segment, 0], ends[segment, 1]
         backward = b[:, 0] < a[:, 0]
         return line, segment, np.where(backward, _between(b, a, v[line])[:, 1], _between(a, b, v[line])[:, 1])
@@ -96,7 +96,7 @@ def _crossings(
     begin = v[0] + np.mod(begin - v[0], 2 * np.pi)
     tiled = np.concatenate([v, v + 2 * np.pi])
     end = begin + np.abs(turn)
-    segment, line = _runs(np.searchsorted(tiled, begin - _SAME, "left"), np.searchsorted(tiled, end + _SAME, "right"))
+    segment, line = _runs(_places(tiled, begin - _SAME, "left"), _places(tiled, end + _SAME, "right"))
     line = line % len(v)
     a, side = ends[segment, 0], ends[segment, 1] - ends[segment, 0]
     x, y = np.cos(v[line]), np.sin(v[line])
@@ -104,6 +104,10 @@ def _crossings(
     usable = np.abs(across) > 1e-9 * np.abs(side).max(axis=1)
     met = (a[:, 0] * side[:, 1] - a[:, 1] * side[:, 0]) / np.where(usable, across, 1.0)
     return line, segment, cast("Any", np.where(usable, met, np.hypot(a[:, 0], a[:, 1])))
+
+
+def _places(planes: np.ndarray, at: np.ndarray, side: Literal["left", "right"]) -> Int[np.ndarray, " n"]:
+    return cast("Any", np.searchsorted(planes, at, side=side))
 
 
 def _runs(first: Int[np.ndarray, " n"], last: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
