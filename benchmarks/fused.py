@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from evidence.row import Row
+from palpate.sensors.fused import _kernels as _fused
 from palpate.sensors.fused.locator import FusedLocator, FusionSettings
 from palpate.surfaces import Cylinder
 
@@ -35,11 +36,12 @@ def drawn(count: int, friction: float, rng: np.random.Generator) -> tuple[np.nda
 def rows(small: bool) -> Iterator[Row]:
     """Medians of single calls."""
     calls, rng = (50 if small else 20_000), np.random.default_rng(0)
-    locator = FusedLocator(Cylinder(0.04, 0.2))
+    prior = FusionSettings()
     *skin, wrenches, covariances = drawn(3, 0.3, rng)
-    given = (locator.rows(*skin), wrenches[0].copy(), covariances[0].copy())
-    into = (np.empty((3, 5)), np.empty((9, 9)), np.empty(16))
-    took = _timed(lambda: locator.fuse_into(*given, *into), calls)
+    known = np.array([prior.tangential, prior.gain, prior.floor, prior.friction, prior.turns])
+    given = (FusedLocator.rows(*skin), wrenches[0].copy(), covariances[0].copy(), known)
+    into = (np.empty(36 + _fused.room(3, 1)), np.empty((3, 5)), np.empty((9, 9)), np.empty(16))
+    took = _timed(lambda: _fused.fuse_one(*given, *into), calls)
     what = "forces of 3 contacts and one wrench, closed form with covariance, into arrays"
     yield Row(NAME, what, f"<= {CLOSED:g} us p50", _said(took), None if small else took[0] <= CLOSED, COMMAND)
     tight = FusedLocator(Cylinder(0.04, 0.2), FusionSettings(friction=0.3))

@@ -13,7 +13,7 @@ from numba import njit
 
 import palpate
 from benchmarks import rivals
-from palpate.contact.neighbours import in_space
+from palpate.contact.locate import in_space
 from palpate.surfaces import _bvh
 from palpate.surfaces._patches import FLAT as FACET
 from palpate.surfaces._patches import patch_rows

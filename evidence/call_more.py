@@ -25,15 +25,14 @@ def more_calls(made: dict[str, dict[str, Any]], *, small: bool) -> None:
 
 
 def _poses_and_motion() -> None:
-    from palpate.control.admittance import Admittance
     from palpate.control.control_law import Sensed
-    from palpate.control.paper_law import Plain
     from palpate.control.probe_face import ProbeFace
-    from palpate.control.stability import DelayedRobot
+    from palpate.control.stability import Admittance, DelayedRobot
     from palpate.signals.acceleration import kind_of_acceleration
     from palpate.spatial.live_track import LiveTrack
     from palpate.spatial.pose import Pose
     from palpate.surfaces import Sphere
+    from palpate_lab.papers.probe_law import Plain
 
     time, still = np.arange(20) * 0.01, np.tile([0.0, 0.0, 0.0, 1.0], (20, 1))
     track = LiveTrack()
@@ -204,6 +203,4 @@ def fused_calls(seen: Seen) -> None:
     estimator.run_into(time, np.zeros((2, width)), estimator.empty(2 * estimator.most), np.zeros(2, np.int64), extra)
     touch = (np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1), np.ones(1), np.eye(3)[None])
     wrench = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
-    out, covariance, total = np.empty((1, 5)), np.empty((3, 3)), np.empty(16)
     locator.fuse(*touch, wrench[None], np.eye(6)[None])
-    locator.fuse_into(locator.rows(*touch), wrench, np.eye(6), out, covariance, total)

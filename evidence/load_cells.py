@@ -171,7 +171,7 @@ def _torque(runs: Runs) -> Iterator[Row]:
 
 def _said(runs: Runs, bench: Bench) -> tuple[str, bool]:
     try:
-        notes = runs.calibrated(bench).notes
+        notes = runs.calibrated(bench).cells.notes
     except palpate.NotIdentifiable as refusal:
         return f"refused: {refusal}", True
     return "; ".join(notes) or "nothing", any("riction" in text for text in notes)
@@ -309,7 +309,7 @@ def _starts(count: int) -> Iterator[Row]:
             continue
         sensor = LoadCellArray(found.cells, zero=Zero(np.zeros(12)))
         fingertip = palpate.WrenchEstimator(palpate.Locator(SURFACE), sensor)
-        led += any("not followed" in note for note in found.notes)
+        led += any("was not used" in note for note in found.cells.notes)
         points.append(fingertip.run(palpate.Recording(np.zeros(49), {VOLTAGE: wrenches})).point)
         costs.append(found.fit.cost)
     spread = float(np.linalg.norm(np.ptp(points, axis=0), axis=1).max())

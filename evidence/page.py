@@ -76,11 +76,11 @@ def _contacts(count: int) -> tuple[Mesh, Contacts]:
 
 def _scrubbed(page: Page, what: str, seconds: float, least: float | None) -> Row:
     """A slider that is thrown about: wishes at some 200 Hz, of which the page draws the latest."""
-    rng, end, shown, last = np.random.default_rng(79), monotonic() + seconds, 0, page.index
+    rng, end, shown, last = np.random.default_rng(79), monotonic() + seconds, 0, page.session.index
     while monotonic() < end:
-        page.seek(float(rng.uniform(0.0, page.scene.timeline.duration)))
+        page.session.seek(float(rng.uniform(0.0, page.scene.timeline.duration)))
         sleep(0.005)
-        shown, last = shown + (page.index != last), page.index
+        shown, last = shown + (page.session.index != last), page.session.index
     rate, target = shown / seconds, "" if least is None else f"> {least:g} a second"
     got = f"{rate:.1f} updates a second (20 are the most that it makes)"
     return Row(

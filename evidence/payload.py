@@ -51,7 +51,10 @@ def _real(folder: Path) -> Iterator[Row]:
         ("wrenches in the base frame", "base frame", wrenches),
         ("y and z swapped", "y and z swapped", sensor[:, SWAP]),
     ):
-        said = " ".join(palpate.identify_payload(mistaken, rotations).notes)
+        try:
+            said = " ".join(palpate.identify_payload(mistaken, rotations).notes)
+        except palpate.InputError as refusal:
+            said = str(refusal)
         yield Row(NAME, f"a hundred poses, {what}", "named", said, f"hypothesis={name!r}" in said, COMMAND)
 
 

@@ -226,7 +226,6 @@ NAMED = re.compile(
 STILL_NAMED = {  # a shorter list is better
     "setup/kinds.py",
     "files/models/kinds.py",
-    "files/logs/naming.py",
     "files/logs/topics.py",
 }
 

@@ -93,7 +93,10 @@ class Session:
 
     def averaged(self, *, surface: bool) -> tuple[list[Found], list[Found]]:
         """The paper's way: each dataset alone, and the mean over datasets 1 to n."""
-        singles = paper.averaged(self.made(), SURFACE if surface else None)[1]
+        pokes, singles = self.made(), list[np.ndarray]()
+        for number in range(pokes.configurations):
+            own = paper.normal_equations(pokes.picked(pokes.configuration == number), weighted=True)
+            singles.append(paper.on_surface(own, SURFACE) if surface else paper.free(own))
         there = np.isfinite(np.stack(singles)).all(axis=2)
         total = np.cumsum(np.where(there[..., None], np.stack(singles), 0.0), axis=0)
         count = np.cumsum(there, axis=0)[..., None]
@@ -116,7 +119,7 @@ class Session:
         if name == "pooled, free":
             return Found.of(paper.free(paper.normal_equations(pokes, weighted=True)))
         if name == "averaged, surface":
-            return Found.of(paper.averaged(pokes, SURFACE)[0])
+            return self.averaged(surface=True)[1][-1]
         method, _, begun = name.partition(", ")
         start = SKIN.cad(np.random.default_rng((self.seed, 1))) if begun else None
         layout = SKIN.layout if method == "modules" and start is None else None

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from palpate.calibration._pose_fit import _scale, fit, offset
-from palpate.calibration._touch_evidence import KnownPoints, moved
+from palpate.calibration._touch_evidence import KnownPoints, _scale, fit, moved, offset
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.touch_error import spread_in_time, touch_error
 from palpate.contact.ground_truth import TrueTouches

@@ -17,7 +17,7 @@ from palpate.contact.locate import Locator
 from palpate.sensors.force_torque.view import force_torque, wrench_advice
 from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.sensors.load_cells.view import load_cells
-from palpate.sensors.taxels.view import taxels
+from palpate.sensors.taxels.view import taxel_section
 from palpate.setup import Rig
 from palpate.setup.surface import RigSurface
 from palpate.setup.tables import RigEstimate, RigForceTorque, RigNoise, RigPair, RigThresholds
@@ -164,10 +164,10 @@ def test_of_two_contacts_at_once_the_one_at_the_truth_is_judged() -> None:
 
 
 def test_taxels_show_contacts_on_the_unrolled_sheet_where_there_is_one() -> None:
-    found = taxels(_two_at_once(), (("dead", "cell (0, 1)"),), (6, 22), ("a note",))
+    found = taxel_section(_two_at_once(), (("dead", "cell (0, 1)"),), (6, 22), ("a note",))
     assert len(found.pictures) == 1
     assert (found.settings, found.points) == ((("dead", "cell (0, 1)"),), ("a note",))
-    assert taxels(_two_at_once(), ()).pictures == ()
+    assert taxel_section(_two_at_once(), (), None, ()).pictures == ()
 
 
 @pytest.mark.parametrize("kind", [Status.NO_POSE, Status.SATURATED, Status.INVALID, Status.OFF_SURFACE])

@@ -14,8 +14,7 @@ import pytest
 from scipy.stats import chi2
 
 from palpate.contact import ROW, ContactEstimate, Locator, Status
-from palpate.contact.locate import locate
-from palpate.contact.neighbours import in_space
+from palpate.contact.locate import in_space, locate
 from palpate.errors import InputError
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact import _neighbours
-from palpate.contact.neighbours import in_space
+from palpate.contact.locate import in_space
 
 BITS = np.arange(5)
 SPREAD = (((np.arange(_neighbours.CELLS)[:, None] >> BITS) & 1) << (3 * BITS)).sum(axis=1)

@@ -9,9 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.control import _align
-from palpate.control.admittance import Admittance
 from palpate.control.control_law import Sensed
-from palpate.control.paper_law import Plain
 from palpate.control.probe_face import ProbeFace
 from palpate.control.tracking_law import Follow
 from palpate.errors import InputError
@@ -124,7 +122,3 @@ def test_the_stiffness_is_learned_while_it_presses(face: ProbeFace) -> None:
 def test_gains_that_are_none_are_refused(face: ProbeFace) -> None:
     with pytest.raises(InputError, match="stiffness"):
         Follow(face, FORCE, stiffness=2e4, stiffest=1e4)
-    with pytest.raises(InputError, match="damping of at least"):
-        Plain(face, FORCE, Admittance(10.0, 60.0), 2.6, stiffest=2500.0)
-    with pytest.raises(InputError, match="bandwidth"):
-        Plain(face, FORCE, Admittance(10.0, 290.0), 0.0, stiffest=2500.0)

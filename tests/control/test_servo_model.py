@@ -88,7 +88,7 @@ def test_without_lag_and_ramp_a_command_is_there_at_once() -> None:
 
 def test_feedback_is_followed_slowly_and_nan_is_left_out() -> None:
     """A sag of 1 mrad is known to exp(-t/correction)."""
-    model = ServoModel(Servo(), 1, correction=0.1)
+    model = ServoModel(Servo(), 1)
     model.start(0.0, np.zeros(1))
     for k in range(1, 51):
         model.advance(0.02 * k)
@@ -98,7 +98,7 @@ def test_feedback_is_followed_slowly_and_nan_is_left_out() -> None:
 
 def test_feedback_is_held_against_the_moment_that_it_is_of() -> None:
     """What comes 20 ms late is no offset: on a ramp of 1 rad/s that would be 20 mrad."""
-    model = ServoModel(Servo(), 1, correction=0.1)
+    model = ServoModel(Servo(), 1)
     model.start(0.0, np.zeros(1))
     joints = {}
     for k in range(200):

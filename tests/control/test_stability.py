@@ -8,8 +8,8 @@ import pickle
 import numpy as np
 import pytest
 
-from palpate.control.admittance import Admittance
 from palpate.control.stability import (
+    Admittance,
     DelayedRobot,
     Tracker,
     admittance_radius,
@@ -31,6 +31,22 @@ ROBOTS = [
     ROBOT,
     DelayedRobot(DT, delay=1, ramp=True, lag=0.03, order=2, smoothing=0.016),
 ]
+
+
+def test_a_constant_error_ends_in_its_share_of_the_damping() -> None:
+    """The recursion's closed form, v = (1 - (1 - a)^k) error/D with a = dt D/M, to rounding."""
+    law, speed, dt = Admittance(10.0, 290.0), 0.0, 0.02
+    for k in range(1, 200):
+        speed = law.step(speed, 2.0, dt)
+        assert speed == pytest.approx((1.0 - (1.0 - dt * 29.0) ** k) * 2.0 / 290.0, rel=1e-9)
+    assert law.step(speed, np.nan, dt) == 0.0
+    assert law.step(np.inf, 1.0, dt) == 0.0
+
+
+@pytest.mark.parametrize("wrong", [(0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (1.0, np.inf)])
+def test_mass_and_damping_are_positive(wrong: tuple[float, float]) -> None:
+    with pytest.raises(InputError, match="must be positive"):
+        Admittance(*wrong)
 
 
 class Servo:

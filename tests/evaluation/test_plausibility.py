@@ -35,14 +35,14 @@ def _touches(seed: int) -> np.ndarray:
 )
 def test_wrong_units_are_doubted_and_right_ones_are_not(torque: float, length: float, word: str) -> None:
     wrenches = _touches(0) * np.repeat([1.0, torque], 3)
-    doubt = lines_of_action(wrenches, CENTRE * length, SIZE * length).doubt
+    doubt = lines_of_action(wrenches, CENTRE * length, SIZE * length)
     assert word in doubt
     assert bool(doubt) == bool(word)
 
 
 def test_nothing_pressed_is_not_doubted() -> None:
-    assert lines_of_action(np.zeros((5, 6)), CENTRE, SIZE).doubt == ""
-    assert lines_of_action(np.full((5, 6), np.nan), CENTRE, SIZE).doubt == ""
+    assert lines_of_action(np.zeros((5, 6)), CENTRE, SIZE) == ""
+    assert lines_of_action(np.full((5, 6), np.nan), CENTRE, SIZE) == ""
     assert never_at_rest(np.full((5, 6), np.nan), 1.0) == ""
 
 

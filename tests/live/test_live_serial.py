@@ -6,6 +6,7 @@ import errno
 import os
 import random
 import struct
+import sys
 import time
 import tomllib
 import zlib
@@ -29,7 +30,7 @@ from palpate.setup.source import RigSource
 
 oracle = pytest.importorskip("cobs.cobs")
 pytest.importorskip("serial")
-from palpate.live.serial import Framing, SerialPort  # noqa: E402 - skipped above where pyserial is absent
+from palpate.live.serial import SerialPort  # noqa: E402 - skipped above where pyserial is absent
 
 PATIENCE = 20.0  # s for what takes milliseconds on an idle machine
 
@@ -44,7 +45,7 @@ def _frame(raw: bytes, kind: int = 0, count: int | None = None, counter: int = 1
     return oracle.encode(body + struct.pack("<I", zlib.crc32(body))) + b"\x00"
 
 
-def _taken(frames: Framing, count: int, room: int = 256) -> tuple[np.ndarray, np.ndarray]:
+def _taken(frames: CobsFrames | LineFrames, count: int, room: int = 256) -> tuple[np.ndarray, np.ndarray]:
     """All samples that were fed, and what was lost before each."""
     values, lost = np.full((room, count), np.nan), np.zeros(room, dtype=np.int64)
     parts: list[tuple[np.ndarray, np.ndarray]] = []
@@ -636,6 +637,12 @@ def test_what_is_there_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_the_shape_is_that_of_the_sensor(sensor: str, shape: tuple[int, ...]) -> None:
     assert _port("[source]\nkind = 'serial'\naddress = 'x'", sensor).shape == shape
+
+
+def test_what_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "palpate.live.cobs", None)
+    with pytest.raises(InputError, match="frames on a serial port need cobs"):
+        _port("[source]\nkind = 'serial'\naddress = 'x'\nframing = 'cobs'")
 
 
 def test_a_frame_of_many_axes_is_filled_row_by_row(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.files.schema import parse
 from palpate.optical.fisheye import Fisheye, RingView
-from palpate.sensors.marker_ring.camera_file import CAMERA
+from palpate.sensors.marker_ring.files import CAMERA
 from palpate.spatial.pose import Pose
 
 LENS = Fisheye(204.0, 203.0, 318.7, 241.3, 0.03, -0.01, 0.002, -0.0005)

@@ -26,10 +26,10 @@ COLOURS = {
 }
 
 
-def _tracker(**more: int) -> MarkerTracker:
+def _tracker() -> MarkerTracker:
     blobs = find_blobs(drawn(REST), RED)
     nearest = np.linalg.norm(blobs.pixels[None] - REST[:, None], axis=-1).argmin(axis=1)
-    return MarkerTracker(VIEW, RED, blobs.pixels[nearest], blobs.areas[nearest], **more)
+    return MarkerTracker(VIEW, RED, blobs.pixels[nearest], blobs.areas[nearest])
 
 
 def _run(tracker: MarkerTracker, frames: list[np.ndarray]) -> tuple[np.ndarray, list[bool], list[FrameProblem]]:
@@ -267,17 +267,17 @@ def test_what_is_found_depends_on_the_frames_since_reset_only() -> None:
 
 
 def test_frames_that_cannot_be_used_are_told_and_those_after_them_are() -> None:
-    rng, tracker = np.random.default_rng(7), _tracker(frozen_after=2)
+    rng, tracker = np.random.default_rng(7), _tracker()
     good = [drawn(REST, noise=2.0, rng=rng) for _ in range(3)]
     few = drawn(REST[:10], noise=2.0, rng=rng)
-    frames = [good[0], np.zeros_like(good[0]), good[1][:100], good[1], good[1], good[1], few, good[2]]
+    frames = [good[0], np.zeros_like(good[0]), good[1][:100], *6 * [good[1]], few, good[2]]
     out, _, told = _run(tracker, frames)
     f = FrameProblem
-    assert told == [f.OK, f.BLACK, f.WRONG_SIZE, f.OK, f.OK, f.FROZEN, f.LOST, f.OK]
+    assert told == [f.OK, f.BLACK, f.WRONG_SIZE, *5 * [f.OK], f.FROZEN, f.LOST, f.OK]
     assert np.isnan(out[[1, 2]]).all()
-    assert np.isfinite(out[5]).all()  # a frozen picture still shows markers
-    assert np.isfinite(out[6, :10]).all()
-    assert np.isnan(out[6, 10:]).all()
+    assert np.isfinite(out[8]).all()  # a frozen picture still shows markers
+    assert np.isfinite(out[9, :10]).all()
+    assert np.isnan(out[9, 10:]).all()
 
 
 def test_a_tracker_says_what_does_not_fit() -> None:

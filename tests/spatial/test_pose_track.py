@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from palpate.spatial.interpolate import slerp
-from palpate.spatial.pose_track import PoseTrack
+from palpate.spatial.pose_track import PoseTrack, slerp
 
 COUNT = 40
 STAMPS = np.cumsum(np.random.default_rng(2).uniform(0.02, 0.2, COUNT))

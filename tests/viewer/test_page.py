@@ -76,36 +76,36 @@ def test_the_page_is_drawn(view: object, tmp_path: Path) -> None:
 
 def test_the_slider_moves_everything(view: object, page: Page) -> None:
     """Through the page's own elements: keys on the slider's thumb."""
-    before, shown = page.index, view.inner_text("table")
+    before, shown = page.session.index, view.inner_text("table")
     thumb = view.get_by_role("slider").first
     thumb.focus()
     for _ in range(5):
         thumb.press("ArrowRight")
-    until(lambda: page.index == before + 5, "the server does not hear the slider")
+    until(lambda: page.session.index == before + 5, "the server does not hear the slider")
     until(lambda: f"sample {before + 5}" in view.inner_text("table"), "the panel does not follow")
     assert view.inner_text("table") != shown
     thumb.press("Home")
-    until(lambda: page.index == 0, "the server does not hear the slider")
+    until(lambda: page.session.index == 0, "the server does not hear the slider")
     view.get_by_text("no contact", exact=True).first.wait_for()
 
 
 def test_next_leads_to_the_touch_and_play_runs(view: object, page: Page, scene: Scene) -> None:
-    page.seek(0.0)
+    page.session.seek(0.0)
     view.get_by_role("button", name="next").click()
-    until(lambda: page.index == scene.timeline.touches[0], "no step to the touch")
+    until(lambda: page.session.index == scene.timeline.touches[0], "no step to the touch")
     view.get_by_role("button", name="Play").click()
-    until(lambda: page.index > scene.timeline.touches[0] + 5, "it does not play")
+    until(lambda: page.session.index > scene.timeline.touches[0] + 5, "it does not play")
     view.get_by_role("button", name="Pause").click()
-    until(lambda: not page.playing, "it does not pause")
+    until(lambda: not page.session.playing, "it does not pause")
 
 
 def test_the_camera_turns_to_the_side_that_is_touched(view: object, page: Page, scene: Scene) -> None:
     """Seen against the normal, whatever side it was seen from before; the browser says where its camera is."""
 
     def there() -> bool:  # a click of the test before may come late on a busy machine, and play on
-        page.play(False)
-        page.seek(10.0)
-        return page.index == 200
+        page.session.play(False)
+        page.session.seek(10.0)
+        return page.session.index == 200
 
     until(there, "no seeking")
     view.get_by_role("button", name="focus contact").click()

@@ -18,7 +18,7 @@ from palpate.viewer.captions import comparison
 from palpate.viewer.marker import Marker, fade
 from palpate.viewer.scene import LARGE, SMALL, Scene, prepare, rim
 from palpate.viewer.server import Page
-from palpate.viewer.timeline import Timeline
+from palpate.viewer.timeline import Timeline, next_of
 from palpate_lab.viewer.live_arena import LiveArena
 from tests.support.arena_scenes import arena
 from tests.support.arena_scenes import scene as arena_scene
@@ -57,8 +57,8 @@ def test_steps_go_to_samples_of_touches_only() -> None:
     touched[10:20] = touched[40] = touched[60:70] = True
     timeline = Timeline.of(np.arange(100) / 100.0, touched)
     assert timeline.in_touch.tolist() == [*range(10, 20), *range(60, 70)]
-    assert [timeline.touched_sample(k, 1) for k in (0, 10, 19, 40, 69)] == [10, 11, 60, 60, 69]
-    assert [timeline.touched_sample(k, -1) for k in (99, 60, 40, 10)] == [69, 19, 19, 10]
+    assert [next_of(timeline.in_touch, k, 1) for k in (0, 10, 19, 40, 69)] == [10, 11, 60, 60, 69]
+    assert [next_of(timeline.in_touch, k, -1) for k in (99, 60, 40, 10)] == [69, 19, 19, 10]
 
 
 def test_an_ellipse_lies_on_the_body_however_large(scene: Scene) -> None:

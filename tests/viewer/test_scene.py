@@ -19,7 +19,7 @@ from palpate.viewer.captions import MEANING, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
 from palpate.viewer.marker import facing
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, prepare, rounded_up
-from palpate.viewer.timeline import Timeline, downsampled
+from palpate.viewer.timeline import Timeline, downsampled, next_of
 from tests.support.pages import BODY, SPREAD, ellipsoid, session, tangents, two_contacts
 
 
@@ -215,8 +215,8 @@ def test_touches_are_stepped_through() -> None:
     touched = np.array([0, 1, 1, 0, 0, 1, 0, 1], dtype=bool)
     timeline = Timeline.of(np.arange(8.0), touched)
     assert timeline.touches.tolist() == [2, 5, 7]  # their middles
-    assert [timeline.touch(k, 1) for k in (0, 1, 4, 7)] == [2, 2, 5, 7]
-    assert [timeline.touch(k, -1) for k in (0, 1, 4, 7)] == [0, 1, 2, 5]
+    assert [next_of(timeline.touches, k, 1) for k in (0, 1, 4, 7)] == [2, 2, 5, 7]
+    assert [next_of(timeline.touches, k, -1) for k in (0, 1, 4, 7)] == [0, 1, 2, 5]
 
 
 def test_a_log_without_a_touch_or_a_noise_is_shown_all_the_same() -> None:

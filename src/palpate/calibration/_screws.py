@@ -13,13 +13,13 @@ NEAR = 0.95  # of its squared length: a direction is called by the axis that it 
 def name_motions(basis: Float[np.ndarray, "6 k"], angle: float, length: float) -> tuple[str, ...]:
     """Return one name for each dimension of a space of small motions.
 
-    Args:
-        basis: orthonormal columns (rotation / angle, translation of the body's origin / length), in the body's axes.
-        angle: [rad] that the rows of the rotation were divided by.
-        length: [m] that the rows of the translation were divided by.
+    Motions along the body's axes come first, as far as the space contains them, then pure translations.
 
-    Motions along the body's axes are named first, as far as the space contains them; then pure translations; the
-    remaining ones are rotations about an axis somewhere else.
+    Args:
+        basis: (6, k) orthonormal columns (rotation / angle, translation of the body's origin / length), in the body's
+            axes.
+        angle: [rad] that the rotation was divided by.
+        length: [m] that the translation was divided by.
     """
     names: list[str] = []
     while basis.shape[1]:
@@ -44,7 +44,7 @@ def _clearest(basis: Float[np.ndarray, "6 k"], angle: float, length: float) -> t
 
 
 def _screw(rotation: Float[np.ndarray, "3"], translation: Float[np.ndarray, "3"]) -> str:
-    """Name a rotation about an axis through omega x v / |omega|^2, which slides along it by omega . v / |omega|^2."""
+    """Name a rotation about an axis through omega x v / |omega|^2, and its slide by omega . v / |omega|^2."""
     square = float(rotation @ rotation)
     through = np.cross(rotation, translation) / square * 1e3
     slide = float(rotation @ translation) / square * 1e3

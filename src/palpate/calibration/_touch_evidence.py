@@ -1,4 +1,4 @@
-"""Compute what touches tell about a surface's pose: a residual that vanishes at the true pose, its slope and its size.
+"""Find the most probable pose of a surface from touches and a prior: damped Gauss-Newton with robust weights.
 
 Poses are T_sensor_surface = (R, t), moved by x = (omega, delta): R <- exp(omega) R, t <- t + delta.
 """
@@ -18,9 +18,11 @@ from palpate.spatial.pose import Pose, skew
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh
 
-__all__ = ["Evidence", "KnownPoints", "SomewhereOnSurface", "Spreads", "moved"]
+__all__ = ["Evidence", "KnownPoints", "SomewhereOnSurface", "Spreads", "fit", "offset"]
 
 FLOOR = 1e-5  # m: no touch is believed to be placed better than this, even if the caller states no noise at all
+USUAL = 3.0  # standard deviations of a touch: beyond it its weight falls (Huber 1964)
+MEDIAN = 2.366  # of the chi-square with 3 degrees of freedom
 STEP = 0.03  # rad, and a third of it in sizes of the surface: over many facets, so that the slope is the body's
 
 
@@ -29,9 +31,9 @@ class Spreads:
     """Expected standard deviations of quantities that are not measured.
 
     Args:
-        prior: [rad, m] of the initial rotation, and position of the surface's origin, by axis.
-        placement: [m] of how well a mark is hit (and the mesh known), by axis.
-        torsion: [m] of the torque about the normal over |F|.
+        prior: of the initial rotation [rad], and position of the surface's origin [m], by axis.
+        placement: of how well a mark is hit [m], by axis, errors of the mesh included.
+        torsion: of the torque about the normal over |F| [m].
         friction: of each tangential part of the unit force; used without points only.
 
     Raises:
@@ -49,7 +51,7 @@ class Spreads:
 
     @property
     def sizes(self) -> Float[np.ndarray, "6"]:
-        """Standard deviations of the prior for each motion, (6,) [rad, m]."""
+        """Standard deviations (6,) of the prior [rad, m]."""
         return np.repeat(np.asarray(self.prior, dtype=np.float64), 3)
 
 
@@ -79,6 +81,12 @@ class Evidence(ABC):
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
         """Return the matrices that make the residual's expected covariance the identity, (n, k, k)."""
 
+    def whitened(self, pose: Pose) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 6"]]:
+        """Return the residuals (n k,) of all touches at a pose, in standard deviations, and their slopes (n k, 6)."""
+        whitener = self.whitener(pose)
+        slopes: Float[np.ndarray, "m 6"] = (whitener @ self.jacobian(pose)).reshape(-1, 6)
+        return _applied(whitener, self.residual(pose)).ravel(), slopes
+
     def _unexplained(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Return M - p x F."""
         return self.wrenches[:, 3:] - np.cross(points, self.wrenches[:, :3])
@@ -86,7 +94,7 @@ class Evidence(ABC):
     def _torque_whitener(
         self, points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "n 3 3"]:
-        """Return the whitener of M - p x F: noise of M and of F with lever p, touch's place with lever F, torsion."""
+        """Return the whitener of M - p x F: noise, place of the touch, torsion."""
         force = skew(self.wrenches[:, :3])
         square = np.sum(self.wrenches[:, :3] ** 2, axis=1)[:, None, None]
         lever = np.concatenate([-skew(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
@@ -99,36 +107,39 @@ class Evidence(ABC):
 
 @dataclass(frozen=True)
 class KnownPoints(Evidence):
-    """Touches at known points: r = M - (R p + t) x F is the torsion about the normal and noise, nothing else.
+    """Touches at known points: r = M - (R p + t) x F is noise and the torsion about the normal R n.
 
-    The torsion is integrated out: it only widens the covariance along the normal R n.
+    Args:
+        points: (n, 3) [m] in the surface's frame.
+        normals: (n, 3) at the points.
     """
 
     points: Float[np.ndarray, "n 3"]
     normals: Float[np.ndarray, "n 3"]
 
     def residual(self, pose: Pose) -> Float[np.ndarray, "n k"]:
-        """Return M - (R p + t) x F, (n, 3) [N m]."""
+        """Return M - (R p + t) x F (n, 3) [N m]."""
         return self._unexplained(pose.apply(self.points))
 
     def jacobian(self, pose: Pose) -> Float[np.ndarray, "n k 6"]:
-        """Return the slope, (n, 3, 6): the point moves by omega x (R p) + delta, and -(that) x F = [F]x (that)."""
-        force = skew(self.wrenches[:, :3])
+        """Return the slope of `residual` in (omega, delta), (n, 3, 6)."""
+        force = skew(self.wrenches[:, :3])  # the point moves by d = omega x (R p) + delta, and -d x F = [F]x d
         return np.concatenate([-force @ skew(pose.rotate(self.points)), force], axis=2)
 
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
-        """Return the whitener of the torque alone, (n, 3, 3)."""
+        """Return the whitener of the torque (n, 3, 3)."""
         return self._torque_whitener(pose.apply(self.points), pose.rotate(self.normals))
 
 
 @dataclass(frozen=True)
 class SomewhereOnSurface(Evidence):
-    """Touches anywhere on the surface: each is located with the given pose, and two priors judge the result.
+    """Touches anywhere on the surface, each located with the given pose.
 
-    Six equations fit six unknowns, so the only residual torque of a located touch is its torsion. The information comes
-    from the prior that bodies are mostly pressed, not dragged: the unit force scatters about -n. Both are written in
-    the sensor's frame, so that a turn which changes nothing has no slope; the residual of a wrench that misses the
-    surface is its moment about the nearest point.
+    The information comes from the prior that bodies are mostly pressed, not dragged: the unit force scatters about -n.
+    The residual of a wrench that misses the surface is its moment about the nearest point.
+
+    Args:
+        surface: mesh in its own frame.
     """
 
     surface: Mesh
@@ -142,20 +153,20 @@ class SomewhereOnSurface(Evidence):
         return pose.apply(np.where(lost, nearest, found.point)), pose.rotate(np.where(lost, normal, found.normal))
 
     def residual(self, pose: Pose) -> Float[np.ndarray, "n k"]:
-        """Return (M - p x F, F / |F| + n) with the located p and n, (n, 6)."""
+        """Return (M - p x F, F / |F| + n) (n, 6) with the located p and n, in the sensor's frame."""
         points, normals = self._located(pose)
         force = self.wrenches[:, :3]
         unit = force / np.linalg.norm(force, axis=1, keepdims=True)
         return np.concatenate([self._unexplained(points), unit + normals], axis=1)
 
     def jacobian(self, pose: Pose) -> Float[np.ndarray, "n k 6"]:
-        """Return the slope by central differences, (n, 6, 6): the located point has no simple slope."""
+        """Return the slope of `residual` in (omega, delta) by central differences, (n, 6, 6)."""
         sizes = np.repeat([STEP, STEP / 3 * self.surface.size], 3)
         pairs = [(self.residual(moved(pose, step)), self.residual(moved(pose, -step))) for step in np.diag(sizes)]
         return np.stack([(up - down) / (2 * size) for (up, down), size in zip(pairs, sizes, strict=True)], axis=2)
 
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
-        """Return the whitener of the torque, as for known points, and of the unit force, (n, 6, 6)."""
+        """Return the whitener of the torque and of the unit force (n, 6, 6)."""
         whole = np.zeros((len(self.wrenches), 6, 6))
         whole[:, :3, :3] = self._torque_whitener(*self._located(pose))
         whole[:, 3:, 3:] = np.eye(3) / self.spreads.friction
@@ -169,8 +180,51 @@ def moved(pose: Pose, step: Float[np.ndarray, "6"]) -> Pose:
 
 
 def _axis_points(wrench: Wrench, surface: Mesh) -> Float[np.ndarray, "n 3"]:
-    """Return the point of each wrench's axis that is nearest to the middle of the surface."""
+    """Return the point of each wrench's axis nearest to the surface's middle."""
     square = np.sum(wrench.force**2, axis=1, keepdims=True)
     start = np.cross(wrench.force, wrench.torque) / square
     along = np.sum((surface.centre - start) * wrench.force, axis=1, keepdims=True)
     return start + along / square * wrench.force
+
+
+def fit(evidence: Evidence, initial: Pose) -> tuple[Pose, Float[np.ndarray, " n"], float]:
+    """Return the most probable pose, each touch's residual in standard deviations, (n,), and their scale, 1 or more."""
+    pose, damping, sizes = initial, 1e-6, evidence.spreads.sizes
+    for _ in range(100):
+        whitener = evidence.whitener(pose)
+        residual = _applied(whitener, evidence.residual(pose))
+        distances = np.linalg.norm(residual, axis=1)
+        scale = _scale(distances)
+        weights = np.minimum(1.0, USUAL * scale / np.maximum(distances, 1e-12)) / scale**2
+        slope = whitener @ evidence.jacobian(pose)
+        away = offset(initial, pose) / sizes
+        normal: np.ndarray = np.einsum("n,nki,nkj->ij", weights, slope, slope) + np.diag(1 / sizes**2)
+        descent: np.ndarray = np.einsum("n,nki,nk->i", weights, slope, residual) + away / sizes
+        cost = weights @ distances**2 + away @ away
+        step: np.ndarray = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), descent)
+        trial = moved(pose, step)
+        left = np.linalg.norm(_applied(whitener, evidence.residual(trial)), axis=1)
+        better = weights @ left**2 + np.sum((offset(initial, trial) / sizes) ** 2) <= cost
+        pose, damping = (trial, damping / 10) if better else (pose, max(damping, 1e-7) * 10)
+        gain = -float(step @ descent)  # of the cost, expected: the squared step in standard deviations
+        if gain < 1e-10 or (gain < 1e-3 and not better):
+            break
+    distances = np.linalg.norm(_applied(evidence.whitener(pose), evidence.residual(pose)), axis=1)
+    return pose, distances, _scale(distances)
+
+
+def _scale(distances: Float[np.ndarray, " n"]) -> float:
+    return max(1.0, float(np.sqrt(np.median(distances**2) / MEDIAN)))
+
+
+def offset(initial: Pose, pose: Pose) -> Float[np.ndarray, "6"]:
+    """Return the offset (6,) from `initial` to `pose`: rotation vector [rad] and shift of the origin [m]."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_matrix(pose.rotation @ initial.rotation.T).as_rotvec()
+    return np.concatenate([turn, pose.translation - initial.translation])
+
+
+def _applied(whitener: Float[np.ndarray, "n k k"], residual: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+    """Return each touch's residual in standard deviations, (n, k)."""
+    return np.einsum("nij,nj->ni", whitener, residual)

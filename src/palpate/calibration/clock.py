@@ -33,8 +33,9 @@ class ClockOffset:
     """Offset that is added to the poses' stamps to put them on the wrenches' clock.
 
     Attributes:
-        offset: [s]; its standard deviation is `deviation` [s].
-        residual: [N] robust standard deviation of the fit's residuals, along each axis, of averages over 10 ms.
+        offset: [s].
+        deviation: its standard deviation [s].
+        residual: robust standard deviation [N] of the fit's residuals, along each axis.
         samples: number of readings used.
         validation: agreement of the offsets of parts of the log with those of the rest.
         notes: messages for the user, one sentence each.
@@ -60,29 +61,27 @@ def identify_offset(
     max_gap: float = 0.25,
     noise: Float[np.ndarray, "6"] | None = None,
 ) -> ClockOffset:
-    """Find the offset d at which the force is a weight that turns with the poses, and return a `ClockOffset`.
+    """Find the offset d at which the force is F(t) = R(t - d)^T w + f0, and return a `ClockOffset`.
 
-    The force is F(t) = R(t - d)^T w + f0.
-    For each d of a grid, weight w and bias f0 are fitted; the sum of log(1 + r^2 / s^2) over the residuals r (Cauchy's
-    likelihood, which touches hardly move) is least at the true d. From there Gauss and Newton's steps on d, w and f0
-    together, weighted 1 / (1 + r^2 / s^2). The standard deviation is the sandwich of these equations over stretches of
-    1 s, which holds for residuals that are correlated within a stretch.
+    Weight w and bias f0 are fitted for each d of a grid; the sum of log(1 + r^2 / s^2) over the residuals r (Cauchy's
+    likelihood) is least at the true d. Gauss-Newton steps follow, weighted 1 / (1 + r^2 / s^2). The standard deviation
+    is the sandwich of these equations over stretches of 1 s.
 
     Args:
-        time: [s] of the wrenches, on their clock.
+        time: (n,) [s] of the wrenches, on their clock.
         wrenches: (n, 6) [N, N m] in the sensor frame, as logged; only the forces are used.
-        pose_time: [s] of the poses, on their clock.
-        quaternions: x, y, z, w: sensor in base.
-        payload: weight and bias, where known: then touches may fill most of the log. Without it they are fitted, and
-            the sensor must be free in most of the log.
+        pose_time: (k,) [s] of the poses, on their clock.
+        quaternions: (k, 4) x, y, z, w: sensor in base.
+        payload: weight and bias; touches may then fill most of the log. None: they are fitted, and the sensor must be
+            free in most of the log.
         search: lowest and highest offset [s] of the search.
         max_gap: [s] between poses, beyond which there is no orientation.
         noise: (6,) standard deviations of one reading; None: from the log.
 
     Raises:
         NotIdentifiable: the arm hardly turns, or the sensor has no payload.
-        InputError: wrenches and poses do not overlap, times do not rise, `search` is not a range, or the best offset
-            lies at its edge.
+        InputError: wrenches and poses do not overlap, times do not increase, `search` is not a range, or the best
+            offset lies at its edge.
     """
     track = PoseTrack(max_gap=max_gap)
     track.add(pose_time, quaternions)
@@ -108,7 +107,7 @@ def identify_offset(
 
 @dataclass(frozen=True)
 class _Problem:
-    """Forces, averages of `each` readings and of a noise `floor` [N], and the poses that should explain them.
+    """Averages of `each` readings of force, of a noise `floor` [N], and the poses that explain them.
 
     `known` are weight and bias; None: they are fitted.
     """
@@ -174,7 +173,7 @@ def _averaged(
     known: Float[np.ndarray, "6"] | None,
     noise: Float[np.ndarray, "6"] | None,
 ) -> _Problem:
-    """Average times and forces over `AVERAGE`, without gaps; estimate the noise from the log if it is None."""
+    """Average times and forces over `AVERAGE`, without gaps."""
     steps = np.diff(time[np.isfinite(time)])
     steps = steps[steps > 0]
     if not len(steps):
@@ -192,7 +191,7 @@ def _averaged(
 
 
 def _refined(problem: _Problem, offset: float) -> tuple[ClockOffset, Float[np.ndarray, "6"]]:
-    """Return the offset that fits best, from one nearby, with weight and bias."""
+    """Return the best offset near another, with weight and bias."""
     free = problem.known is None
     solution, _ = problem.fit(problem.columns(offset))
     columns, slope, spread = problem.linearised(offset, solution)
@@ -217,7 +216,7 @@ def _refined(problem: _Problem, offset: float) -> tuple[ClockOffset, Float[np.nd
 
 
 def _judged(problem: _Problem, offset: float) -> ClockOffset:
-    """Return the offset, its standard deviation widened where parts of the log and the rest differ."""
+    """Return the offset, its deviation widened where parts of the log differ from the rest."""
     found, _ = _refined(problem, offset)
 
     def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
@@ -234,7 +233,7 @@ def _judged(problem: _Problem, offset: float) -> ClockOffset:
 def _score(
     problem: _Problem, offset: float, solution: Float[np.ndarray, "6"], spread: float
 ) -> tuple[float, float, float]:
-    """Return the sums for an offset, weight and bias: see `_sums`."""
+    """Return the sums of `_sums` for an offset, weight and bias."""
     columns, slope, _ = problem.linearised(offset, solution)
     residual = problem.force - columns @ solution
     across = slope - columns @ _solve(columns, slope, _weights(residual, spread)) if problem.known is None else slope
@@ -244,8 +243,7 @@ def _score(
 def _sums(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> tuple[float, float, float]:
     """Return the sum of psi, one equation for the offset, with its slope and its variance.
 
-    The variance is that of sums over stretches, about their mean: residuals may be correlated within one. With few
-    stretches it is sometimes too small by chance; then the variance for independent residuals is used.
+    The variance is that of sums over stretches, about their mean, or of independent residuals where that is larger.
     """
     weights = _weights(residual, spread)
     along = np.sum(across * residual, axis=1)
@@ -258,7 +256,7 @@ def _sums(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: fl
 
 
 def _solve(columns: Float[np.ndarray, "n 3 p"], target: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Solve weighted least squares; with least length where turns about one axis do not separate weight and bias."""
+    """Solve weighted least squares; with least length where weight and bias are not separated."""
     weighted = (columns * weights[:, None, None]).reshape(-1, columns.shape[-1])
     matrix = weighted.T @ columns.reshape(-1, columns.shape[-1])
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
@@ -271,9 +269,9 @@ def _weights(residual: Float[np.ndarray, "n 3"], scale: float) -> Float[np.ndarr
 
 
 def _scale(residual: Float[np.ndarray, "n 3"], floor: float, *, touched: bool = False) -> float:
-    """Return the standard deviation along an axis from the median absolute residual, at least that of the noise.
+    """Return a robust standard deviation along an axis, at least that of the noise.
 
-    It is from the lowest quarter where touches may fill more than half of the log.
+    It is from the lowest quarter of residuals where touches may fill more than half of the log.
     """
     share, of_normal = (0.25, 0.3186) if touched else (0.5, 0.6745)
     return max(float(np.quantile(np.abs(residual), share)) / of_normal, floor)

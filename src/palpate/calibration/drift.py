@@ -35,13 +35,16 @@ class DriftFit(Value):
 
     Attributes:
         drift: drift for an estimator.
-        walk_deviation: (m,) standard deviation of `drift.walk`; warm_up_deviation: (m,) of `rate`, whose thermal
-            counterpart is `drift.thermal_deviation`.
+        walk_deviation: (m,) standard deviation of `drift.walk`.
+        warm_up_deviation: (m,) standard deviation of `rate`.
         rate: (m,) [unit/s] of the warm-up as this log begins.
-        warm: True where there is a significant warm-up. Else `drift.warm_up` is what the log does not exclude.
-        seen: (m,) True where the walk is significant. Else `drift.walk` is its upper bound (95 %).
-        noise: (m,) standard deviation of the mean over a window; window: [s].
-        samples: number used; seconds: from the first to the last; touched: share of the log omitted as touched.
+        warm: True if there is a significant warm-up; else `drift.warm_up` is what the log does not exclude.
+        seen: (m,) True where the walk is significant; else `drift.walk` is its upper bound (95 %).
+        noise: (m,) standard deviation of the mean over a window.
+        window: [s].
+        samples: number used.
+        seconds: [s] of the log.
+        touched: share of the log omitted as touched.
         validation: agreement of the walks of both halves of the log.
         notes: a sentence each.
     """
@@ -63,15 +66,15 @@ class DriftFit(Value):
     def unsure(self, seconds: float) -> Float[np.ndarray, " m"]:
         """Return the standard deviation (m,) of the bias, in the channels' units, `seconds` [s] after a touch began.
 
-        Nothing touched for long before, so that the filter had settled. The variance is walk sqrt(window) noise when
-        the touch begins, plus walk^2 t, plus (t times the rate's standard deviation in this log)^2.
+        The variance is walk sqrt(window) noise when the touch begins, the filter having settled, plus walk^2 t, plus
+        (t times the rate's standard deviation in this log)^2.
         """
         walk = self.drift.walk
         start = walk * np.sqrt(self.window) * self.noise
         return np.sqrt(start + walk**2 * seconds + (self.warm_up_deviation * seconds) ** 2)
 
     def spread(self, sound: Bool[np.ndarray, " k"]) -> DriftFit:
-        """Return this `DriftFit` of the sound channels expanded to all k channels.
+        """Return this `DriftFit` expanded to k channels.
 
         Args:
             sound: (k,) True for a channel that was fitted; the others get the root mean square of the fitted values.
@@ -82,17 +85,10 @@ class DriftFit(Value):
             made[sound] = values
             return made
 
-        drift = self.drift
-        wider = Drift(
-            filled(drift.walk),
-            filled(drift.warm_up),
-            drift.settling,
-            drift.weight,
-            filled(drift.thermal),
-            filled(drift.thermal_deviation),
-        )
+        of_drift = ("walk", "warm_up", "thermal", "thermal_deviation")
+        drift = replace(self.drift, **{name: filled(getattr(self.drift, name)) for name in of_drift})
         names = ("walk_deviation", "warm_up_deviation", "rate", "seen", "noise")
-        return replace(self, drift=wider, **{name: filled(getattr(self, name)) for name in names})
+        return replace(self, drift=drift, **{name: filled(getattr(self, name)) for name in names})
 
 
 @takes_arrays
@@ -109,26 +105,23 @@ def identify_drift(
 ) -> DriftFit:
     """Identify the most likely random walk, warm-up and thermal coefficient of a bias; return a `DriftFit`.
 
-    The likelihood is that of a Kalman filter without knowledge of the bias at the start, in closed form (`fit_walk`);
-    the noise of a window's mean is fitted, not taken from that of a reading, as noise may be coloured; where the
-    residuals are not white, windows become longer. Warm-up r s (1 - exp(-t/s)), temperature and errors that turn with
-    gravity are found by generalised least squares; the warm-up is accepted where the likelihood ratio is significant by
-    chi-square. A temperature that changes as a warm-up would is omitted: only the sum of both is known, which the
-    warm-up then contains with its standard deviation.
+    The likelihood is that of a Kalman filter without knowledge of the bias at the start; where residuals are not
+    white, windows become longer. Warm-up r s (1 - exp(-t/s)), temperature and errors that turn with gravity are found
+    by generalised least squares. A temperature that changes as steadily as a warm-up is counted as warm-up.
 
     Args:
         time: (n,) [s].
         values: (n, m) readings after gravity compensation, or voltages; NaN where there is none.
         noise: (m,) standard deviations or (m, m) covariance of one reading, for comparison; None: not stated.
         temperature: (n,) [K or degrees C]; None or NaN: not known.
-        down: (n, 3) direction of gravity in the sensor's frame: the payload's error turns with it, and is no walk. None
-            or NaN: not known, or the sensor keeps still.
+        down: (n, 3) direction of gravity in the sensor's frame; None or NaN: not known, or the sensor keeps still.
         groups: channels that are alike, such as the forces; None: three and three of six, else all.
         names: names of the channels, for messages.
         window: [s] over which readings are averaged.
 
     Raises:
-        InputError: the log is too short, touched, moved, a channel never changes, or times run backwards.
+        InputError: the log is shorter than a minute, touched or moved too much, a channel never changes, or times run
+            backwards.
     """
     from palpate.calibration.drift_search import Search  # scipy.optimize: loaded when first needed
 
@@ -165,7 +158,7 @@ def identify_drift(
 def _usable(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n m"]
 ) -> tuple[Bool[np.ndarray, " n"], list[str]]:
-    """Return the mask of rows with a time and all values, (n,), and notes; refuse logs that are too short."""
+    """Return the mask (n,) of rows with a time and all values, and notes."""
     known = np.isfinite(time) & np.isfinite(values).all(axis=1)
     when, notes = time[known], list[str]()
     if len(when) < 2 or not (span := float(when[-1] - when[0])) >= SHORTEST:
@@ -192,7 +185,7 @@ def _usable(
 
 
 def _require_changing(values: Float[np.ndarray, "n m"], names: Sequence[str]) -> list[str]:
-    """Refuse a channel that never changes, and return a note on readings that are too coarse."""
+    """Refuse a channel that never changes; return notes on readings that are too coarse."""
     same = np.ptp(values, axis=0) == 0.0
     if same.any():
         stuck = ", ".join(name for name, one in zip(names, same, strict=True) if one)
@@ -213,7 +206,7 @@ def _require_changing(values: Float[np.ndarray, "n m"], names: Sequence[str]) ->
 def _temperature(
     temperature: Float[np.ndarray, " n"] | None, used: Bool[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " k"] | None, list[str]]:
-    """Return the temperature of the used rows, None where it is not informative, and notes."""
+    """Return the temperature of the used rows, None if it tells nothing, and notes."""
     if temperature is None:
         return None, []
     known = temperature[used]
@@ -226,26 +219,23 @@ def _temperature(
 
 
 def _tilts(down: Float[np.ndarray, "n 3"] | None, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "k q"]:
-    """Return gravity along the axes about which the sensor turns by more than a degree or so, for the used rows."""
-    nothing = np.zeros((int(np.count_nonzero(used)), 0))
-    if down is None:
-        return nothing
-    turned = down[used]
+    """Return gravity along the axes about which the sensor turns, for the used rows."""
+    turned = np.full((int(np.count_nonzero(used)), 3), np.nan) if down is None else down[used]
     known = np.isfinite(turned).all(axis=1)
     if not known.any():
-        return nothing
-    turned = turned - turned[known].mean(axis=0)
-    spread, axes = np.linalg.eigh(turned[known].T @ turned[known] / np.count_nonzero(known))
+        return turned[:, :0]
+    middle: Float[np.ndarray, "3"] = turned[known].mean(axis=0)
+    turned = turned - middle
+    spread, axes = np.linalg.eigh(turned[known].T @ turned[known] / int(np.count_nonzero(known)))
     return turned @ axes[:, spread > LEAST_TILT**2]
 
 
 def _made(found: Search, groups: Sequence[Sequence[int]], samples: int, *, kelvin: bool) -> DriftFit:
     """Convert the result of the search to a `DriftFit`."""
     best = found.found
-    warm_up = np.sqrt(found.rate**2 + found.rate_deviation**2)
+    warm_up: Float[np.ndarray, " m"] = np.sqrt(found.rate**2 + found.rate_deviation**2)
     for group in groups:
-        together: Float[np.ndarray, " k"] = warm_up[list(group)]
-        warm_up[list(group)] = np.sqrt(np.mean(together**2))
+        warm_up[list(group)] = np.sqrt(np.mean(warm_up[list(group)] ** 2))
     drift = Drift(
         best.walk,
         warm_up,

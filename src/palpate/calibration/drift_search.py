@@ -9,32 +9,14 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 from scipy.special import gammaincinv
 
-from palpate.calibration.drift_windows import (
-    GAP,
-    SHORTEST,
-    Windows,
-    described,
-    first_guess,
-    require_free,
-    stretches,
-    untouched,
-)
-from palpate.calibration.random_walk import (
-    Steps,
-    WalkFit,
-    covariance_of,
-    fit_walk,
-    innovations,
-    likelihood_of,
-    steps_of,
-)
+from palpate.calibration.drift_windows import GAP, SHORTEST, Windows, first_guess, require_free, stretches, untouched
+from palpate.calibration.random_walk import Steps, WalkFit, courses_of, fit_walk, innovations, steps_of
 from palpate.calibration.validation import Validation
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Search"]
 
-LONGEST_TOUCH, MOST_TOUCHED = 20.0, 0.2  # s; of the log
 SURE = 0.99  # that there is a warm-up
 LONGEST_WINDOW, FEWEST = 1.0, 100  # s; windows of a log in which noise is not white over shorter ones
 LAGS, COLOURED, MOVING = 5, 0.1, 0.35  # correlation of what is left from window to window
@@ -42,11 +24,12 @@ WRONG = 3.0  # times the noise that is stated
 DISTINCT = 1e-3  # of the variance of a coefficient, what is left where no other course is like it
 ROUNDS = 4  # of leaving out what is touched
 SETTLINGS = 9  # that are tried
+SAID = 3  # touches in a note
 
 
 @takes_arrays
 class Search:
-    """A search for touches, the length of windows and a warm-up together, as each depends on the others.
+    """A joint search for touches, the length of windows and a warm-up.
 
     Args:
         windows: means of the log.
@@ -54,10 +37,11 @@ class Search:
         least: (m,) lower bound of a mean's variance, by the resolution of its readings.
 
     Attributes:
-        found: walk and noise of largest likelihood.
-        rate: (m,) of the warm-up at the start; rate_deviation: (m,) its standard deviation; settling: [s].
-        warm: True where there is a significant warm-up.
-        touched: stretches that were omitted as touched [s]; share: their share of the log.
+        found: `WalkFit` of largest likelihood.
+        rate: (m,) of the warm-up at the start [unit/s]; rate_deviation: (m,) its standard deviation; settling: [s].
+        warm: True if there is a significant warm-up.
+        touched: stretches omitted as touched [s]; share: of the log.
+        span: [s] of the log.
     """
 
     def __init__(self, windows: Windows, groups: list[list[int]], least: Float[np.ndarray, " m"]) -> None:
@@ -66,10 +50,10 @@ class Search:
         self.settling, self.warm, self.correlation, self.touched = np.inf, False, 0.0, list[tuple[float, float]]()
 
     def run(self) -> Search:
-        """Run the search and return it; the results are in the attributes.
+        """Run the search and return it, with the results in its attributes.
 
         Raises:
-            InputError: the log is not that of a bias at rest: touched for long or often, or the readings swing.
+            InputError: the log is touched for long or often, or the readings swing.
         """
         self._leave_touches_out()
         self.correlation = self._correlation()
@@ -90,12 +74,12 @@ class Search:
         return self
 
     def compare_halves(self) -> tuple[Validation, Float[np.ndarray, " m"]]:
-        """Compare the walks of both halves; return a `Validation`, and the larger walk of each channel, (m,)."""
+        """Compare the walks of both halves of the log; return a `Validation`, and each channel's larger walk, (m,)."""
         steps, count = self._with(self.settling), len(self._steps.interval)
         if self.span < 2.0 * SHORTEST:
             return Validation(), self.found.walk
-        halves = [steps.part(rows) for rows in (slice(count // 2), slice(count // 2, count))]
-        fits = [fit_walk(half, self._groups, start=self.found) for half in halves]
+        halves = (0, count // 2), (count // 2, count)
+        fits = [fit_walk(steps.part(*half), self._groups, start=self.found) for half in halves]
         larger = np.maximum(fits[0].walk, fits[1].walk)
         firsts = [group[0] for group in self._groups if all(fit.seen[group].all() for fit in fits)]
         if not firsts:
@@ -105,13 +89,13 @@ class Search:
         return Validation(float(np.mean(off**2 / variance)), 2, len(firsts)), larger
 
     def _leave_touches_out(self) -> None:
-        """Guess, omit touches, fit, and repeat with the result until the same windows are omitted."""
+        """Omit touches and fit, until the same windows are omitted."""
         everything = self.windows
         walk, noise = first_guess(everything)
         noise = np.maximum(noise, self._least)
         free, course = untouched(everything, walk, noise), None
         for _ in range(ROUNDS):
-            require_free(everything, free, LONGEST_TOUCH, MOST_TOUCHED)
+            require_free(everything, free)
             self.windows = everything.picked(free)
             self._fit()
             course = self._courses(everything, self.settling) @ self.found.course
@@ -129,33 +113,34 @@ class Search:
         without = self._given(None)
         steady = self._given(np.inf, without)
         settling, best = self._settled(steady)
-        channels = self.windows.mean.shape[1]
+        freedom: int = self.windows.mean.shape[1] + 1
         gain = 2.0 * (best.likelihood - without.likelihood)
-        self.warm = bool(gain > _chi_square(SURE, channels + 1))
+        self.warm = bool(gain > 2.0 * gammaincinv(freedom / 2.0, SURE))  # by chi-square
         self.settling = settling if self.warm else np.inf
         self.found = fit_walk(self._with(self.settling), self._groups, start=best if self.warm else steady)
         self.rate, self.rate_deviation = self.found.course[-1], np.sqrt(self.found.covariance[:, -1, -1])
 
     def distinct(self, course: int) -> bool:
-        """Return whether the log tells a known course of the windows from the others, a warm-up among them."""
-        alone = covariance_of(self._steps.with_shape(self._changes(self.settling)[:, course]), self.found)
-        return bool(np.all(alone[:, 0, 0] > DISTINCT * self.found.covariance[:, course, course]))
+        """Return whether a known course of the windows, by its number, is distinct from the others and a warm-up."""
+        found, alone = self.found, self._steps.with_shape(self._changes(self.settling)[:, course])
+        _, covariance, _ = courses_of(alone, found.walk, found.noise)
+        return bool(np.all(covariance[:, 0, 0] > DISTINCT * found.covariance[:, course, course]))
 
     def _given(self, settling: float | None, start: WalkFit | None = None) -> WalkFit:
-        """Return the fit with a warm-up of this settling time, or with none (None), alike channels taken together."""
+        """Return the fit with a warm-up of a settling time, or without (None), alike channels together."""
         return fit_walk(self._with(settling), self._groups, together=np.inf, start=start)
 
     def _with(self, settling: float | None) -> Steps:
         return self._steps.with_shape(*self._changes(settling).T)
 
     def _changes(self, settling: float | None) -> Float[np.ndarray, "k p"]:
-        """Return by how much each course changes from step to step."""
+        """Return the change of each course from step to step."""
         courses = self._courses(self.windows, settling)
         kept = np.diff(self.windows.middle) <= GAP
         return np.diff(courses, axis=0)[kept]
 
     def _courses(self, windows: Windows, settling: float | None) -> Float[np.ndarray, "w p"]:
-        """Return courses that the bias may follow: those of the windows, then a warm-up of rate 1 at the start."""
+        """Return courses that the bias may follow, the last of them a warm-up of rate 1."""
         if settling is None:
             return windows.courses
         when = windows.middle
@@ -163,7 +148,7 @@ class Search:
         return np.column_stack([windows.courses, warm])
 
     def _settled(self, steady: WalkFit) -> tuple[float, WalkFit]:
-        """Return the most likely settling time: for walk and noise as found with a steady rate, then with new ones."""
+        """Return the most likely settling time, and its fit."""
         fit = steady
         tried: Float[np.ndarray, " t"] = np.geomspace(self.span / 30.0, 3.0 * self.span, SETTLINGS)
         found = 0.0
@@ -182,20 +167,28 @@ class Search:
         return -self._likelihood(float(np.exp(logarithm)), fit)
 
     def _likelihood(self, settling: float, fit: WalkFit) -> float:
-        """Return the log-likelihood of a settling time with walk and noise as they are."""
-        return likelihood_of(self._with(settling), fit)
+        """Return the log-likelihood of a settling time."""
+        return courses_of(self._with(settling), fit.walk, fit.noise)[2]
 
     def _correlation(self) -> float:
-        """Return the largest correlation of the residuals over some lags, in the mean of a group's channels."""
+        """Return the residuals' largest correlation over some lags, in the mean of a group."""
         left = innovations(self._with(self.settling), self.found)
         each: list[Float[np.ndarray, " m"]] = [np.mean(left[lag:] * left[:-lag], axis=0) for lag in range(1, LAGS + 1)]
         return max(abs(float(one[group].mean())) for one in each for group in self._groups)
 
     def notes(self, noise: Float[np.ndarray, "..."] | None, step: float, names: Sequence[str]) -> list[str]:
-        """Return notes, a list of sentences; the stated noise is of readings `step` [s] from each other."""
+        """Return notes on the search, one sentence each.
+
+        Args:
+            noise: (m,) standard deviations or (m, m) covariance of one reading, as stated; None: not stated.
+            step: [s] from one reading to the next.
+            names: names of the channels.
+        """
         said: list[str] = []
         if self.touched:
-            said.append(f"{self.share:.1%} of the log was left out as touched or disturbed: {described(self.touched)}")
+            when = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in self.touched[:SAID])
+            more = f" and {len(self.touched) - SAID} more" if len(self.touched) > SAID else ""
+            said.append(f"{self.share:.1%} of the log was left out as touched or disturbed: {when}{more}")
         if self.windows.length > 1.5 * self.first_window:
             said.append(
                 f"means over {self.first_window:.2g} s have coloured noise: "
@@ -221,7 +214,7 @@ class Search:
 def _noise_said(
     stated: Float[np.ndarray, "..."], seen: Float[np.ndarray, " m"], count: float, names: Sequence[str]
 ) -> list[str]:
-    """Return a note where windows are far noisier than white noise of the stated size would make them."""
+    """Return a note where windows are far noisier than the stated noise explains."""
     deviation = np.sqrt(np.diag(stated)) if stated.ndim == 2 else stated
     ratio = seen * np.sqrt(count) / deviation
     wrong = [f"{name} ({times:.2g} times)" for name, times in zip(names, ratio, strict=True) if times > WRONG]
@@ -229,8 +222,3 @@ def _noise_said(
         return []
     said = "means are noisier than the stated noise explains, as with a motor's hum or coloured noise"
     return [f"{said}: {', '.join(wrong)}"]
-
-
-def _chi_square(share: float, freedom: int) -> float:
-    """Return the value below which this share of chi-square numbers lies."""
-    return 2.0 * float(gammaincinv(freedom / 2.0, share))

@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from palpate.calibration._pose_fit import apply, fit, offset
 from palpate.calibration._screws import name_motions
-from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads
+from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads, fit, offset
 from palpate.calibration.touch_error import spread_in_time
 from palpate.calibration.validation import Validation, cross_validate
 from palpate.calls import called_as
@@ -40,16 +39,18 @@ class Mounting:
 
     Attributes:
         pose: T_sensor_surface.
-        covariance: (6, 6) of (rotation vector [rad], translation [m]), T = exp(xi) T_mean, in the sensor's frame: its
-            last three are about the sensor's origin, so a person reads `position_covariance`.
-        residual: rms of the residuals in units of their expected standard deviations: about 1; larger values mean that
-            something is not modelled.
-        observable: small motions that the touches determine better than the prior does, in the surface's axes.
-        unobservable: the other motions: for these the initial pose and the prior stand.
-        touches: numbers of the touches that were used.
+        covariance: (6, 6) of (rotation vector [rad], translation [m]), T = exp(xi) T_mean, in the sensor's frame and
+            about its origin.
+        residual: rms of the residuals over their expected standard deviations.
+        observable: small motions, in the surface's axes, that the touches determine better than the prior does.
+        unobservable: the other motions.
+        touches: (k,) numbers of the touches that were used.
         validation: errors of touches that a fit did not use.
         notes: messages for the user, one sentence each.
         provenance: sources of the data.
+
+    Raises:
+        InputError: the covariance is not (6, 6).
     """
 
     pose: Pose
@@ -69,8 +70,8 @@ class Mounting:
 
     @property
     def position_covariance(self) -> Float[np.ndarray, "3 3"]:
-        """Covariance of the surface's origin, (3, 3) [m^2], sensor's axes: exp(xi) T moves it by rho + omega x t."""
-        moves = np.concatenate([-skew(self.pose.translation), np.eye(3)], axis=1)
+        """Covariance (3, 3) [m^2] of the surface's origin in the sensor's axes."""
+        moves = np.concatenate([-skew(self.pose.translation), np.eye(3)], axis=1)  # rho + omega x t, by exp(xi) T
         return moves @ self.covariance @ moves.T
 
     def __repr__(self) -> str:
@@ -91,32 +92,32 @@ def identify_mounting(
 ) -> Mounting:
     """Identify the pose of the surface from one compensated wrench per touch, and return a `Mounting`.
 
-    The most probable pose under the touches and a Gaussian prior about `initial`, found by Levenberg and Marquardt's
-    steps with weights by Huber; outliers are omitted, one at a time, and named.
+    It is the most probable pose under the touches and a Gaussian prior about `initial`; outliers are omitted, one at a
+    time, and named in the notes.
 
-    With points, a touch gives M - (R p + t) x F = tau R n: the line of the force, two numbers for six unknowns, so
-    three touches whose forces differ in direction and whose points are not on one line determine all.
+    With points, a touch gives M - (R p + t) x F = tau R n, two numbers for six unknowns: three touches whose forces
+    differ in direction and whose points are not on one line determine all.
 
     Without points a touch informs only through the *prior* that forces press more than they drag: the unit force is
     expected within the friction of `Spreads` about -n, which on a surface of curvature radius r places the touch to
-    about friction * r. An ellipsoid of 60 x 25 x 40 mm is placed to 1.2 mm and 6 degrees by 30 touches at friction 0.2,
-    to 0.4 mm and 1.6 degrees by 100 at 0.1 (the covariance says so, but is up to a fifth too small in standard
-    deviations with few touches and much friction). Touches that all drag the same way give a wrong answer without a
-    warning. A body that looks the same when turned or slid keeps the initial pose in that direction.
+    about friction * r. An ellipsoid of 60 x 25 x 40 mm is placed to 1.2 mm and 6 degrees by 30 touches at friction 0.2.
+    Touches that all drag the same way give a wrong answer without a warning. A body that looks the same when turned or
+    slid keeps the initial pose in that direction.
 
     Args:
-        wrenches: (n, 6) in the sensor frame, compensated, one per touch (`mean_touches`); a row with NaN is omitted.
+        wrenches: (n, 6) in the sensor frame, one per touch (`mean_touches`); a row with NaN is omitted.
         surface: mesh in the surface's frame.
         initial: T_sensor_surface as drawn or measured by hand.
-        points: (n, 3) [m] touched, in the surface's frame; None when not known.
-        noise: six standard deviations, one covariance (6, 6), or one for each touch (n, 6, 6), of the rows given.
-            None: small relative to the placement. Errors common to all touches (the bias) are not separated from it.
-        labels: names of the touches, for messages.
+        points: (n, 3) [m] touched, in the surface's frame; None: not known.
+        noise: two or six standard deviations, one covariance (6, 6), or one for each touch (n, 6, 6); None: small
+            relative to the placement.
+        labels: names of the touches, for messages; None: their numbers.
         spreads: standard deviations of prior, placement, torsion and friction.
 
     Raises:
         NotIdentifiable: the touches determine no direction of the pose better than the prior.
-        InputError: a mark lies further from the surface than the surface is large, or no pose explains the touches.
+        InputError: a mark is further from the surface than its size, no pose explains the touches, or the noise has
+            another shape.
     """
     names = [f"touch {k + 1}" for k in range(len(wrenches))] if labels is None else list(labels)
     known = np.zeros((len(wrenches), 3)) if points is None else points
@@ -156,11 +157,20 @@ def mean_touches(
     noise: ArrayLike | None = None,
     covariances: Float[np.ndarray, "m 6 6"] | None = None,
 ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
-    """Return one wrench and covariance per touch, (n, 6) and (n, 6, 6): the mean of the finite samples in [start, end].
+    """Return a wrench (n, 6) and its covariance (n, 6, 6) of each touch, the mean of its finite samples.
 
-    A mean is right because a wrench at a fixed point is linear in the force. `noise` is of one sample and averages
-    out; `covariances` (such as the payload's uncertainty) is common to the samples and does not. A touch without
-    samples is NaN.
+    The wrench of a touch without samples is NaN.
+
+    Args:
+        time: (m,) [s].
+        wrenches: (m, 6) [N, N m].
+        start: (n,) [s] of the touches.
+        end: (n,) [s] of the touches, included.
+        noise: two or six standard deviations, or covariance (6, 6), of one sample, which average out; None: 0.
+        covariances: (m, 6, 6) common to the samples of a touch; None: 0.
+
+    Raises:
+        InputError: `noise` is no standard deviations or covariance.
     """
     single = np.zeros((6, 6)) if noise is None else noise_covariance(noise)
     means, spreads = np.full((len(start), 6), np.nan), np.zeros((len(start), 6, 6))
@@ -175,9 +185,7 @@ def mean_touches(
 
 
 def _noise(noise: ArrayLike | None, count: int) -> Float[np.ndarray, "n 6 6"]:
-    if noise is None:
-        return np.zeros((count, 6, 6))
-    array = np.asarray(noise, dtype=np.float64)
+    array = np.zeros(6) if noise is None else np.asarray(noise, dtype=np.float64)
     if array.shape == (count, 6, 6):
         return array
     return np.broadcast_to(noise_covariance(array), (count, 6, 6))
@@ -190,10 +198,10 @@ def _judged(
     used: Int[np.ndarray, " k"],
     notes: list[str],
 ) -> Mounting:
-    """Return the mounting, with the directions that the touches determine better than the prior, and its covariance."""
+    """Return the mounting, with its covariance and the directions that the touches determine."""
     evidence = evidence_of(used)
     prior, sizes = evidence.spreads.prior, evidence.spreads.sizes
-    residual, slope = _whitened(evidence, pose)
+    residual, slope = evidence.whitened(pose)
     turned = np.kron(np.eye(2), pose.rotation) * sizes  # from the surface's axes, in units of the prior
     seen = (slope @ turned).T @ (slope @ turned)
     freedom = max(1.0, 3 * len(used) - float(np.sum(np.linalg.eigvalsh(seen) > 1.0)))
@@ -210,8 +218,8 @@ def _judged(
     def predict(left: Bool[np.ndarray, " k"]) -> tuple[np.ndarray, np.ndarray]:
         others = evidence_of(used[~left])
         rest = fit(others, initial)[0]
-        known = _known(_whitened(others, rest)[1], widened, sizes)
-        away, slopes = _whitened(evidence_of(used[left]), rest)
+        known = _known(others.whitened(rest)[1], widened, sizes)
+        away, slopes = evidence_of(used[left]).whitened(rest)
         own = slopes.T @ slopes / widened
         return slopes.T @ away / widened, own + own @ known @ own
 
@@ -249,13 +257,6 @@ def _judged(
     )
 
 
-def _whitened(evidence: Evidence, pose: Pose) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 6"]]:
-    """Return the residuals of all touches, in standard deviations, and their slopes."""
-    whitener = evidence.whitener(pose)
-    slopes: Float[np.ndarray, "m 6"] = (whitener @ evidence.jacobian(pose)).reshape(-1, 6)
-    return apply(whitener, evidence.residual(pose)).ravel(), slopes
-
-
 def _known(slopes: Float[np.ndarray, "m 6"], widened: float, sizes: Float[np.ndarray, "6"]) -> np.ndarray:
     """Return the covariance of a pose by touches and its prior."""
     return np.asarray(np.linalg.inv(slopes.T @ slopes / widened + np.diag(1 / sizes**2)))
@@ -277,7 +278,7 @@ def _refusal(free: bool, blind: Float[np.ndarray, "6 k"], spreads: Spreads, note
 
 
 def _strays(points: Float[np.ndarray, "n 3"], surface: Mesh, names: Sequence[str], placement: float) -> list[str]:
-    """Return notes on marks off the surface; raise an InputError for another frame or unit."""
+    """Return notes on marks off the surface."""
     gaps = np.linalg.norm(surface.project(points)[0] - points, axis=1)
     absurd = np.flatnonzero(gaps > surface.size)
     if len(absurd):

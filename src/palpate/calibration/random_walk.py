@@ -1,9 +1,9 @@
-"""Compute the likelihood of a bias in a random walk with white noise, from window means: exact, in linear time."""
+"""Compute the exact likelihood of a bias in a random walk with white noise, from window means, in linear time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from palpate.spatial._arrays import Value
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Steps", "WalkFit", "covariance_of", "fit_walk", "innovations", "likelihood_of", "steps_of"]
+__all__ = ["Steps", "WalkFit", "courses_of", "fit_walk", "innovations", "steps_of"]
 
 SEEN = 2.71  # twice the log-likelihood by which a walk that is seen beats none, one-sided 5 %
 LOWEST = -16.0  # log of the least variance of a walk, over that of the noise in a window
@@ -29,14 +29,14 @@ _FAR = 1e30  # where there is no likelihood
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Steps(Value):
-    """Differences of consecutive window means, which do not depend on the bias at the start.
+    """Differences of consecutive window means.
 
     Attributes:
         change: (k, m) of m channels.
         interval: (k,) [s] from the middle of one window to that of the next.
         joined: (k - 1,) True where a step begins in the window in which the one before ends.
-        shape: (k, p) by how much p known courses (a warm-up, a temperature) change.
-        window: [s] length of a window.
+        shape: (k, p) changes of p known courses, such as a temperature.
+        window: length of a window [s].
     """
 
     change: Float[np.ndarray, "k m"]
@@ -48,26 +48,26 @@ class Steps(Value):
     def with_shape(self, *courses: Float[np.ndarray, " k"]) -> Steps:
         """Return `Steps` with other known courses, each (k,)."""
         shape = np.column_stack(courses) if courses else np.zeros((len(self.change), 0))
-        return Steps(self.change, self.interval, self.joined, shape, self.window)
+        return replace(self, shape=shape)
 
-    def part(self, rows: slice) -> Steps:
-        """Return a range of consecutive steps as `Steps`."""
-        first, last, _ = rows.indices(len(self.interval))
-        return Steps(
-            self.change[rows], self.interval[rows], self.joined[first : last - 1], self.shape[rows], self.window
-        )
+    def part(self, first: int, last: int) -> Steps:
+        """Return the `Steps` from `first` to before `last`."""
+        rows, joined = slice(first, last), self.joined[first : last - 1]
+        return Steps(self.change[rows], self.interval[rows], joined, self.shape[rows], self.window)
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class WalkFit(Value):
-    """The most likely random walk, noise and courses.
+    """The most likely random walk, noise and courses of m channels.
 
     Attributes:
-        walk: (m,) [unit/sqrt(s)]; deviation: (m,) its standard deviation.
+        walk: (m,) [unit/sqrt(s)].
+        deviation: (m,) standard deviation of `walk`; NaN: not computed.
         noise: (m,) standard deviation of a window's mean.
-        course: (p, m) coefficients of the known courses; covariance: (m, p, p) of them.
-        likelihood: log-likelihood at these (not restricted).
+        course: (p, m) coefficients of the known courses.
+        covariance: (m, p, p) of the coefficients.
+        likelihood: log-likelihood, not restricted.
         seen: (m,) True where the walk is significant; else `walk` is its upper bound (95 %).
     """
 
@@ -93,19 +93,16 @@ def steps_of(
 def fit_walk(
     steps: Steps, groups: Sequence[Sequence[int]], together: float = 14.0, start: WalkFit | None = None
 ) -> WalkFit:
-    """Fit walk and noise by (restricted) likelihood, and return a `WalkFit`.
+    """Fit walk and noise by restricted likelihood, and return a `WalkFit`.
 
-    A group of channels has one walk unless they clearly differ.
-
-    The mean over a window of length w of a Wiener process with noise of variance R: steps between windows with a
-    distance D of their middles have the variance q^2 (D - w/3) + 2 R, and two that share a window the covariance
-    q^2 w/6 - R, whatever gaps there are. So the covariance of all steps is tridiagonal.
+    For a Wiener process with noise of variance R in means over a window w, a step between windows whose middles are D
+    apart has the variance q^2 (D - w/3) + 2 R, and two steps that share a window the covariance q^2 w/6 - R.
 
     Args:
         steps: of m channels.
-        groups: channels that are alike, such as the three forces.
-        together: twice the log-likelihood that separate walks must gain (of 3 channels, 14 is 0.1 %); inf: groups stay
-            as they are, and the walk gets no standard deviation.
+        groups: channels that are alike, such as the forces, and have one walk unless they clearly differ.
+        together: twice the log-likelihood that separate walks must gain; inf: groups stay together, and the walk gets
+            no standard deviation.
         start: initial values; None: a guess.
     """
     channels, last = steps.change.shape[1], np.isinf(together)
@@ -123,34 +120,22 @@ def fit_walk(
             if not last:
                 walk[found], relative, seen[found] = part.judged()
                 spread[found] = walk[found] * relative
-    course, covariance, likelihood = _courses(steps, walk**2, noise**2)
-    return WalkFit(walk, spread, noise, course, covariance, likelihood, seen)
-
-
-def likelihood_of(steps: Steps, fit: WalkFit) -> float:
-    """Return the log-likelihood of a fit's walk and noise under other courses (not restricted)."""
-    return _courses(steps, fit.walk**2, fit.noise**2)[2]
-
-
-def covariance_of(steps: Steps, fit: WalkFit) -> Float[np.ndarray, "m p p"]:
-    """Return the covariances of the coefficients of other courses, (m, p, p), under a fit's walk and noise."""
-    return _courses(steps, fit.walk**2, fit.noise**2)[1]
+    return WalkFit(walk, spread, noise, *courses_of(steps, walk, noise), seen)
 
 
 def innovations(steps: Steps, fit: WalkFit) -> Float[np.ndarray, "k m"]:
-    """Return each step's difference from its prediction by those before, (k, m), over its standard deviation.
-
-    They are white if the model holds.
-    """
+    """Return each step's difference from its prediction by those before, (k, m), over its standard deviation."""
     each = [_Solved(steps, k, fit.walk[k] ** 2, fit.noise[k] ** 2) for k in range(len(fit.walk))]
     return np.column_stack([one.innovations() for one in each])
 
 
-def _courses(
+@takes_arrays
+def courses_of(
     steps: Steps, walk: Float[np.ndarray, " m"], noise: Float[np.ndarray, " m"]
 ) -> tuple[Float[np.ndarray, "p m"], Float[np.ndarray, "m p p"], float]:
-    """Return coefficients of the courses with their covariances, and the likelihood, under given variances."""
-    each = [_Solved(steps, k, float(walk[k]), float(noise[k])) for k in range(len(walk))]
+    """Return `course`, `covariance` and `likelihood` of a `WalkFit` with a given walk and noise (m,)."""
+    variances: list[list[float]] = (np.stack([walk, noise], axis=1) ** 2).tolist()
+    each = [_Solved(steps, k, *pair) for k, pair in enumerate(variances)]
     course = np.stack([one.course for one in each], axis=1)
     return course, np.stack([one.covariance for one in each]), sum(one.likelihood(restricted=False) for one in each)
 
@@ -193,7 +178,7 @@ class _Solved:
 
 
 def _inverse(information: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Invert an information of courses; alike courses get 10,000 times the standard deviation of a single one."""
+    """Invert an information of courses; alike ones get 10,000 times the deviation of a single one."""
     alone = np.sqrt(np.diag(information))
     alone = np.where(alone > 0.0, alone, 1.0)
     correlation = information / alone / alone[:, None]
@@ -224,11 +209,11 @@ class _Group:
         return float(np.exp(walk / 2.0)), self._deviation(self._best), seen
 
     def _loss(self, logarithms: Float[np.ndarray, " _"]) -> float:
-        """Return the negative log-likelihood for the logarithms of the variances: walk, then each channel's noise."""
+        """Return the negative log-likelihood for the logarithms of the variances: walk, then noises."""
         return float(sum(self._each(logarithms)))
 
     def _sloped(self, logarithms: Float[np.ndarray, " v"]) -> tuple[float, Float[np.ndarray, " v"]]:
-        """Return the loss and its slope; the noise of one channel affects only that channel's part."""
+        """Return the loss and its slope."""
         here = self._each(logarithms)
         walked = self._each(logarithms + _SLOPE * np.eye(len(logarithms))[0])
         noisier = self._each(logarithms + _SLOPE * (np.arange(len(logarithms)) > 0))
@@ -245,7 +230,7 @@ class _Group:
         )
 
     def _deviation(self, best: Float[np.ndarray, " v"]) -> float:
-        """Return the relative standard deviation of the walk, from the curvature of the likelihood."""
+        """Return the relative standard deviation of the walk, from the likelihood's curvature."""
         size = len(best)
         ways = _SHIFT * np.eye(size)
         bend = np.empty((size, size))
@@ -259,7 +244,7 @@ class _Group:
         return float(np.sqrt(np.linalg.inv(bend)[0, 0])) / 2.0  # of a variance's logarithm, half is the deviation's
 
     def _most(self, best: Float[np.ndarray, " v"]) -> float:
-        """Return the logarithm of the largest variance of the walk that the log does not exclude (95 %, one-sided)."""
+        """Return the logarithm of the walk's largest variance (95 %, one-sided)."""
         low, high = float(best[0]), float(best[1:].max()) + 5.0
         for _ in range(30):
             middle = (low + high) / 2.0
@@ -269,7 +254,7 @@ class _Group:
 
 
 def _first_guess(steps: Steps, channel: int) -> tuple[float, float]:
-    """Return guesses of the logarithms of walk and noise variance, from the first two moments of the steps."""
+    """Return guesses of the logarithms of walk and noise variance."""
     change = steps.change[:, channel]
     square = float(np.var(change))
     pairs = np.flatnonzero(steps.joined)

@@ -21,10 +21,10 @@ SURE = 4.0  # over sqrt(n): a correlation time of n touches that differs from 1 
 
 @dataclass(frozen=True)
 class TouchError:
-    """Standard deviations along one tangent [m] of a sample's apparent contact point about its mark.
+    """Standard deviations [m] along one tangent of a sample's apparent contact point about its mark.
 
     Attributes:
-        common: beyond the noise; common to the samples of a touch, so that no filter removes it.
+        common: beyond the noise, common to the samples of a touch.
         noise: due to the noise of a single sample.
     """
 
@@ -32,7 +32,7 @@ class TouchError:
     noise: float
 
     def placement(self, marks: float) -> float:
-        """Return the part of `common` that is not due to how well marks are hit [m], given its standard deviation."""
+        """Return the part of `common` [m] beyond `marks` [m], the standard deviation of how well marks are hit."""
         return max(self.common**2 - marks**2, 0.0) ** 0.5
 
 
@@ -45,42 +45,38 @@ def touch_error(
     noise: Float[np.ndarray, "6 6"] | None,
     pose_from: Callable[[Int[np.ndarray, " k"]], Pose],
 ) -> TouchError:
-    """Estimate the variance components from the moments of the samples (that of the noise is known) as a `TouchError`.
+    """Estimate the `TouchError` of touches at known points.
 
     A wrench that acts at a distance d from the mark p, across its normal n, has r = M - p x F = d x F + tau n, so
 
         d = n x r / (n . F),    Sigma_d = G Sigma G^T with G = [n]x (-[p]x, 1) / (n . F),
 
-    and each touch gives the mean of |d|^2/2 - tr Sigma_d/2 over its samples, weighted by (n . F)^2; touches count
-    equally. They are compared in the order of time, a quarter at a time, with the pose that the others give: where
-    errors change from place to place, a pose absorbs those that it is fitted to. Few touches are compared with the pose
-    of all, which fits them too well by (2 n - 6)/(2 n).
+    and each touch gives the mean of |d|^2/2 - tr Sigma_d/2 over its samples, weighted by (n . F)^2. From 24 touches
+    on, each quarter of them is compared with the pose that the others give; fewer are compared with the pose of all,
+    which fits them too well by (2 n - 6)/(2 n).
 
     Args:
         time: (m,) [s].
         wrenches: (m, 6) in the sensor's frame, compensated; NaN: omitted.
         touches: n touches at known points in the surface's frame.
         normals: (n, 3) at these points.
-        noise: (6, 6) covariance of a sample; None: none.
+        noise: (6, 6) covariance of a sample; None: 0.
         pose_from: returns T_sensor_surface from the touches of these numbers.
     """
     every: Int[np.ndarray, " n"] = np.arange(len(touches), dtype=np.int64)
     folds = np.array_split(every, FOLDS) if len(touches) >= MANY else [every]
-    squares, noises = list[float](), list[float]()
+    moments = list[tuple[float, float]]()
     for fold in folds:
         pose = pose_from(np.setdiff1d(every, fold) if len(folds) > 1 else every)
         for k in fold:
             inside = wrenches[(time >= touches.start[k]) & (time <= touches.end[k])]
             inside = inside[np.isfinite(inside).all(axis=1)]
-            found = _moments(inside, pose.apply(touches.point[k]), pose.rotate(normals[k]), noise)
-            if found is not None:
-                squares.append(found[0])
-                noises.append(found[1])
-    if not squares:
+            moments += _moments(inside, pose.apply(touches.point[k]), pose.rotate(normals[k]), noise)
+    if not moments:
         return TouchError(0.0, 0.0)
-    free = 1.0 if len(folds) > 1 else 1.0 - min(3.0 / len(squares), 0.75)
-    by_noise = float(np.mean(noises))
-    return TouchError(max(float(np.mean(squares)) / free - by_noise, 0.0) ** 0.5, by_noise**0.5)
+    free = 1.0 if len(folds) > 1 else 1.0 - min(3.0 / len(moments), 0.75)
+    square, by_noise = (float(np.mean(each)) for each in zip(*moments, strict=True))
+    return TouchError(max(square / free - by_noise, 0.0) ** 0.5, by_noise**0.5)
 
 
 def _moments(
@@ -88,20 +84,19 @@ def _moments(
     point: Float[np.ndarray, "3"],
     normal: Float[np.ndarray, "3"],
     noise: Float[np.ndarray, "6 6"] | None,
-) -> tuple[float, float] | None:
-    """Return the mean of |d|^2/2 over a touch, and the part due to noise; None where nothing pressed."""
+) -> list[tuple[float, float]]:
+    """Return the mean of |d|^2/2 over a touch, and the part due to noise, if anything pressed."""
     weight = float(np.sum(np.square(wrenches[:, :3] @ normal)))
     if not weight > 0:
-        return None
+        return []
     across = np.cross(normal, wrenches[:, 3:] - np.cross(point, wrenches[:, :3]))  # d (n . F)
     slope = skew(normal) @ np.concatenate([-skew(point), np.eye(3)], axis=1)
     by_noise = 0.0 if noise is None else float(np.trace(slope @ noise @ slope.T))
-    return float(np.sum(across**2)) / weight / 2.0, by_noise * len(wrenches) / weight / 2.0
+    return [(float(np.sum(across**2)) / weight / 2.0, by_noise * len(wrenches) / weight / 2.0)]
 
 
 @takes_arrays
 def spread_in_time(errors: Float[np.ndarray, "n k"]) -> float:
-    """Return the correlation time of the touches' errors, in touches; 1 where it is not significant."""
-    times = correlation_time(errors)
-    longest = float(times.max())
+    """Return the longest correlation time of errors (n, k) of n touches, in touches; 1 if it is not significant."""
+    longest = float(correlation_time(errors).max())
     return longest if longest > 1.0 + SURE / len(errors) ** 0.5 else 1.0

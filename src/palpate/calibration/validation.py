@@ -23,8 +23,8 @@ class Validation:
     """The errors of predicting data that a fit did not use, relative to what the fit expects.
 
     Attributes:
-        ratio: mean squared distance over what the covariances expect: 1 where they hold; NaN: nothing could be omitted.
-        parts: number of parts that were omitted, one after the other.
+        ratio: mean squared distance over what the covariances expect: 1 where they hold; NaN: not checked.
+        parts: number of parts that were omitted, one after the other; 0: not checked.
         freedom: number of values compared.
     """
 
@@ -34,7 +34,7 @@ class Validation:
 
     @property
     def widening(self) -> float:
-        """Factor for covariances: the ratio, or 1 where it may be chance (two sigma of a chi-square)."""
+        """Factor for covariances: the ratio, or 1 where the excess may be chance (two sigma of a chi-square)."""
         return self.ratio if self.parts and self.ratio > 1.0 + 2.0 * (2.0 / self.freedom) ** 0.5 else 1.0
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ class Validation:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Tuple of one sentence where the data disagree more than by chance; else ()."""
+        """Tuple of one sentence if predictions are over 1.5 times as far off as expected, beyond chance; else ()."""
         if self.widening <= OFF**2:
             return ()
         return (
@@ -63,18 +63,16 @@ def cross_validate(
     parts: int = PARTS,
     blocks: int | None = None,
 ) -> Validation:
-    """Omit parts of the data, one after the other, and compare each with its prediction from the rest (`Validation`).
+    """Compare parts of the data with their predictions from the rest; return a `Validation`.
 
-    A part is made of consecutive rows, which share the drift, so that it tells more than rows picked here and there. It
-    is skipped where the rest does not determine the model.
+    A part for which `predict` raises a `PalpateError` or a `LinAlgError` is skipped.
 
     Args:
-        count: number of rows.
-        predict: maps the mask of omitted rows, (n,), to their prediction error, and to its covariance by the
-            covariances of the fit and of the data.
-        parts: number of parts.
-        blocks: number of blocks of consecutive rows that are dealt out to the parts in turn, for logs in which each
-            part would have a different range; None: one per part.
+        count: number n of rows.
+        predict: maps the mask (n,) of omitted rows to the error (p,) of their prediction, and to its covariance (p, p)
+            by those of the fit and of the data.
+        parts: number of parts, each of consecutive rows.
+        blocks: number of blocks of consecutive rows that are dealt out to the parts in turn; None: one per part.
     """
     part = np.arange(count) * (blocks or parts) // max(count, 1) % parts
     squares, ranks = list[float](), list[int]()
@@ -92,11 +90,11 @@ def cross_validate(
 
 @takes_arrays
 def pseudo_inverse(matrix: Float[np.ndarray, "p p"], least: float = 1e-12) -> Float[np.ndarray, "p p"]:
-    """Return the pseudo-inverse of a covariance or an information whose unknowns have different units.
+    """Return the pseudo-inverse (p, p) of a covariance or an information whose unknowns have different units.
 
     Args:
-        matrix: its unknowns are scaled alike first.
-        least: eigenvalues below this share of the largest are taken for 0.
+        matrix: (p, p), scaled to a diagonal of 1 first.
+        least: eigenvalues below this share of the largest count as 0.
     """
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     size[size == 0] = np.inf

@@ -54,12 +54,12 @@ _EACH = {
     "estimate": _Command(".estimate", "estimate", "Estimate contacts in a log, with a rig or with a mesh alone."),
     "batch": _Command(".batch", "batch", "Estimate contacts in many logs, and write one page about them."),
     "calibrate camera": _Command(
-        "palpate.sensors.marker_ring.camera_command",
+        "palpate.sensors.marker_ring.commands",
         "CalibrateCamera",
         "Calibrate a fisheye lens from pictures of a chessboard.",
     ),
     "calibrate clock": _Command(
-        "palpate.sensors.force_torque.clock_command",
+        "palpate.sensors.force_torque.commands",
         "CalibrateClock",
         "Find the clock offset of the poses, and write it into the rig.",
     ),
@@ -95,7 +95,7 @@ _EACH = {
         "Find where each taxel sits, from the wrenches of pokes.",
     ),
     "design load-cells": _Command(
-        "palpate.sensors.load_cells.design_command",
+        "palpate.sensors.load_cells.commands",
         "design_load_cells",
         "Draw what a layout of load cells can resolve.",
     ),
@@ -107,7 +107,7 @@ _EACH = {
         "palpate.sensors.taxels.skin_map.commands", "map_skin", "Lay a flexible taxel sheet on a link's mesh."
     ),
     "plan pokes": _Command(
-        "palpate.sensors.taxels.poking.plan_command", "plan_pokes_command", "Propose where to poke a skin next."
+        "palpate.sensors.taxels.poking.commands", "plan_pokes_command", "Propose where to poke a skin next."
     ),
     "recover": _Command(".recover", "recover", "Recover a live record after its recorder was killed."),
     "replay": _Command(".replay", "replay", "Play a log as a device, to try a set-up without one."),

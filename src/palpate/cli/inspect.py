@@ -26,8 +26,8 @@ from palpate.files.models import MODELS, load_toml, read_model
 from palpate.files.urdf import Urdf
 from palpate.live.record import RING
 from palpate.live.recover import cut_short
+from palpate.sensors.taxels.files import of_taxels
 from palpate.sensors.taxels.place_formats import holds_taxels, read_taxel_places
-from palpate.sensors.taxels.places_file import of_taxels
 from palpate.setup import Rig, load_rig
 from palpate.setup.kinds import KINDS as SENSORS
 from palpate.signals.recording import CELLS

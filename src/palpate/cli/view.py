@@ -17,8 +17,8 @@ from palpate.files.atomic import reserve_output, sibling_folder
 from palpate.files.models import read_provenance
 from palpate.interrupts import import_mesh_reader
 from palpate.opencv import opencv
+from palpate.sensors.taxels.files import of_taxels
 from palpate.sensors.taxels.place_formats import read_taxel_places
-from palpate.sensors.taxels.places_file import of_taxels
 from palpate.sensors.taxels.places_page import serve_taxels
 from palpate.sensors.taxels.poking.evaluate_command import is_taxel_file
 from palpate.setup import Rig

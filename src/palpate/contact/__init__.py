@@ -2,11 +2,10 @@
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
-from palpate.contact.locate import METHODS, Candidates, Locator
+from palpate.contact.locate import Candidates, Locator
 from palpate.contact.wrench_estimator import WrenchEstimator
 
 __all__ = [
-    "METHODS",
     "ROW",
     "Candidates",
     "ContactEstimate",

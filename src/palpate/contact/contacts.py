@@ -1,4 +1,4 @@
-"""Contacts over time: the result of every estimator, and the input of every file, table, page and report."""
+"""Contacts over time: the result of every estimator."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from palpate.calls import by_name, called_as
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
-from palpate.spatial._arrays import FLOAT, INT64, shaped
+from palpate.spatial._arrays import FLOAT, INT64, Value, shaped
 from palpate.spatial.arguments import integer
 from palpate.spatial.pose import Pose
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Contacts"]
 
-_NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
+_COLUMNS = {"sample": INT64, "time": FLOAT, "identity": INT64}
 
 
 @called_as(
@@ -46,8 +46,8 @@ _NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
     to_csv='contacts.save("contacts.csv")',
 )
 @dataclass(frozen=True, eq=False)
-class Contacts:
-    """Contacts in the order of the samples, at least one row per sample; without a contact its status shows this.
+class Contacts(Value):
+    """Contacts in the order of the samples, at least one row per sample, whose status shows if there is none.
 
     Attributes:
         sample: (n,) row of the log, counted from 0.
@@ -56,17 +56,20 @@ class Contacts:
         estimate: batch of n estimates: point, force, covariance, status.
         features: name -> (n,) values that a sensor adds, SI (a sheet's row, column, area, ...); NaN without a contact.
         notes: remarks on the log and the sensor, one sentence each.
+
+    Raises:
+        InputError: a column does not have one value of its type for each row.
     """
 
     sample: Int[np.ndarray, " n"]
     time: Float[np.ndarray, " n"]
     identity: Int[np.ndarray, " n"]
     estimate: ContactEstimate
-    features: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=lambda: _NO_FEATURES)
+    features: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=lambda: {})
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, dtype in (("sample", INT64), ("time", FLOAT), ("identity", INT64)):
+        for name, dtype in _COLUMNS.items():
             object.__setattr__(self, name, _read_only(getattr(self, name), name, dtype))
         features = {name: _read_only(values, name) for name, values in self.features.items()}
         object.__setattr__(self, "features", MappingProxyType(features))
@@ -81,11 +84,13 @@ class Contacts:
         """Make `Contacts` with one row per sample from times (n,) [s] and a batch of n estimates.
 
         Samples are counted from `first`; all identities are 0.
+
+        Raises:
+            InputError: times that are not (n,) numbers, another number of estimates, or a `first` that is not whole.
         """
         time = shaped(time, (None,), "time")
-        count = len(time)
-        first = integer(first, "first")
-        return cls(first + np.arange(count), time, np.zeros(count, dtype=np.int64), estimate)
+        sample = integer(first, "first") + np.arange(len(time))
+        return cls(sample, time, np.zeros(len(time), dtype=np.int64), estimate)
 
     @classmethod
     def of_rows(
@@ -98,7 +103,7 @@ class Contacts:
         """Make `Contacts` from rows (n, width) of a `ContactEstimator`: `ROW`, features, and the identity, if any.
 
         Raises:
-            InputError: rows that are too narrow.
+            InputError: rows that are too narrow, or another number of samples or times.
         """
         end = ROW.length + len(features)
         if type(rows) is not np.ndarray or rows.ndim != 2 or rows.shape[1] < end:
@@ -110,7 +115,7 @@ class Contacts:
         return cls(sample, time, identity, ContactEstimate.from_rows(rows[:, : ROW.length]), columns)
 
     def rows(self) -> Float[np.ndarray, "n width"]:
-        """Return rows (n, width), the inverse of `of_rows`: `ROW`, features, and always the identity; SI units."""
+        """Return rows (n, width), the inverse of `of_rows`: `ROW`, features, and always the identity."""
         estimate = self.estimate
         numbers = (estimate.torque[:, None], estimate.covariance.reshape(-1, 9), estimate.residual[:, None])
         whole = np.column_stack([estimate.candidates, estimate.status])
@@ -120,29 +125,29 @@ class Contacts:
 
     @classmethod
     def joined(cls, parts: Sequence[Contacts]) -> Contacts:
-        """Join `Contacts` in order, at least one; a feature that some do not have is NaN there."""
+        """Join `Contacts` in order; a feature that some do not have is NaN there.
+
+        Raises:
+            InputError: there are none.
+        """
         if not parts:
             raise InputError("parts must be at least one Contacts, and is empty.")
         if len(parts) == 1:
             return parts[0]
-        names = dict.fromkeys(name for part in parts for name in part.features)
-        return cls(
-            np.concatenate([part.sample for part in parts]),
-            np.concatenate([part.time for part in parts]),
-            np.concatenate([part.identity for part in parts]),
-            ContactEstimate.joined([part.estimate for part in parts]),
-            {
-                name: np.concatenate([part.features.get(name, np.full(len(part), np.nan)) for part in parts])
-                for name in names
-            },
-            tuple(dict.fromkeys(note for part in parts for note in part.notes)),
-        )
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
+        estimate = ContactEstimate.joined([part.estimate for part in parts])
+        features = {
+            name: np.concatenate([part.features.get(name, np.full(len(part), np.nan)) for part in parts])
+            for name in dict.fromkeys(name for part in parts for name in part.features)
+        }
+        notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
+        return cls(**columns, estimate=estimate, features=features, notes=notes)
 
     def __len__(self) -> int:
         return len(self.sample)
 
     def __bool__(self) -> bool:
-        """Return whether a contact was found: any row is answered (CONTACT or AMBIGUOUS)."""
+        """Return whether any row is answered (CONTACT or AMBIGUOUS)."""
         return bool(self.estimate)
 
     def __iter__(self) -> Iterator[ContactEstimate]:
@@ -153,21 +158,16 @@ class Contacts:
     @overload
     def __getitem__(self, which: slice | np.ndarray) -> Contacts: ...
     def __getitem__(self, which: int | np.integer[Any] | slice | np.ndarray) -> ContactEstimate | Contacts:
-        """Return the `ContactEstimate` of one row, or the `Contacts` that a slice, mask or array of indices picks."""
+        """Return the `ContactEstimate` of one row, or the `Contacts` that a slice, mask or array of indices picks.
+
+        Raises:
+            IndexError: there is no such row.
+        """
         if isinstance(which, int | np.integer):
             return self.estimate[which]
-        return replace(
-            self,
-            sample=self.sample[which],
-            time=self.time[which],
-            identity=self.identity[which],
-            estimate=self.estimate[which],
-            features={name: values[which] for name, values in self.features.items()},
-        )
-
-    def __reduce__(self) -> tuple[type[Contacts], tuple[object, ...]]:
-        """Pickle the values of the features, since their read-only view cannot be pickled."""
-        return Contacts, (self.sample, self.time, self.identity, self.estimate, dict(self.features), self.notes)
+        columns = {name: getattr(self, name)[which] for name in _COLUMNS}
+        features = {name: values[which] for name, values in self.features.items()}
+        return replace(self, **columns, estimate=self.estimate[which], features=features)
 
     @property
     def point(self) -> Float[np.ndarray, "n 3"]:
@@ -196,7 +196,7 @@ class Contacts:
 
     @property
     def residual(self) -> Float[np.ndarray, " n"]:
-        """Distances of the wrenches to the nearest one that a contact can make, in standard deviations, (n,)."""
+        """Distances to the nearest wrenches that a contact can make, (n,) [standard deviations]."""
         return self.estimate.residual
 
     @property
@@ -211,23 +211,23 @@ class Contacts:
 
     @property
     def answered(self) -> Bool[np.ndarray, " n"]:
-        """Boolean mask of the rows whose status is CONTACT or AMBIGUOUS, (n,)."""
+        """Mask of the rows whose status is CONTACT or AMBIGUOUS, (n,)."""
         return np.asarray(self.estimate.answered)
 
     @property
     def located(self) -> Bool[np.ndarray, " n"]:
-        """Boolean mask of the rows that have a point and a normal, whether or not they are answered, (n,)."""
+        """Mask of the rows that have a point and a normal, answered or not, (n,)."""
         return np.asarray(np.isfinite(np.hstack([self.estimate.point, self.estimate.normal])).all(axis=1))
 
     def strongest(self) -> Int[np.ndarray, " s"]:
-        """Return for each sample the index of the row with the largest force, or of its first if none has one, (s,)."""
+        """Return the row with the largest force of each sample, its first row if none has a force, (s,) int."""
         force = np.linalg.norm(self.estimate.force, axis=1)
         order = np.lexsort((-np.where(np.isfinite(force), force, -1.0), self.sample))
         _, first = np.unique(self.sample[order], return_index=True)
         return order[first]
 
     def with_estimate(self, estimate: ContactEstimate) -> Contacts:
-        """Return `Contacts` with the same rows and another batch of n estimates, such as in another frame.
+        """Return `Contacts` with the same rows and another batch of n estimates.
 
         Raises:
             InputError: another number of estimates.
@@ -241,13 +241,13 @@ class Contacts:
     def in_frame(self, pose: Pose) -> Contacts:
         """Return `Contacts` with the same rows in another frame, as `ContactEstimate.in_frame`.
 
-        The base frame needs the sensor's poses, which are in the log: `palpate.estimate(log, rig, frame="base")`.
+        The base frame needs the sensor's poses in the log: `palpate.estimate(log, rig, frame="base")`.
 
         Args:
             pose: T_target_source, one, or one per row.
 
         Raises:
-            InputError: the argument is no pose, such as the name of a frame.
+            InputError: the argument is no pose.
         """
         return self.with_estimate(self.estimate.in_frame(pose))
 
@@ -255,7 +255,7 @@ class Contacts:
         """Return the touches as `Events`: start, end, point, peak force and more of each.
 
         Args:
-            gap: [s]; answered samples of one identity that are closer than this plus 1.5 sample steps are one touch.
+            gap: [s]; answered samples of one identity closer than this plus 1.5 sample steps are one touch.
             shortest: [s]; a touch that lasts less is left out.
         """
         return by_name("palpate.contact.touch_finder.find_touches")(self, gap=gap, shortest=shortest)
@@ -278,7 +278,7 @@ class Contacts:
         by_name("palpate.files.contacts.write_contacts")(path, self)
 
     def to_polars(self) -> pl.DataFrame:
-        """Return a polars `DataFrame` with the columns that files of contacts have; null for NaN.
+        """Return a polars `DataFrame` with the columns of files of contacts; null for NaN.
 
         Raises:
             InputError: the process was forked from one in which polars had started its threads.
@@ -299,18 +299,19 @@ class Contacts:
         return frame(self.to_polars().to_dict(as_series=False))
 
     def plot(self, surface: SurfaceLike | None = None) -> Any:
-        """Return a `Drawing` of the touches, numbered, on the body; a notebook shows it, and the pointer turns it.
+        """Return a `Drawing` of the numbered touches on the body, which a notebook shows and a pointer turns.
 
         Args:
-            surface: the body, in the frame of these contacts; None: the touches are drawn alone.
+            surface: the body, in the frame of these contacts; None: the touches alone.
 
         Raises:
-            InputError: the surface is no surface, or a mesh file that cannot be read or has no unit.
+            InputError: no surface, or a mesh file that cannot be read or has no unit.
+            GeometryError: the mesh has no usable facet.
         """
         return by_name("palpate.viewer.notebook.drawing_of_touches")(self, surface)
 
     def _repr_html_(self) -> str:
-        """Return HTML for notebooks: the number of rows of each status, and the touches."""
+        """Return HTML for notebooks: the rows of each status, and the touches."""
         return by_name("palpate.viewer.notebook.table_of")(self)
 
     def __repr__(self) -> str:

@@ -1,9 +1,8 @@
-"""Decide for each window of readings whether it shows the bias of a sensor or a touch."""
+"""Decide whether a window of readings shows the bias of a sensor or a touch."""
 
 from __future__ import annotations
 
 from collections import deque
-from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from palpate.signals.wrench_sensor import Placement
 from palpate.signals.zero_filter import FollowedSensor, ZeroFilter, ZeroWindow
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["DELAY", "ChangeKind"]
+__all__ = ["DELAY"]
 
 DELAY = 1.0  # s a window waits: a touch that grows by 20 mN/s is noticed within it, at 40 mN of noise and 200 Hz
 AFTER = 0.5  # s after a touch that are not used: the end of a release that is as slow
@@ -31,31 +30,33 @@ EXPLAINED = 4.0  # standard deviations from the nearest contact within the bound
 SLACK = 0.5e-3  # m by which a body differs from its mesh: a contact is still a contact
 
 
-class ChangeKind(Enum):
-    """Kinds of change of the wrench: one that a contact explains, and one that none does."""
-
-    CONTACT = 0  # or too little to tell
-    NO_CONTACT = 1
-
-
 @takes_arrays
 class ContactShape:
-    """Test of a wrench: can one contact of the body make it? It has a separate `Locator`, which keeps no memory.
+    """Test of whether one contact of the body can make a wrench.
 
     Args:
         locator: on the surface, with the bounds of friction and torsion.
         placement: pose of the surface on the sensor, with its covariance.
         slack: [m] error of the places, at least half a millimetre.
+
+    Attributes:
+        lever: [m] half of the body's size, which converts limits of forces to those of torques.
     """
 
     def __init__(self, locator: Locator, placement: Placement, slack: float = 0.0) -> None:
         given = locator.surface, locator.method, locator.friction, locator.torsion
         self._locator = Locator(*given, noise=np.ones(6), indentation=locator.indentation)
         self._placement, self._slack = placement, max(slack, SLACK)
-        self.lever = locator.surface.size / 2.0  # m: converts limits of forces to those of torques
+        self.lever = locator.surface.size / 2.0
 
-    def __call__(self, wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]) -> ChangeKind:
-        """Return the `ChangeKind` from a change's wrench (6,) and covariance (6, 6) in the sensor's frame [N, N m]."""
+    def explains(self, wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]) -> bool:
+        """Return whether a contact can make a wrench (6,) with covariance (6, 6) in the sensor's frame [N, N m].
+
+        It is also True if the wrench is too small to tell.
+
+        Raises:
+            InputError: other shapes.
+        """
         matrix, factor = self._placement.matrix, self._placement.factor
         located = matrix @ wrench
         force, torque = located[:3], located[3:]
@@ -66,13 +67,11 @@ class ContactShape:
         spread[3:, 3:] += self._slack**2 * (force @ force) * np.eye(3)
         rows = self._locator.run(located[None], spread[None], sequential=False)
         status, residual = int(rows.status[0]), float(rows.residual[0])
-        if status in (Status.NO_CONTACT, Status.TOO_LIGHT) or (np.isfinite(residual) and residual <= EXPLAINED):
-            return ChangeKind.CONTACT
-        return ChangeKind.NO_CONTACT
+        return status in (Status.NO_CONTACT, Status.TOO_LIGHT) or residual <= EXPLAINED  # NaN is none
 
 
 class Jump(NamedTuple):
-    """A change that no contact explains: its time [s], its force [N], and whether the filter followed it."""
+    """A change that no contact explains: its time [s], its force [N], whether the filter followed it."""
 
     time: float
     force: float
@@ -84,8 +83,8 @@ class Decided(NamedTuple):
 
     Attributes:
         unused: numbers of the windows that are rejected, in order.
-        used: numbers of later windows that are free and go into the filter, in order.
-        jump: [unit of the channels] by which the bias jumped before the windows in `used`; None: it did not.
+        used: numbers of the free windows that go into the filter after them, in order.
+        jump: (m,) by which the bias jumped before the windows in `used`; None: it did not.
         withheld: whether this window is withheld from the filter.
         changed: whether a change was found that no contact explains, or a jump was followed.
     """
@@ -98,7 +97,7 @@ class Decided(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """A window with its difference from the prediction, and with the verdict of a skin."""
+    """A window with its difference from the prediction and the verdict of a skin."""
 
     number: int
     window: ZeroWindow
@@ -108,24 +107,24 @@ class _Kept(NamedTuple):
 
 
 class DriftGate:
-    """Gate that decides, window by window, what goes into the filter; each waits `DELAY` for a touch that shows late.
+    """Gate that decides, window by window, what goes into the filter; each waits a second for a touch that shows late.
 
-    1. A window is free if its difference from the prediction is explained by bias, noise and payload (chi-square tests
-       of the window and of the mean of all that wait) and if no single sample's force is large enough for a contact.
-       Free windows go into the filter after the delay. After a touch, the bias is uncertain by its drift meanwhile:
-       a window that is free only because of this uncertainty must also show that the wrench came back. So a light touch
-       is not mistaken for the bias merely because time has passed.
-    2. All others are withheld, and the windows that wait are dropped. While one contact of the body explains the
-       change, nothing more happens.
+    1. A window is free if bias, noise and payload explain its difference from the prediction (chi-square tests of the
+       window and of the mean of all that wait), and no sample's force is large enough for a contact. After a touch, a
+       window that is free only because the bias may have drifted must also show that the wrench came back.
+    2. All others are withheld, and the windows that wait are dropped.
     3. A change of at most 2 N, steady for 2 s, is a jump of the bias if two of these hold: no contact explains it; a
-       skin felt nothing meanwhile; it grew more slowly than `SLOW`. The first is not enough, as two touches at once are
-       no single contact either. Other changes are withheld; both kinds are recorded in `jumps`.
+       skin felt nothing meanwhile; it grew by less than 10 mN/s. The first is not enough, as two touches at once are no
+       single contact either. Other changes are withheld; both kinds are recorded in `jumps`.
 
     Args:
-        filter: receives the windows; the gate reads it and never changes it.
+        filter: receives the windows; the gate only reads it.
         sensor: owner of the channels.
-        shape: test whether one contact of the body explains a wrench.
+        shape: test of whether one contact of the body explains a wrench.
         alone: the body is never touched at two places at once, so that the shape alone identifies a jump.
+
+    Attributes:
+        jumps: list of each `Jump` so far.
     """
 
     def __init__(self, filter: ZeroFilter, sensor: FollowedSensor, shape: ContactShape, alone: bool = False) -> None:
@@ -143,15 +142,10 @@ class DriftGate:
         self._before: Float[np.ndarray, "m m"] | None = None  # covariance of the bias when it was last followed
         self._ended, self._fast, self._told = -np.inf, False, False
 
-    @property
-    def waiting(self) -> int:
-        """Number of windows that are not yet decided."""
-        return len(self._pending) + len(self._odd)
-
     def judge(
         self, number: int, window: ZeroWindow, strength: float, full: bool, touched: bool | None = None
     ) -> Decided:
-        """Return what follows from the next window as a `Decided`: windows to use or reject, and a jump of the bias.
+        """Return the decisions that follow from the next window, as a `Decided`.
 
         Args:
             number: of the window.
@@ -169,14 +163,13 @@ class DriftGate:
         return self._hold(one) if held else self._release(one)
 
     def finish(self) -> list[int]:
-        """Return the numbers of all windows that still wait, a list of int, and drop these windows."""
+        """Drop all windows that still wait, and return their numbers, a list of int."""
         left = [one.number for one in (*self._odd, *self._pending)]
         self._pending.clear()
         self._odd.clear()
         return left
 
     def _free(self, one: _Kept) -> bool:
-        """Return whether a window is free by the chi-square tests."""
         noise = one.window.noise + one.window.stays
         square = _square(one.off, one.spread + noise)
         if self._before is not None:
@@ -197,7 +190,7 @@ class DriftGate:
         return _square(apart, noise * (1.0 + 1.0 / len(others)) + wandered) <= self._single
 
     def _came_back(self, one: _Kept, noise: Float[np.ndarray, "m m"]) -> bool:
-        """Return whether a touch has ended, and is not merely hidden by the uncertainty that has grown since."""
+        """Return whether a touch has ended, and is not merely hidden by the uncertainty that has grown."""
         assert self._before is not None
         if _square(one.off, self._before + noise) <= self._returned:
             return True
@@ -205,7 +198,7 @@ class DriftGate:
         return moved >= _square(one.off, noise)
 
     def _release(self, one: _Kept) -> Decided:
-        """Let a free window wait, and release those that have waited long enough."""
+        """Let a free window wait; release those that have waited long enough."""
         unused = [each.number for each in self._odd]
         self._odd.clear()
         time = one.window.time
@@ -223,7 +216,7 @@ class DriftGate:
         return used
 
     def _hold(self, one: _Kept) -> Decided:
-        """Withhold a window, a touch or a jump of the bias; after a confirmed jump, release windows."""
+        """Withhold a window; after a confirmed jump of the bias, release windows."""
         unused = [each.number for each in self._pending]
         self._pending.clear()
         if self._before is None:
@@ -244,7 +237,6 @@ class DriftGate:
         return Decided(unused, self._due(one.window.time), jump, withheld=False, changed=True)
 
     def _agree(self, one: _Kept, level: Float[np.ndarray, " m"]) -> bool:
-        """Return whether a window agrees with this level within its noise."""
         return _square(one.off - level, one.window.noise + one.window.stays) <= self._single
 
     def _jumped(self, one: _Kept) -> tuple[bool, Float[np.ndarray, " m"] | None]:
@@ -259,9 +251,10 @@ class DriftGate:
             return False, None  # it still moves
         wrench, covariance = self.sensor.as_wrench(level[None], one.spread + noise / len(last) + stays)
         force = float(np.linalg.norm(wrench[0, :3]))
-        odd = self.shape(wrench[0], covariance) is ChangeKind.NO_CONTACT
+        odd = not self.shape.explains(wrench[0], covariance)
         free = all(each.touched is False for each in self._odd)
-        slow = not self._fast and self._slow(one)
+        _, fastest, span = self._speed(one, SLOWLY)
+        slow = not self._fast and span >= 0.9 * SLOWLY and fastest <= 1.0
         small = force <= SMALL
         if small and ((odd and (slow or free or self.alone)) or (slow and free)):
             self.jumps.append(Jump(time, force, followed=True))
@@ -271,13 +264,8 @@ class DriftGate:
             self.jumps.append(Jump(time, force, followed=False))
         return odd, None
 
-    def _slow(self, one: _Kept) -> bool:
-        """Return whether the change is known to have come slowly."""
-        _, most, span = self._speed(one, SLOWLY)
-        return span >= 0.9 * SLOWLY and most <= 1.0
-
     def _speed(self, one: _Kept, seconds: float) -> tuple[float, float, float]:
-        """Return the least and the greatest speed of change over the last seconds, in `SLOW`, and the span [s] used."""
+        """Return least and greatest speed of change over the last seconds, in `SLOW`, and the span [s] used."""
         part = [each for each in self._recent if each.window.time > one.window.time - seconds]
         times = np.array([each.window.time for each in part])
         if np.ptp(times) < seconds / 2.0:

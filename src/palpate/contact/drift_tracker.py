@@ -40,8 +40,7 @@ T = TypeVar("T")
 class DriftTracker:
     """Tracker of one sensor's bias, window by window on a grid of the clock, however blocks are cut.
 
-    Call `enter` before the samples of a window are measured, which ends the window before, then `add` with the
-    readings of the window:
+    `enter` ends one window and begins the next, before its samples are measured; `add` takes their readings:
 
         for piece in follower.pieces(time):
             follower.enter(float(time[piece][0]), kelvin)   # the sensor's bias is now that of this window
@@ -51,9 +50,9 @@ class DriftTracker:
     Args:
         sensor: wrench sensor.
         drift: model of the drift of its bias.
-        shape: test whether one contact of the body explains a wrench.
+        shape: test of whether one contact of the body explains a wrench.
         alone: the body is never touched at two places at once (`DriftGate`).
-        smooth: for logs: windows are kept until they can be smoothed (`settled`), and the sensor is not changed.
+        smooth: for logs: windows are kept until they are smoothed (`settled`), and the sensor is not changed.
 
     Attributes:
         count: number of windows that have ended, which is the number of the next.
@@ -98,29 +97,31 @@ class DriftTracker:
 
     @staticmethod
     def pieces(time: Float[np.ndarray, " n"]) -> Iterator[slice]:
-        """Yield slices of a block, one for each window of 0.1 s; an unknown time belongs to the window before."""
+        """Yield slices of a block's times (n,) [s], one for each window of 0.1 s; NaN belongs to the window before.
+
+        Raises:
+            InputError: the times have another shape.
+        """
         time = shaped(time, (None,), "time")
         if not len(time):
             return
         windows = np.floor(time / WINDOW)
-        known = np.isfinite(windows)
-        last = np.maximum.accumulate(np.where(known, np.arange(len(time)), 0))
-        windows = windows[last]
+        windows = windows[np.maximum.accumulate(np.where(np.isfinite(windows), np.arange(len(time)), 0))]
         changes = np.flatnonzero((windows[1:] != windows[:-1]) & np.isfinite(windows[1:])) + 1
         for begin, end in pairwise([0, *changes.tolist(), len(time)]):
             yield slice(begin, end)
 
     @staticmethod
     def kelvin(channels: Mapping[str, np.ndarray]) -> float:
-        """Return the first sample's temperature [K or degrees C] from channels by name; NaN without that channel."""
+        """Return the first sample's temperature [K or degrees C]; NaN if the channels have none."""
         return float(channels[TEMPERATURE].flat[0]) if TEMPERATURE in channels else np.nan
 
     def enter(self, time: float, kelvin: float = np.nan) -> bool:
-        """Announce the time [s] of the next samples; return whether another window begins, which ends the one before.
+        """Announce the next samples; return whether another window begins, which ends the one before.
 
         Args:
             time: [s] of the first of them.
-            kelvin: temperature of the sensor then [K or degrees C]; NaN: unchanged.
+            kelvin: temperature of the sensor [K or degrees C]; NaN: unchanged.
         """
         if self.sensor.zeros_taken != self._taken:
             self.restart()
@@ -149,17 +150,17 @@ class DriftTracker:
         """Add n samples to the window that was entered.
 
         Args:
-            time: [s] of each sample, or of one.
+            time: (n,) [s] of each sample, or a number for one.
             kept: (n, k) result of `FollowedSensor.kept` for them.
             touched: whether a skin over the complete body feels a touch; None: there is no skin.
         """
-        self._times.append(np.array([time]) if isinstance(time, float) else np.array(time, dtype=np.float64))
+        self._times.append(np.array(time, dtype=np.float64, ndmin=1))
         self._parts.append(kept)
         if touched is not None:
             self._touched = touched or bool(self._touched)
 
     def close(self) -> None:
-        """End the window that was entered, and let the gate decide on it."""
+        """End the window that was entered; the gate decides on it."""
         if self._window is None or not self._parts:
             return
         time, kept = np.concatenate(self._times), np.concatenate(self._parts)
@@ -189,9 +190,8 @@ class DriftTracker:
         self._settle(decided, middle, status)
 
     def restart(self) -> None:
-        """Begin anew after another tare of the sensor; the windows so far are decided on first."""
-        self.close()
-        self._finish()
+        """Decide on the windows so far, and begin anew after another tare of the sensor."""
+        self.finish()
         ready = self._ready
         self.reset()
         self._ready = ready
@@ -199,21 +199,23 @@ class DriftTracker:
     def finish(self) -> None:
         """End the log: decide on all windows, so that `settled` yields their biases."""
         self.close()
-        self._finish()
+        self._pass(self.gate.finish())
+        if self.smooth:
+            self._smooth(len(self._nodes))
 
     def at(self, time: float) -> ZeroState:
-        """Return the bias at a time [s] as a `ZeroState`, at the temperature of the window that was entered."""
+        """Return the bias at a time [s] and the temperature of the entered window as a `ZeroState`."""
         return self._warmed(self.filter.at(time), self._kelvin)
 
     def settled(self) -> Iterator[ZeroState]:
-        """Yield each smoothed bias, a `ZeroState`, one for each window with samples, as far as they are known."""
+        """Yield the smoothed bias of each window with samples, a `ZeroState`, as far as they are known."""
         while self._ready:
             yield self._ready.popleft()
 
     def both_sides(self, pieces: Iterable[tuple[Recording, bool | None, T]]) -> Iterator[tuple[T, ZeroState | None]]:
-        """Yield (item, `ZeroState` or None) for each piece of a log, in order, once enough later samples are known.
+        """Yield (item, smoothed bias) for each piece of a log, in order, once enough later samples are known.
 
-        The state is the smoothed bias of the piece's window; None if no window has samples.
+        The bias is the `ZeroState` of the piece's window; None if no window has samples.
 
         Args:
             pieces: (samples of one window or a part of it, `touched` as in `add`, the item to yield).
@@ -245,7 +247,7 @@ class DriftTracker:
         return self._record.value()
 
     def notes(self) -> tuple[str, ...]:
-        """Return a tuple of sentences: how far the bias was followed, and the share of the time in which it was not."""
+        """Return how far the bias was followed, and the share of the time in which it was not, a tuple of sentences."""
         said = self._record.notes(self.gate.jumps)
         if self._warms and said and np.isnan(self._first_kelvin):
             return (
@@ -258,27 +260,22 @@ class DriftTracker:
         """Return warnings of changes not followed and of a bias rarely followed, a tuple of sentences or ()."""
         return self._record.warnings(self.gate.jumps)
 
-    def _finish(self) -> None:
-        self._pass(self.gate.finish())
-        if self.smooth:
-            self._smooth(len(self._nodes))
-
     def _nothing(self) -> tuple[np.ndarray, ...]:
         m, q = self.filter.channels, self.filter.known - self.filter.channels
         return np.zeros(m), np.zeros((m, q)), np.eye(m), np.zeros((m, m))
 
     def _warmer(self, kelvin: float) -> float:
-        """Return the temperature [K] relative to the start of the bias; 0 if not known."""
+        """Return the temperature [K] above that of the start; 0 if unknown."""
         passed = kelvin - self._first_kelvin if self._warms else 0.0
         return passed if isfinite(passed) else 0.0
 
     def _regressor(self, weights: Float[np.ndarray, "m q"], warmer: float) -> Float[np.ndarray, "m k"]:
-        """Return slopes (m, k) of a window's value by each coefficient: the payload's weight, each channel's slope."""
+        """Return slopes (m, k) of a window by each coefficient: weight of the payload, slope of each channel."""
         hangs = weights[:, : self._weighs]
         return np.concatenate([hangs, warmer * np.eye(len(weights))], axis=1) if self._warms else hangs
 
     def _warmed(self, state: ZeroState, kelvin: float) -> ZeroState:
-        """Return the bias at a temperature, with the uncertainty of the slopes in its covariance."""
+        """Return the bias at a temperature, with the uncertainty of the slopes."""
         if not self._warms:
             return state
         warmer, kept = self._warmer(kelvin), len(state.zero) + self._weighs
@@ -288,7 +285,6 @@ class DriftTracker:
         return ZeroState(zero, state.coefficient[: self._weighs], ways @ state.covariance @ ways.T)
 
     def _strength(self, window: ZeroWindow, free: Free, usable: np.ndarray, noise: Float[np.ndarray, "m m"]) -> float:
-        """Return the largest force of a sample, in standard deviations."""
         expected, spread = self.filter.expected(window.time, window.regressor)
         wrenches, _ = self.sensor.as_wrench(free.value[usable] - expected, noise)
         _, covariance = self.sensor.as_wrench(np.zeros((0, len(expected))), noise + spread + window.stays)
@@ -297,7 +293,7 @@ class DriftTracker:
         return float(np.sqrt(square.max()))
 
     def _settle(self, decided: Decided, time: float, status: ZeroStatus) -> None:
-        """Pass decided windows to the filter, or past it; record the status of one."""
+        """Pass decided windows to the filter, or past it; record a status."""
         self._statuses.append((time, status, self._kelvin))
         self._pass(decided.unused)
         if decided.jump is not None:
@@ -313,7 +309,7 @@ class DriftTracker:
             self._keep(self.filter.advance(self._waiting.pop(number).time, number))
 
     def _keep(self, node: FilterStep) -> None:
-        """Keep a step for the smoother; once enough free windows follow some steps, smooth those."""
+        """Keep a step for the smoother, and smooth those that enough free windows follow."""
         if not self.smooth:
             return
         self._nodes.append(node)
@@ -328,7 +324,6 @@ class DriftTracker:
             self._smooth(len(self._nodes))
 
     def _smooth(self, count: int) -> None:
-        """Smooth the first `count` steps."""
         found = [self.filter.known_of(*one) for one in smoothed(list(self._nodes), count)][::-1]
         for plain in found:
             time, status, kelvin = self._statuses.popleft()

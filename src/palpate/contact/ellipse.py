@@ -19,7 +19,7 @@ def ellipse(
 ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3 3"]]:
     """Compute the 95 % ellipse of a point in its tangent plane.
 
-    With B two tangents, the half-axes are sqrt(5.991 eigenvalues of B^T C B), in closed form for this 2 x 2 matrix.
+    With B two tangents, its half-axes are sqrt(5.991 eigenvalues of B^T C B).
 
     Args:
         covariance: (*batch, 3, 3) [m^2] of points.
@@ -28,6 +28,9 @@ def ellipse(
     Returns:
         Half-axes (*batch, 2) [m], the longer first (NaN without a covariance or a normal), and rotations
         (*batch, 3, 3) whose columns are the long axis, the short axis and the normal (the identity without a normal).
+
+    Raises:
+        InputError: other shapes.
     """
     shape = normal.shape[:-1]
     pairs = zip(covariance.reshape(-1, 9).tolist(), normal.reshape(-1, 3).tolist(), strict=True)
@@ -36,7 +39,7 @@ def ellipse(
 
 
 def _single(covariance: list[float], normal: list[float]) -> tuple[float, ...]:
-    """Return half-axes, then the frame row by row; without arrays: a page draws one at a time, thirty times a second.
+    """Return half-axes, then the frame row by row; without arrays, for pages that draw it thirty times a second.
 
     The tangents are right-handed with the normal: Duff et al., Building an Orthonormal Basis, Revisited (2017).
     """
@@ -60,7 +63,6 @@ def _single(covariance: list[float], normal: list[float]) -> tuple[float, ...]:
 
 
 def _between(c: list[float], a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
-    """Return a^T C b; NaN if C has a value of NaN."""
     return (
         a[0] * (c[0] * b[0] + c[1] * b[1] + c[2] * b[2])
         + a[1] * (c[3] * b[0] + c[4] * b[1] + c[5] * b[2])

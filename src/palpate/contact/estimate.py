@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +38,7 @@ class Status(IntEnum):
 
     @classmethod
     def _missing_(cls, value: object) -> Status:
-        """Return the status for a word, spelt as in files or with spaces; raise InputError if there is none."""
+        """Return the status for a word, with underscores or spaces; raise an InputError if there is none."""
         for each in cls:
             if isinstance(value, str) and value.replace(" ", "_") == each.label:
                 return each
@@ -48,12 +48,12 @@ class Status(IntEnum):
 
     @property
     def label(self) -> str:
-        """Name of the status in files, in lower case, such as "off_surface"."""
+        """Name of the status in files, such as "off_surface"."""
         return self.name.lower()
 
     @property
     def words(self) -> str:
-        """Name of the status for a person: `label` with spaces in place of underscores."""
+        """Name of the status for a person: `label` with spaces for underscores."""
         return self.label.replace("_", " ")
 
     def __str__(self) -> str:
@@ -87,7 +87,7 @@ class Statuses(np.ndarray):
 
 
 class _Row:
-    """Layout of one estimate as a row of float64, the form that the compiled loops write."""
+    """Layout of one estimate as a row of float64."""
 
     point = slice(0, 3)
     normal = slice(3, 6)
@@ -101,8 +101,6 @@ class _Row:
 
 
 ROW = _Row
-
-
 _ROW = (ROW.length,)
 
 
@@ -129,6 +127,9 @@ class ContactEstimate(Value):
             the friction and torsion bounds can make; 0 inside them.
         candidates: (*batch) number of points within the bounds that explain the wrench.
         status: (*batch) `Status` as int8; for a single estimate (no batch) a `Status`.
+
+    Raises:
+        InputError: values that are not real numbers, or a status of another type or shape than the torque's.
     """
 
     point: Float[np.ndarray, "*batch 3"]
@@ -163,7 +164,11 @@ class ContactEstimate(Value):
 
     @classmethod
     def from_rows(cls, rows: Float[np.ndarray, "*batch 22"]) -> ContactEstimate:
-        """Make a `ContactEstimate` from rows (*batch, 22) laid out as `ROW`; raise InputError for another shape."""
+        """Make a `ContactEstimate` from rows (*batch, 22) laid out as `ROW`.
+
+        Raises:
+            InputError: rows of another shape.
+        """
         if type(rows) is not np.ndarray or rows.shape[-1:] != _ROW or rows.dtype != FLOAT:
             rows = shaped(rows, (..., ROW.length), "rows")
         if rows.ndim == 1 and rows.item(ROW.candidates) >= 0 and rows.item(ROW.status) >= 0:  # none of them NaN
@@ -181,7 +186,7 @@ class ContactEstimate(Value):
 
     @classmethod
     def _from_row(cls, row: Float[np.ndarray, "22"]) -> ContactEstimate:
-        """Make a single estimate of views into `row`, which it takes over: in a loop eight copies take 10 us."""
+        """Make a single estimate of views into `row`, which it takes over: eight copies take 10 us."""
         candidates = np.array(int(row.item(ROW.candidates)), dtype=np.int64)
         row.setflags(write=False)  # and so are its parts
         candidates.setflags(write=False)
@@ -200,24 +205,29 @@ class ContactEstimate(Value):
 
     @classmethod
     def joined(cls, parts: Sequence[ContactEstimate]) -> ContactEstimate:
-        """Join batches into one `ContactEstimate` along the first axis, in order; raise InputError without any."""
+        """Join batches along the first axis, in order.
+
+        Raises:
+            InputError: there are none.
+        """
         if not parts:
             raise InputError("parts must be at least one ContactEstimate, and is empty.")
         columns = [part._columns() for part in parts]
         return cls(**{name: np.concatenate([each[name] for each in columns]) for name in columns[0]})
 
     def reshaped(self, batch: tuple[int, ...]) -> ContactEstimate:
-        """Return a `ContactEstimate` of the same estimates with other leading axes, of the same total size."""
+        """Return the same estimates with other leading axes, of the same total size."""
         axes = len(self.batch)
         return ContactEstimate(
             **{name: value.reshape((*batch, *value.shape[axes:])) for name, value in self._columns().items()}
         )
 
     def __getitem__(self, which: int | np.integer[Any] | slice | np.ndarray) -> ContactEstimate:
-        """Return the `ContactEstimate` that an index, slice, mask or array of indices picks along the first axis.
+        """Return the estimates that an index, slice, mask or array of indices picks along the first axis.
 
         Raises:
             TypeError: this is a single estimate.
+            IndexError: there is no such estimate.
         """
         if not self.batch:
             raise TypeError("a single estimate cannot be indexed")
@@ -227,13 +237,11 @@ class ContactEstimate(Value):
         return (self[i] for i in range(len(self.status)))
 
     def __bool__(self) -> bool:
-        """Return whether a contact was found: any estimate is answered (CONTACT or AMBIGUOUS)."""
+        """Return whether any estimate is answered (CONTACT or AMBIGUOUS)."""
         return bool(np.any(self.answered))
 
     def in_frame(self, pose: Pose) -> ContactEstimate:
-        """Return a `ContactEstimate` with points, normals, forces and covariances in another frame.
-
-        The uncertainty of `pose` itself is not added.
+        """Return the same estimates in another frame; the uncertainty of `pose` is not added.
 
         Args:
             pose: T_target_source, one or a batch.
@@ -242,25 +250,23 @@ class ContactEstimate(Value):
             InputError: the argument is no pose.
         """
         turn = pose.rotation
-        return ContactEstimate(
+        return replace(
+            self,
             point=pose.apply(self.point),
             normal=pose.rotate(self.normal),
             force=pose.rotate(self.force),
-            torque=self.torque.copy(),
             covariance=turn @ self.covariance @ np.swapaxes(turn, -1, -2),
-            residual=self.residual.copy(),
-            candidates=self.candidates.copy(),
-            status=self.status,
         )
 
     def plot(self, surface: SurfaceLike | None = None) -> Any:
-        """Return a `Drawing` of points, forces and 95 % ellipses on the body; notebooks show it, the pointer turns it.
+        """Return a `Drawing` of points, forces and 95 % ellipses on the body; a notebook shows it, a pointer turns it.
 
         Args:
-            surface: the body, in the frame of these estimates; None: the estimates are drawn alone.
+            surface: the body, in the frame of these estimates; None: the estimates alone.
 
         Raises:
-            InputError: the surface is no surface, or a mesh file that cannot be read or has no unit.
+            InputError: no surface, or a mesh file that cannot be read or has no unit.
+            GeometryError: the mesh has no usable facet.
         """
         return by_name("palpate.viewer.notebook.drawing_of_estimates")(self, surface)
 
@@ -274,9 +280,8 @@ class ContactEstimate(Value):
 
     @property
     def answered(self) -> Any:
-        """True if the status is CONTACT or AMBIGUOUS; a boolean array (*batch) for a batch."""
+        """True if the status is CONTACT or AMBIGUOUS; a mask (*batch) for a batch."""
         return (np.asarray(self.status) if self.batch else self.status) <= Status.AMBIGUOUS
 
     def _columns(self) -> dict[str, np.ndarray]:
-        """Return every field by name as an array."""
         return {**vars(self), "status": np.asarray(self.status, dtype=np.int8)}

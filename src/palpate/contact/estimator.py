@@ -1,4 +1,4 @@
-"""Define the base class of all estimators, which turn the readings of a sensor into contacts."""
+"""The base class of estimators, which turn readings into contacts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from palpate.signals.filters import Filter
 from palpate.signals.recording import Recording, split_channels
 from palpate.signals.smoothing import require_forward
 from palpate.signals.wrench_sensor import Tare
-from palpate.spatial._arrays import FLOAT, require_out, shaped
+from palpate.spatial._arrays import FLOAT, INT64, require_out, shaped
 from palpate.spatial.pose import Pose
 
 __all__ = ["NOTHING_BESIDE", "Answered", "Channels", "ContactEstimator", "Counts", "Known", "Rows", "Times"]
@@ -32,8 +32,6 @@ Counts = Int[np.ndarray, " n"]
 Known = ArrayLike | None
 Channels = Mapping[str, np.ndarray]
 
-_COUNT = np.dtype(np.int64)
-
 
 class Answered(NamedTuple):
     """Samples with the rows of their contacts.
@@ -42,8 +40,8 @@ class Answered(NamedTuple):
         block: the samples.
         rows: (r, width) of all of them, in order.
         counts: (n,) number of rows of each sample.
-        seen: readings to show next to the contacts: the force [N] of each taxel, (n, k), or the positions [px] of
-            the markers, (n, m, 2); None: there are none, or they were not requested.
+        seen: readings to show: the force [N] of each taxel, (n, k), or the positions [px] of the markers, (n, m, 2);
+            None: there are none, or they were not requested.
     """
 
     block: Recording
@@ -55,8 +53,8 @@ class Answered(NamedTuple):
 class ContactEstimator(ABC):
     """Base class of estimators; blocks of any size give the same contacts to the last bit.
 
-    A subclass defines `answer`, `tare`, `reset`, `notes`, `warnings` and `_single`; it overrides `answers` if a log is
-    answered better with later samples, and `_arrays` if arrays are answered faster than recordings.
+    A subclass overrides `answers` if later samples improve the contacts of a log, and `_arrays` if arrays are answered
+    faster than recordings.
 
     Args:
         channels: names of channels that a recording must have.
@@ -87,7 +85,7 @@ class ContactEstimator(ABC):
 
     @abstractmethod
     def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Return a block with its contacts as `Answered`, from samples so far; the filter must not use later ones.
+        """Return a block with its contacts as `Answered`, from samples so far.
 
         Args:
             block: the samples.
@@ -99,17 +97,13 @@ class ContactEstimator(ABC):
 
     @abstractmethod
     def tare(self, recording: Recording) -> Tare:
-        """Subtract the mean of an untouched window from now on, in place of an earlier tare; then `reset`.
-
-        Args:
-            recording: a steady, untouched window.
+        """Subtract the mean of a steady, untouched window from now on, instead of an earlier tare; then `reset`.
 
         Returns:
-            a `Tare`: its `note` is a sentence on what is subtracted; its `warning` is a sentence if the window could be
-            a touch, else "".
+            a `Tare`: a note on what is subtracted, and a warning if the window could be a touch, else "".
 
         Raises:
-            InputError: too few samples, or they are not steady; the message has the figures.
+            InputError: too few samples, or they are not steady; a channel is missing.
         """
 
     @abstractmethod
@@ -130,10 +124,10 @@ class ContactEstimator(ABC):
         """Write the contacts of one sample, as many as fit, and return their number."""
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Yield each block of a log with its contacts as `Answered`, from its start, as soon as these are known.
+        """Yield each block of a log with its contacts as `Answered`, as soon as these are known.
 
         Args:
-            blocks: of the log, in order.
+            blocks: of the log, in order, from its start.
             watched: also return `Answered.seen`.
 
         Raises:
@@ -157,12 +151,11 @@ class ContactEstimator(ABC):
     def pairs(
         self, blocks: Iterable[Recording], watch: Callable[[Recording, np.ndarray], None] | None = None
     ) -> Iterator[tuple[Recording, Contacts]]:
-        """Yield (block, `Contacts`) for each block of a log, in order, as soon as its contacts are known.
+        """Yield (block, `Contacts`) for each block of a log, as soon as its contacts are known.
 
         Args:
-            blocks: from the start of the log.
-            watch: called before each pair with the block and its readings to show, if the sensor has any: the force [N]
-                of each taxel, (n, k), or the positions [px] of the markers, (n, m, 2).
+            blocks: of the log, in order, from its start.
+            watch: called before each pair with the block and its `Answered.seen`, if the sensor has any.
 
         Raises:
             InputError: a channel is missing or has another shape.
@@ -175,7 +168,7 @@ class ContactEstimator(ABC):
             first += len(answered.block)
 
     def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
-        """Yield the `Contacts` of each block of a log, in the surface's frame; `pairs` yields the block as well.
+        """Yield the `Contacts` of each block of a log, in the surface's frame.
 
         Raises:
             InputError: a channel is missing or has another shape.
@@ -193,13 +186,13 @@ class ContactEstimator(ABC):
 
         Args:
             time: [s] on the clock of the samples.
-            reading: as measured; see the class for its form.
+            reading: as measured, in the form that the class describes.
             rotation: (3, 3) sensor in base, if payload or frame need it; NaN: not known now.
             acceleration: (3,) [m/s^2] of the sensor's origin in the sensor's frame; None: at rest.
 
         Raises:
-            InputError: the reading has another shape; the rotation is needed and missing; the baseline of a skin is not
-                known; the filter has zero phase.
+            InputError: time or reading have another shape; the rotation is needed and missing; the baseline of a skin
+                is not known; the filter has zero phase.
         """
         rows, time, first = self.empty(self.most), instant(time), self._samples
         rows = rows[: self.update_into(time, reading, rows, rotation, acceleration)]
@@ -214,13 +207,14 @@ class ContactEstimator(ABC):
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> int:
-        """Write the contacts of one live sample into rows of `empty`, for a control loop.
+        """Write the contacts of one live sample, given as to `update`, into rows of `empty`.
 
         Returns:
             number of rows written: at least 1, and as many as fit.
 
         Raises:
-            InputError: as `update`; or `out` is not as `empty` makes it.
+            InputError: time, reading or `out` have another shape; the rotation is needed and missing; the baseline of a
+                skin is not known; the filter has zero phase.
         """
         require_forward(self.filter)
         count = self._single(instant(time), reading, rows_of(out, self._width), rotation, acceleration)
@@ -241,16 +235,15 @@ class ContactEstimator(ABC):
             time: (n,) [s].
             readings: (n, ...), each as in `update`.
             out: (rows, width), written from its first row on.
-            counts: (n,), into which the number of rows of each answered sample is written, in order.
-            extra_channels: other channels of a `Recording`, such as `ORIENTATION`, if known.
+            counts: (n,) int64, into which the number of rows of each answered sample is written.
+            extra_channels: other channels of a `Recording`, such as `ORIENTATION`.
 
         Returns:
-            The number of samples answered, from the first on: all, or as many as `out` has room for. Call again with
-            the remaining samples.
+            The number of samples answered, from the first on: all, or as many as `out` has room for.
 
         Raises:
-            InputError: the filter has zero phase, an array has another shape, a channel is missing, or the baseline of
-                a skin is not known.
+            InputError: the filter has zero phase; an array has another shape, or cannot be written into; a channel is
+                missing; the baseline of a skin is not known.
         """
         require_forward(self.filter)
         require_out(out, (None, self._width))
@@ -259,7 +252,7 @@ class ContactEstimator(ABC):
         return done
 
     def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
-        """Answer arrays, at a time as many samples as certainly fit; return the number of samples answered."""
+        """Answer as many samples at a time as certainly fit; return the number of samples answered."""
         done = used = 0
         while fits := min(len(time) - done, (len(out) - used) // self.most):
             part = slice(done, done + fits)
@@ -293,13 +286,11 @@ def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
     Raises:
         InputError: `out` is not as `empty` makes it.
     """
-    if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
-        if out.shape == (width,):
-            return out[None]
-        if out.shape[-1:] == (width,) and out.size:
-            return out.reshape(-1, width)
+    carray = type(out) is np.ndarray and out.flags.carray
+    if carray and out.dtype == FLOAT and out.shape[-1:] == (width,) and out.size:
+        return out.reshape(-1, width)
     seen = [str(getattr(out, each)) for each in ("dtype", "shape") if hasattr(out, each)] or [type(out).__name__]
-    if type(out) is np.ndarray and not out.flags.carray:
+    if type(out) is np.ndarray and not carray:
         seen.append("that cannot be written to" if not out.flags.writeable else "that is not contiguous")
     raise InputError(f"out must be rows of {width} numbers, as `empty` returns them, not {' '.join(seen)}.")
 
@@ -311,24 +302,12 @@ def _samples(
     beside: Mapping[str, ArrayLike],
     dtype: np.dtype[Any],
 ) -> tuple[Float[np.ndarray, " n"], np.ndarray, dict[str, np.ndarray]]:
-    """Return times, readings and other channels as compiled loops take them: contiguous, float64.
-
-    Raises:
-        InputError: the number of readings, or of rows of another channel, is not that of the times, or `counts` is
-            no writable array of as many integers.
-    """
+    """Return times, readings and other channels as compiled loops take them; raise an InputError for other shapes."""
     time = shaped(time, (None,), "time")
     made = {"readings": shaped(readings, (...,), "readings", dtype)}
     made |= {name: shaped(values, (...,), name) for name, values in beside.items()}
     for name, values in made.items():
         if values.shape[:1] != time.shape:
             raise InputError(f"{name} must have one row for each of {len(time)} times, not shape {values.shape}.")
-    if (
-        type(counts) is not np.ndarray
-        or counts.shape != time.shape
-        or counts.dtype != _COUNT
-        or not counts.flags.carray
-    ):
-        seen = f"{getattr(counts, 'dtype', type(counts).__name__)} of shape {getattr(counts, 'shape', ())}"
-        raise InputError(f"counts must be a writable, contiguous array of int64 and shape {time.shape}, not {seen}.")
+    require_out(counts, time.shape, "counts", INT64)
     return time, made.pop("readings"), made

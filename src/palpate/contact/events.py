@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.calls import called_as
+from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Events", "largest_deviation"]
@@ -22,16 +23,16 @@ class Touch(SimpleNamespace):
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Events:
-    """Touches of one identity each, in the order in which they began in the file; two at once are two touches.
+class Events(Value):
+    """Touches of one identity each, in the order in which they began; two at once are two touches.
 
     Attributes:
         start: (k,) [s] of the first answered sample.
         end: (k,) [s] of the last.
-        point: (k, 3) [m] mean of the answered points, each weighted by one over the trace of its covariance; equally
-            if none has one. For a touch that slid far on a curved body it lies off the surface.
-        covariance: (k, 3, 3) [m^2] the same mean of the covariances: that of one sample, not divided by their number,
-            because systematic errors (payload, mounting, filter) do not average out.
+        point: (k, 3) [m] mean of the answered points, weighted by one over the trace of their covariances, equally if
+            none has one; off the surface if a touch slid far on a curved body.
+        covariance: (k, 3, 3) [m^2] the same mean of the covariances, not divided by their number, because systematic
+            errors (payload, mounting, filter) do not average out.
         normal: (k, 3) outward unit normal: direction of the mean.
         peak_force: (k,) [N] largest length of the force.
         peak_time: (k,) [s] time of the largest force.
@@ -41,6 +42,9 @@ class Events:
         ambiguous: (k,) share of them whose status is AMBIGUOUS.
         identity: (k,) of the contact; 0 if a sensor has one at a time.
         features: name -> (k,) mean of the values that the sensor adds; NaN if no sample has it.
+
+    Raises:
+        InputError: arrays of other or different shapes.
     """
 
     start: Float[np.ndarray, " k"]
@@ -58,48 +62,37 @@ class Events:
     features: Mapping[str, Float[np.ndarray, " k"]] = field(default_factory=lambda: {})
 
     def __post_init__(self) -> None:
-        features = MappingProxyType({name: _read_only(values) for name, values in self.features.items()})
+        features = MappingProxyType({name: frozen(values) for name, values in self.features.items()})
         for name, value in vars(self).items():
-            object.__setattr__(self, name, features if name == "features" else _read_only(value))
-
-    def __reduce__(self) -> tuple[type[Events], tuple[object, ...]]:
-        """Pickle the values of the features, since their read-only view cannot be pickled."""
-        return Events, (*(value for name, value in vars(self).items() if name != "features"), dict(self.features))
+            object.__setattr__(self, name, features if name == "features" else frozen(value, dtype=value.dtype))
 
     def __len__(self) -> int:
         return len(self.start)
 
     def __getitem__(self, which: int) -> Touch:
-        """Return one `Touch`: numbers and vectors by the same names, and its duration [s]; also used by `for`.
+        """Return one `Touch`: numbers and vectors by the same names, and its duration [s].
 
         Raises:
             IndexError: there is no touch with this index.
         """
         columns = {name: value[which] for name, value in vars(self).items() if name != "features"}
-        duration = self.end[which] - self.start[which]
-        return Touch(
-            **columns, duration=duration, features={name: value[which] for name, value in self.features.items()}
-        )
+        features = {name: value[which] for name, value in self.features.items()}
+        return Touch(**columns, features=features, duration=self.end[which] - self.start[which])
 
     @property
     def deviation(self) -> Float[np.ndarray, " k"]:
-        """Standard deviation of each point in the direction in which it is largest, (k,) [m]; NaN if not known."""
+        """Largest standard deviation of each point in any direction, (k,) [m]; NaN if not known."""
         return largest_deviation(self.covariance)
 
 
 @takes_arrays
 def largest_deviation(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, " k"]:
-    """Return the standard deviation in the direction in which it is largest, (k,) [m], from covariances (k, 3, 3).
+    """Return the largest standard deviation in any direction, (k,) [m], of covariances (k, 3, 3) [m^2]; NaN of NaN.
 
-    It is NaN where the covariance is not known.
+    Raises:
+        InputError: covariances of another shape.
     """
     known = np.isfinite(covariance).all(axis=(1, 2))
     largest = np.full(len(covariance), np.nan)
     largest[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[:, -1].clip(min=0))
     return largest
-
-
-def _read_only(values: np.ndarray) -> np.ndarray:
-    copy = np.array(values)
-    copy.flags.writeable = False
-    return copy

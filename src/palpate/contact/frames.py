@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -16,13 +18,17 @@ __all__ = ["in_base", "placed"]
 
 
 def placed(contacts: Contacts, block: Recording, frame: str, mount: Pose) -> Contacts:
-    """Return the `Contacts` of a block in the frame "surface", "sensor" or "base".
+    """Return the `Contacts` of a block in another frame.
 
     Args:
         contacts: of all samples of `block`, in the surface's frame.
         block: the samples; for "base" with orientation and position of the sensor.
-        frame: name of the result's frame.
+        frame: "surface", "sensor" or "base".
         mount: T_sensor_surface.
+
+    Raises:
+        InputError: another frame.
+        KeyError: "base", and the block has no orientation or position.
     """
     if frame == "surface" or not len(contacts):
         return contacts
@@ -42,25 +48,27 @@ def in_base(
     positions: Float[np.ndarray, "n 3"],
     mount: Pose,
 ) -> ContactEstimate:
-    """Return a `ContactEstimate` (n,) in the base; estimates with a point but no pose of the sensor become NO_POSE.
+    """Return n estimates in the base; those with a point but no pose of the sensor become NO_POSE.
 
     Args:
         estimate: (n,) in the surface's frame.
         quaternions: (n, 4) x, y, z, w of the sensor in the base; NaN where not known.
         positions: (n, 3) [m] of the sensor in the base; NaN where not known.
         mount: T_sensor_surface.
+
+    Raises:
+        InputError: other shapes.
     """
     lost = np.isnan(np.concatenate([quaternions, positions], axis=1).sum(axis=1))
     sensor = Pose.from_quaternion(np.where(lost[:, None], [0.0, 0.0, 0.0, 1.0], quaternions), positions)
     moved = estimate.in_frame(sensor @ mount)
     located = np.isfinite(estimate.point).all(axis=1)
-    return ContactEstimate(
-        point=moved.point,
+    return replace(
+        moved,
         normal=_blank(moved.normal, lost),
         force=_blank(moved.force, lost),
         torque=_blank(moved.torque, lost),
         covariance=_blank(moved.covariance, lost),
-        residual=moved.residual.copy(),
         candidates=np.where(lost, 0, moved.candidates),
         status=np.where(lost & located, np.int8(Status.NO_POSE), moved.status),
     )

@@ -23,6 +23,9 @@ class TrueSamples:
         point: (n, 3) [m] in the frame of the estimates.
         normal: (n, 3) outward, or None.
         force: (n, 3) [N] on the body, or None.
+
+    Raises:
+        InputError: arrays of other or different shapes.
     """
 
     time: Float[np.ndarray, " n"]
@@ -46,6 +49,9 @@ class TrueTouches:
         end: (n,) [s], included.
         point: (n, 3) [m] in the frame of the estimates.
         label: n names.
+
+    Raises:
+        InputError: arrays of other or different shapes.
     """
 
     start: Float[np.ndarray, " n"]

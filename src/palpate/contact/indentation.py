@@ -19,8 +19,8 @@ __all__ = ["Indentation"]
 class Indentation:
     """Depth below the surface of the point at which the force acts, under a soft layer.
 
-    A ball of a certain radius that sinks into the layer transmits its friction below the surface, so that the force
-    acts at c - d n, with c the point of the undeformed surface under the ball and
+    A ball that sinks into the layer transmits its friction below the surface, so that the force acts at c - d n, with c
+    the point of the undeformed surface under the ball and
 
         d = depth |F . n|^exponent        [m], F in newtons.
 
@@ -28,6 +28,9 @@ class Indentation:
         depth: [m] at 1 N.
         exponent: 1/2 for a ball on an elastic foundation, 2/3 for Hertz.
         covariance: (2, 2) of depth and exponent.
+
+    Raises:
+        InputError: depth is not from 0 to below 1 m, or exponent not from 0 to 2; a covariance of another shape.
     """
 
     depth: float

@@ -1,4 +1,4 @@
-"""Locate live samples, from reading to contact, in one compiled call, for sensors with a compiled loop."""
+"""Locate live samples, from reading to contact, in one compiled call."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class CompiledSensor(WrenchSensor, Protocol):
     revision: int
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """Write the inputs of one sample, at a time [s], into `live_inputs`."""
+        """Write the inputs of one sample at a time [s] into `live_inputs`."""
         ...
 
     def inputs(
@@ -43,7 +43,7 @@ class CompiledSensor(WrenchSensor, Protocol):
         readings: Float[np.ndarray, "n m"],
         extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
-        """Return the inputs of n samples as a flat array, grouped by kind, one kind after the other."""
+        """Return the inputs of n samples as a flat array, one kind after the other."""
         ...
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
@@ -52,7 +52,7 @@ class CompiledSensor(WrenchSensor, Protocol):
 
 
 class LiveLoop:
-    """A loop that locates a live sample or a block in one compiled call, with the same results as the separate steps.
+    """A loop that locates live samples in one compiled call, with the same results as the separate steps.
 
     Args:
         sensor: wrench sensor.

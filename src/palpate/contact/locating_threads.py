@@ -1,4 +1,4 @@
-"""Locate the samples of a log in several threads; a sample without contact makes the next ones independent."""
+"""Locate the samples of a log in several threads."""
 
 from __future__ import annotations
 
@@ -28,34 +28,24 @@ class _Run:
     """Consecutive samples that one thread locates.
 
     Args:
-        start: the memory to begin with, or the run whose memory is continued.
+        start: the memory to begin with, or the run that this one continues.
         locator, pool: the locator, and the threads in which it runs.
+
+    Attributes:
+        parts: the samples; none are added once a thread has begun.
+        done: the memory to come; None until a thread has begun.
     """
 
     def __init__(self, start: _Memory | _Run, locator: Locator, pool: ThreadPoolExecutor) -> None:
         self._start, self._locator, self._pool = start, locator, pool
-        self._parts = list[_Part]()
-        self._done: Future[_Memory] | None = None
-
-    def add(self, part: _Part) -> None:
-        """Add the next samples, before a thread begins."""
-        self._parts.append(part)
-
-    @property
-    def begun(self) -> bool:
-        """True once a thread has begun, after which no samples are added."""
-        return self._done is not None
-
-    @property
-    def samples(self) -> int:
-        """Number of samples so far."""
-        return sum(len(statuses) for _, _, statuses, _ in self._parts)
+        self.parts = list[_Part]()
+        self.done: Future[_Memory] | None = None
 
     def begin(self) -> Future[_Memory]:
-        """Start a thread, after that of the run which this one continues, so that no thread waits for a later one."""
-        if self._done is None:
-            self._done = self._pool.submit(self._located)
-        return self._done
+        """Start a thread, after that of the run which this one continues: no thread waits for a later one."""
+        if self.done is None:
+            self.done = self._pool.submit(self._located)
+        return self.done
 
     def memory(self) -> _Memory:
         """Return the memory after the last sample; wait until it is located."""
@@ -63,9 +53,9 @@ class _Run:
 
     def _located(self) -> _Memory:
         memory = self._start.memory() if isinstance(self._start, _Run) else self._start
-        for part in self._parts:
+        for part in self.parts:
             self._locator.run_into(*part, memory=memory)
-        self._parts, self._start = [], memory  # a chain of runs keeps no samples
+        self.parts, self._start = [], memory  # a chain of runs keeps no samples
         return memory
 
 
@@ -76,7 +66,7 @@ class Pending(NamedTuple):
     runs: tuple[_Run, ...]
 
     def result(self) -> Located:
-        """Return the samples with their rows as `Located`; wait until they are located."""
+        """Wait until the samples are located, and return them as `Located`."""
         for run in self.runs:
             run.memory()
         return self.located
@@ -85,8 +75,8 @@ class Pending(NamedTuple):
 class LocatingThreads:
     """Threads that run `Locator.run_into` on the pieces of a log in order, with results identical to the last bit.
 
-    A thread takes the samples from one without contact to the next such sample in another piece: only these are known
-    to depend on each other. It takes fewer of a long touch, and if their result is requested earlier.
+    A thread takes the samples between two without contact, which may depend on each other; fewer of a long touch, and
+    if their result is requested earlier.
 
     Args:
         locator: its memory is continued, and is that of the last sample after `finish`.
@@ -107,24 +97,28 @@ class LocatingThreads:
         covariances: Float[np.ndarray, "n 6 6"] | None,
         statuses: Int8[np.ndarray, " n"],
     ) -> Pending:
-        """Begin to locate the next n samples, given as to `Locator.run_into`; return a `Pending` to wait for."""
+        """Begin to locate the next n samples, given as to `Locator.run_into`; return a `Pending` to wait for.
+
+        Raises:
+            InputError: other shapes.
+        """
         located = Located(piece, wrenches, covariances, statuses, self._locator.empty(len(wrenches)))
         cut = self._locator.first_free(wrenches, covariances, statuses) + 1
-        if self._run.begun:
+        if self._run.done is not None:
             self._run = self._run_from(self._run)
         runs = [self._run]
-        self._run.add(_part(located, slice(0, cut or None)))
+        self._run.parts.append(_part(located, slice(0, cut or None)))
         if cut:
             self._run.begin()
             self._run = self._run_from(self._locator.no_contact())
-            self._run.add(_part(located, slice(cut, None)))
+            self._run.parts.append(_part(located, slice(cut, None)))
             runs.append(self._run)
-        elif self._run.samples >= LONG:
+        elif sum(len(rows) for *_, rows in self._run.parts) >= LONG:
             self._run.begin()
         return Pending(located, tuple(runs))
 
     def finish(self) -> None:
-        """Write the memory of the last sample into the locator's `memory`; wait until it is located."""
+        """Wait until the last sample is located, and write its memory into the locator's `memory`."""
         self._locator.memory[:] = self._run.memory()
 
     def __enter__(self) -> LocatingThreads:
@@ -139,7 +133,7 @@ class LocatingThreads:
 def located_in_threads(
     pieces: Iterable[tuple[Piece, Wrenches]], locator: Locator, threads: int
 ) -> Iterator[tuple[Piece, Located]]:
-    """Yield (`Piece`, `Located`) in order, by threads, while the next pieces are read, compensated and placed."""
+    """Yield (`Piece`, `Located`) in order, located by threads while the next pieces are measured."""
     waiting, blocks = deque[tuple[Piece, Pending]](), 0  # that wait from their first piece to their last
     with LocatingThreads(locator, threads) as pool:
         for piece, wrenches in pieces:

@@ -1,27 +1,21 @@
-"""Check whether wrenches fit the body: a wrong unit moves the line of action away from the body."""
+"""Check whether wrenches fit the body."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
+from palpate.contact.locate import Locator
 from palpate.signals.recording import Recording
 from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import Pose
 
-__all__ = [
-    "LinesOfAction",
-    "Plausibility",
-    "RequiredBounds",
-    "lines_of_action",
-    "never_at_rest",
-    "unbelievable",
-    "unexplained",
-]
+__all__ = ["Plausibility", "RequiredBounds", "lines_of_action", "never_at_rest", "unbelievable", "unexplained"]
 
 UNLOADED = (Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID, Status.NO_POSE)
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line as much as contact does
@@ -30,61 +24,42 @@ NEAR = 0.01  # of the body's size
 STICKIEST = 3.0  # friction beyond which it is none: 72 degrees
 
 
-@dataclass(frozen=True)
-class LinesOfAction:
-    """Shares of the loaded samples whose wrench axes pass far from the body, or close to the frame's origin.
-
-    Attributes:
-        loaded: number of samples that were examined.
-        far: share whose axis passes the body's middle at a distance of more than the body's size.
-        near: share whose axis passes the frame's origin at a distance below a hundredth of the body's size.
-    """
-
-    loaded: int
-    far: float
-    near: float
-
-    @property
-    def doubt(self) -> str:
-        """Warning sentence if most of the axes do not fit the body; "" if they do."""
-        if self.near > 0.5:
-            return (
-                f"in {self.near:.0%} of the loaded samples the line of the force passes through the sensor's origin, "
-                "within 1 % of the body's size: check the units of the torque and of the mesh (N m, mm)"
-            )
-        if self.far > 0.5:
-            return (
-                f"in {self.far:.0%} of the loaded samples the line of the force is further from the middle of the body "
-                "than the body is large: check the units of the torque and of the mesh (N mm, mm), and that bias and "
-                "payload are removed"
-            )
-        return ""
-
-
 @takes_arrays
-def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], size: float) -> LinesOfAction:
-    """Compare the wrench axes with the body, all in one frame; return `LinesOfAction`.
+def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], size: float) -> str:
+    """Return a warning if most of the wrench axes do not fit the body, all in one frame; else "".
 
-    The axis of (F, M) passes a point c at |F x (M - c x F)| / |F|^2.
+    The axis of (F, M) passes a point c at |F x (M - c x F)| / |F|^2: too far from the middle of the body, or too near
+    to the origin of the frame.
 
     Args:
         wrenches: (n, 6) without bias and payload [N, N m]; rows with NaN are left out.
         centre: (3,) middle of the body [m].
         size: of the body [m].
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     force, torque = wrenches[:, :3], wrenches[:, 3:]
     strength = np.where(np.isfinite(wrenches).all(axis=1), np.linalg.norm(force, axis=1), 0.0)
-    present = strength[strength > 0]
-    if not len(present):
-        return LinesOfAction(0, 0.0, 0.0)
-    loaded = strength >= LOADED * np.percentile(present, 95)
+    if not strength.any():
+        return ""
+    loaded = strength >= LOADED * np.percentile(strength[strength > 0], 95)
     force, torque, square = force[loaded], torque[loaded], strength[loaded] ** 2
-    about_middle: Float[np.ndarray, " k"] = (
-        np.linalg.norm(np.cross(force, torque - np.cross(centre, force)), axis=1) / square
-    )
-    about_origin: Float[np.ndarray, " k"] = np.linalg.norm(np.cross(force, torque), axis=1) / square
-    far, near = np.mean(about_middle > size), np.mean(about_origin < NEAR * size)
-    return LinesOfAction(int(np.count_nonzero(loaded)), float(far), float(near))
+    from_middle: Float[np.ndarray, " k"] = np.linalg.norm(np.cross(force, torque - np.cross(centre, force)), axis=1)
+    from_origin: Float[np.ndarray, " k"] = np.linalg.norm(np.cross(force, torque), axis=1)
+    far, near = np.mean(from_middle / square > size), np.mean(from_origin / square < NEAR * size)
+    if near > 0.5:
+        return (
+            f"in {near:.0%} of the loaded samples the line of the force passes through the sensor's origin, "
+            "within 1 % of the body's size: check the units of the torque and of the mesh (N m, mm)"
+        )
+    if far > 0.5:
+        return (
+            f"in {far:.0%} of the loaded samples the line of the force is further from the middle of the body "
+            "than the body is large: check the units of the torque and of the mesh (N mm, mm), and that bias and "
+            "payload are removed"
+        )
+    return ""
 
 
 @takes_arrays
@@ -94,6 +69,9 @@ def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
     Args:
         wrenches: (n, 6) [N, N m], force first.
         on: force [N] at which a contact begins.
+
+    Raises:
+        InputError: wrenches of another shape.
     """
     strength = np.linalg.norm(wrenches[:, :3], axis=1)
     least = float(np.percentile(strength[np.isfinite(strength)], 1)) if np.isfinite(strength).any() else 0.0
@@ -108,7 +86,8 @@ class RequiredBounds:
     """Friction and torsion of the loaded samples, compared with the bounds.
 
     Attributes:
-        friction: (k,) tan of the angle between -force and normal; torsion: (k,) |torque|/|F . n| [m].
+        friction: (k,) tan of the angle between -force and normal.
+        torsion: (k,) |torque|/|F . n| [m].
         bounds: friction and torsion [m] that were allowed.
         size: of the body [m]; no patch is larger.
     """
@@ -120,7 +99,7 @@ class RequiredBounds:
 
     @classmethod
     def of(cls, contacts: Contacts, bounds: tuple[float, float], size: float = np.inf) -> RequiredBounds:
-        """Compute `RequiredBounds` from the loaded contacts; light ones, which noise turns, are left out.
+        """Return the `RequiredBounds` of the loaded contacts; noise turns the light ones, which are left out.
 
         Args:
             contacts: with points and normals where located.
@@ -140,7 +119,7 @@ class RequiredBounds:
 
     @property
     def proposal(self) -> str:
-        """Sentence with the bounds that would include 95 % of the samples, or that none would; "" without samples."""
+        """Bounds that would include 95 % of the samples, in words, or that none would; "" without samples."""
         if not len(self.friction):
             return ""
         friction, torsion = (float(np.percentile(values, 95)) for values in (self.friction, self.torsion))
@@ -151,7 +130,7 @@ class RequiredBounds:
 
     @property
     def exceeded(self) -> str:
-        """Text on the bounds that are exceeded, with share of the samples and median; "" if none is."""
+        """Bounds that are exceeded, in words, with share of the samples and median; "" if none is."""
         parts: list[str] = []
         for name, values, bound, scale, unit in (
             ("friction", self.friction, self.bounds[0], 1.0, ""),
@@ -168,8 +147,8 @@ class RequiredBounds:
     def reach(self, torsion: float) -> float:
         """Return the least distance [m] from the centre of pressure to which a patch with this torsion [m] extends.
 
-        Coulomb friction mu p per area makes a torque about that centre of at most int mu p r dA <= mu F_n R, whatever
-        the pressure p; R is the farthest place pressed. A ring attains it, an even disc 2/3 of it. mu is the bound.
+        Coulomb friction makes a torque of at most int mu p r dA <= mu F_n R about that centre, whatever the pressure p;
+        R is the farthest place pressed, mu the bound. A ring attains it, an even disc 2/3 of it.
         """
         return torsion / self.bounds[0]
 
@@ -183,22 +162,42 @@ class RequiredBounds:
         )
 
 
-@runtime_checkable
-class Plausibility(Protocol):
-    """Check of whether the samples of a log fit a body."""
+class Plausibility:
+    """Check of whether the wrenches of a log fit the body on which they are located.
+
+    Args:
+        locator: on the surface.
+        unfiltered: turns a recording into wrenches (n, 6) about the surface's frame, force first [N, N m].
+        mount: T_sensor_surface.
+    """
+
+    def __init__(
+        self, locator: Locator, unfiltered: Callable[[Recording], Float[np.ndarray, "n 6"]], mount: Pose
+    ) -> None:
+        self._locator, self._unfiltered, self._mount = locator, unfiltered, mount
 
     @property
     def size(self) -> float:
         """Size of the body [m]."""
-        ...
+        return self._locator.surface.size
 
     def required_bounds(self, contacts: Contacts) -> RequiredBounds:
         """Return the friction and torsion that the contacts would need, as `RequiredBounds`."""
-        ...
+        return RequiredBounds.of(contacts, (self._locator.friction, self._locator.torsion), self.size)
 
     def warnings(self, recording: Recording) -> list[str]:
-        """Return possible faults of units, bias or mounting, a list of sentences or []."""
-        ...
+        """Return warnings of wrong units, bias or mounting, a list of sentences or [].
+
+        Raises:
+            InputError: a channel is missing or has another shape.
+        """
+        surface = self._locator.surface
+        sensed = self._unfiltered(recording) @ self._mount.wrench_matrix().T  # saturated: a wrong unit does that
+        judged = (
+            lines_of_action(sensed, self._mount.apply(surface.centre), surface.size),
+            never_at_rest(sensed, self._locator.on),
+        )
+        return [warning for warning in judged if warning]
 
 
 @takes_arrays
@@ -207,7 +206,10 @@ def unexplained(counts: Int[np.ndarray, " s"], required: RequiredBounds | None =
 
     Args:
         counts: (len(Status),) number of estimates with each `Status`.
-        required: the bounds that they need, if known; the warning then proposes new ones.
+        required: the bounds that they need, if known, for a proposal in the warning.
+
+    Raises:
+        InputError: counts are not whole numbers.
     """
     loaded = int(counts.sum() - counts[list(UNLOADED)].sum())
     if not loaded:
@@ -230,14 +232,16 @@ def unexplained(counts: Int[np.ndarray, " s"], required: RequiredBounds | None =
 
 @takes_arrays
 def unbelievable(counts: Int[np.ndarray, " s"], small: int) -> str:
-    """Return the sentence that ends a report if no sample of a log can be trusted, with the reason; else "".
+    """Return a sentence if no sample of a log can be trusted, else "".
 
-    The reason is that no sample is loaded, that no loaded sample is explained by a contact, or that every ellipse is
-    larger than the body.
+    No sample is loaded, no contact explains a loaded one, or every ellipse is larger than the body.
 
     Args:
         counts: (len(Status),) number of estimates with each `Status`.
-        small: number of contacts whose 95 % ellipse is smaller than the body, plus those that have no ellipse.
+        small: number of contacts whose 95 % ellipse is smaller than the body, or that have none.
+
+    Raises:
+        InputError: counts are not whole numbers.
     """
     answered = int(counts[Status.CONTACT] + counts[Status.AMBIGUOUS])
     loaded = int(counts.sum() - counts[list(UNLOADED)].sum())

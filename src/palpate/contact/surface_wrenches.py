@@ -1,4 +1,4 @@
-"""Compute wrenches of a sensor in the surface's frame: compensated, bias followed, filtered, with covariances."""
+"""Compute a sensor's wrenches in the surface's frame, with covariances."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ ALL = np.ones(1)  # share of the noise's variance where there is no filter
 
 
 class Piece(NamedTuple):
-    """Samples that are measured together; if the bias is followed, they are of one of its windows.
+    """Samples that are measured together, of one window of the bias if it is followed.
 
     Attributes:
         samples: the samples.
         ends: the block that ends with them; None if it continues.
         touched: whether a skin feels a touch; None if it cannot tell.
-        averaged: (n,) number of readings in the mean that each wrench is; None: 1.
+        averaged: (n,) number of readings of which each wrench is the mean; None: 1.
         skin: the contacts of the skin, if there is one.
     """
 
@@ -61,8 +61,8 @@ class Wrenches(NamedTuple):
 class SurfaceWrenches:
     """Conversion of a sensor's readings into wrenches about the surface's frame, sample by sample or from a log.
 
-    The filter acts in the sensor's frame. In a log a bias that is followed is smoothed by later samples, and a filter
-    of zero phase uses later samples; both keep pieces waiting.
+    The filter acts in the sensor's frame. In a log, the smoothing of the bias and a filter of zero phase use later
+    samples, for which pieces wait.
 
     Args:
         sensor: wrench sensor.
@@ -70,7 +70,7 @@ class SurfaceWrenches:
         filter: applied to the wrenches; None: none.
         rate: [Hz] of the samples, required with a filter; `of`: name of the samples in error messages.
         drift: model of the bias's drift; None: the bias is not followed.
-        shape: test whether a contact on the surface explains a wrench, for a bias that is followed.
+        shape: test of whether a contact explains a wrench, for a bias that is followed.
         logs: smooth the bias in logs.
 
     Raises:
@@ -115,20 +115,24 @@ class SurfaceWrenches:
         self._told = self._follower
 
     def cuts(self, time: Float[np.ndarray, " n"]) -> list[slice]:
-        """Return slices at which a block is cut: where the bias may change, or after 4,096 samples; at least one."""
+        """Return the slices, at least one, of times (n,) [s] that are measured together: windows, or 4,096 samples."""
         if self._follower is not None:
             return list(self._follower.pieces(time)) or [slice(0, 0)]
         return [slice(start, min(start + PIECE, len(time))) for start in range(0, max(1, len(time)), PIECE)]
 
     def pieces(self, blocks: Iterable[Recording]) -> Iterator[Piece]:
-        """Yield each `Piece` of blocks, in order, cut where `cuts` says."""
+        """Yield each `Piece` of blocks, in order, cut by `cuts`."""
         for block in blocks:
             cuts = self.cuts(block.time)
             for cut in cuts:
                 yield Piece(block.picked(cut), block if cut is cuts[-1] else None)
 
     def forward(self, pieces: Iterable[Piece]) -> Iterator[tuple[Piece, Wrenches]]:
-        """Yield (`Piece`, `Wrenches`) for each piece, computed from this and earlier samples."""
+        """Yield (`Piece`, `Wrenches`) for each piece, computed from this and earlier samples.
+
+        Raises:
+            InputError: a channel is missing or has another shape.
+        """
         for piece in pieces:
             samples, follower = piece.samples, None
             if len(samples):
@@ -139,12 +143,19 @@ class SurfaceWrenches:
             yield piece, self._placed(measured, *self._filtered(measured), piece.averaged)
 
     def of_log(self, pieces: Iterable[Piece]) -> Iterator[tuple[Piece, Wrenches]]:
-        """Yield (`Piece`, `Wrenches`) for each piece of a log, smoothed by later samples if requested."""
+        """Yield (`Piece`, `Wrenches`) for each piece of a log, smoothed by later samples if requested.
+
+        Raises:
+            InputError: a channel is missing or has another shape; the bias of this sensor cannot be followed.
+        """
         smoother = self._follows(smooth=True) if self._logs or self._ahead else None
         if smoother is None and not self._ahead:
             yield from self.forward(pieces)
             return
-        zeros = ((piece, None) for piece in pieces) if smoother is None else self._from_both_sides(smoother, pieces)
+        zeros = ((piece, None) for piece in pieces)
+        if smoother is not None:
+            self._told = smoother
+            zeros = smoother.both_sides((piece.samples, piece.touched, piece) for piece in pieces)
         measured = ((piece, zero, self._measured(piece, zero)) for piece, zero in zeros)
         if not self._ahead or self._recursion is None:
             for piece, _, made in measured:
@@ -179,7 +190,7 @@ class SurfaceWrenches:
         return made
 
     def entered(self, time: float, kelvin: float) -> DriftTracker | None:
-        """Tell the bias tracker the time [s] and temperature [K or degrees C] of the next samples.
+        """Announce the time [s] and temperature [K or degrees C] of the next samples to the bias tracker.
 
         Returns:
             the `DriftTracker`; None if the bias is not followed.
@@ -225,12 +236,6 @@ class SurfaceWrenches:
             )
         return DriftTracker(self.sensor, self._drift, self._shape, smooth=smooth)
 
-    def _from_both_sides(
-        self, follower: DriftTracker, pieces: Iterable[Piece]
-    ) -> Iterator[tuple[Piece, ZeroState | None]]:
-        self._told = follower
-        return follower.both_sides((piece.samples, piece.touched, piece) for piece in pieces)
-
     def _measured(self, piece: Piece, zero: ZeroState | None) -> Measured:
         self._follow(zero)
         return self.sensor.measure(piece.samples)
@@ -240,7 +245,7 @@ class SurfaceWrenches:
             self.sensor.follow(zero)
 
     def _filtered(self, measured: Measured) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " k"]]:
-        """Return filtered wrenches, and the share of the noise that the filter leaves."""
+        """Return filtered wrenches, and the share of the noise that remains."""
         if self._forward is None or self._ahead:
             return measured.wrench, ALL
         wrenches = measured.wrench

@@ -1,4 +1,4 @@
-"""Convert contacts to and from tables with the columns of files, followed by those that a sensor adds."""
+"""Convert contacts to and from tables with the columns of files."""
 
 from __future__ import annotations
 

@@ -16,17 +16,21 @@ class TaxelSettings:
 
     Args:
         on, off: a contact begins at a taxel that reads `on` standard deviations of its noise above its baseline, and
-            extends over taxels that read `off` above it: each taxel has its own threshold, which follows its drift.
+            extends over taxels that read `off` above it.
         sure, share: two peaks are two contacts if the saddle between them is deeper than `sure` standard deviations and
             than this share of the lower peak.
         unequal: share by which a taxel's gain may differ from its curve, in addition to its noise; None: 0.02 for
             taxels whose curves are known, 0.1 for others.
         drift: [s] time in which the baseline of an untouched taxel is followed; inf: it stays.
-        walk: [counts/sqrt(s)] random walk of a taxel's baseline. If stated, it replaces `drift`: the baseline is
-            followed by a Kalman filter, a second late and while nothing touches the taxel, and its uncertainty widens
-            the thresholds and the covariance. 0: not known.
+        walk: [counts/sqrt(s)] random walk of a taxel's baseline; 0: not known. Otherwise it replaces `drift`: a Kalman
+            filter follows the baseline, a second late and while nothing touches the taxel, and its uncertainty widens
+            the thresholds and the covariance.
         reach, speed, patience: for identities: a contact may differ by `reach` [m] from one frame to the next, plus
             `speed` [m/s] of motion; one that is lost is waited for during `patience` [s].
+
+    Raises:
+        InputError: not 0 < off <= on < inf; drift or reach is not positive; share is not from 0 to below 1; sure, walk,
+            unequal, speed or patience is negative; walk or unequal is infinite.
     """
 
     on: float = 6.0

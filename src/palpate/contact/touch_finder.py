@@ -21,12 +21,11 @@ FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in t
 
 
 def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
-    """Return the touches among contacts as `Events`, found by a `TouchFinder`.
+    """Return the touches among contacts as `Events`.
 
     Args:
         contacts: of any sensor.
-        gap: [s]; answered samples of one identity that are closer than this plus one and a half sample steps belong to
-            one touch, whatever is between.
+        gap: [s]; answered samples of one identity closer than this plus 1.5 sample steps are one touch.
         shortest: [s]; a touch that lasts less is left out.
     """
     finder = TouchFinder(gap=gap, shortest=shortest)
@@ -35,7 +34,7 @@ def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.0
 
 
 class _Span:
-    """Columns of the times of a sample, a window or a touch."""
+    """Columns of the times of a sample, window or touch."""
 
     start = 0
     end = 1
@@ -47,7 +46,7 @@ class _Span:
 
 
 class _Sum:
-    """Columns of sums, followed by the sum of each feature, then by the number of samples that have it."""
+    """Columns of sums, before the sum of each feature and the number of samples that have it."""
 
     count = 0
     ambiguous = 1
@@ -64,8 +63,7 @@ class TouchFinder:
     """Finder of touches in contacts that come block by block; ten rows of sums per second and identity are kept.
 
     Args:
-        gap: [s]; answered samples of one identity that are closer than this plus one and a half sample steps belong to
-            one touch.
+        gap: [s]; answered samples of one identity closer than this plus 1.5 sample steps are one touch.
         shortest: [s]; a touch that lasts less is left out.
     """
 
@@ -77,7 +75,7 @@ class TouchFinder:
         self._windows: list[tuple[np.ndarray, np.ndarray]] = []
 
     def add(self, contacts: Contacts) -> None:
-        """Add the next contacts; impossibly large numbers are left out, as their sums would overflow."""
+        """Add the next contacts; numbers whose sums would overflow are left out."""
         time, estimate = contacts.time, contacts.estimate
         known = np.abs(time) <= LATEST  # not NaN
         steps = np.diff(np.concatenate([self._last, time[known]]))
@@ -116,18 +114,18 @@ class TouchFinder:
 
 
 def _firsts(ends: Bool[np.ndarray, " m"], count: int) -> Int[np.ndarray, " k"]:
-    """Return the first row of each group of `count` rows; `ends` tells after which rows a group ends."""
+    """Return the first row of each group of `count` rows; `ends` masks the rows after which a group ends."""
     return np.flatnonzero(np.concatenate([[True], ends])[:count])
 
 
 def _changes(spans: Float[np.ndarray, "n s"]) -> Bool[np.ndarray, " m"]:
-    """Return a mask of the rows after which another window of time, or another identity, begins."""
+    """Return a mask of the rows after which another window of time or identity begins."""
     later = np.diff(np.floor(spans[:, _Span.start] / WINDOW)) != 0
     return later | (np.diff(spans[:, _Span.identity]) != 0)
 
 
 def _widened(sums: Float[np.ndarray, "n w"], width: int) -> Float[np.ndarray, "n v"]:
-    """Return sums with the columns of features that came later, filled with zeros."""
+    """Return sums with zeros for features that came later."""
     had, have = (sums.shape[1] - _Sum.length) // 2, (width - _Sum.length) // 2
     if had == have:
         return sums
@@ -140,7 +138,7 @@ def _widened(sums: Float[np.ndarray, "n w"], width: int) -> Float[np.ndarray, "n
 def _samples(
     contacts: Contacts, features: tuple[str, ...]
 ) -> tuple[Float[np.ndarray, "n s"], Float[np.ndarray, "n w"]]:
-    """Return the time and identity of each answered contact, and its terms in the sums."""
+    """Return the times of each answered contact, and its terms in the sums."""
     estimate, count = contacts.estimate, len(contacts)
     strength = np.linalg.norm(estimate.force, axis=1)
     spans = np.stack([contacts.time] * 2 + [strength, contacts.time, contacts.identity, np.zeros(count)], axis=1)
@@ -148,24 +146,19 @@ def _samples(
     trace = covariance[:, ::4].sum(axis=1, where=np.abs(covariance[:, ::4]) <= LARGEST)
     known = (np.abs(covariance) <= LARGEST).all(axis=1) & (trace > LEAST)
     weight = np.where(known, 1 / np.where(known, trace, 1.0), 0.0)
-    table = np.empty((count, _Sum.length))
-    table[:, _Sum.count] = 1.0
-    table[:, _Sum.ambiguous] = estimate.status == Status.AMBIGUOUS
-    table[:, _Sum.force] = strength
-    table[:, _Sum.weight] = weight
-    table[:, _Sum.weighted] = weight[:, None] * estimate.point
-    table[:, _Sum.plain] = estimate.point
-    table[:, _Sum.covariance] = weight[:, None] * np.where(known[:, None], covariance, 0.0)
-    table[:, _Sum.normal] = estimate.normal
     added = np.full((count, len(features)), np.nan)
     for column, name in enumerate(features):
         added[:, column] = contacts.features.get(name, np.nan)
     felt = np.abs(added) <= LARGEST
-    return spans, np.concatenate([table, np.where(felt, added, 0.0), felt], axis=1)
+    numbers = np.stack([np.ones(count), estimate.status == Status.AMBIGUOUS, strength, weight], axis=1)
+    weighted, plain, normal = weight[:, None] * estimate.point, estimate.point, estimate.normal
+    spreads = weight[:, None] * np.where(known[:, None], covariance, 0.0)
+    # in the order of `_Sum`
+    return spans, np.concatenate([numbers, weighted, plain, spreads, normal, np.where(felt, added, 0.0), felt], axis=1)
 
 
 def _merged(spans: Float[np.ndarray, "n s"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k s"]:
-    """Return start, end, largest force and its time, identity and first row of each group of rows."""
+    """Return start, end, largest force and its time, identity and first row of each group."""
     if not len(firsts):
         return np.empty((0, _Span.length))
     group = np.repeat(np.arange(len(firsts)), np.diff(np.append(firsts, len(spans))))
@@ -183,14 +176,14 @@ def _added(sums: Float[np.ndarray, "n w"], firsts: Int[np.ndarray, " k"]) -> Flo
 
 
 def _place(sums: Float[np.ndarray, "n w"]) -> Float[np.ndarray, "n 3"]:
-    """Return the mean points (n, 3) [m], weighted if there are weights."""
+    """Return mean points (n, 3) [m], weighted if there are weights."""
     weight, count = sums[:, _Sum.weight, None], sums[:, _Sum.count, None]
     weighed = sums[:, _Sum.weighted] / np.where(weight > 0, weight, 1.0)
     return np.where(weight > 0, weighed, sums[:, _Sum.plain] / count)
 
 
 def _reach(sums: Float[np.ndarray, "n w"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """Return the largest distance [m] of mean points of windows from the first, without windows of little weight."""
+    """Return the largest distance [m] of the mean points of windows from the first; light windows do not count."""
     place = _place(sums)
     weight = np.where(sums[:, _Sum.weight] > 0, sums[:, _Sum.weight], sums[:, _Sum.count])
     reach = np.zeros(len(firsts))

@@ -36,7 +36,7 @@ class Located(NamedTuple):
 
 
 def joined(block: Recording, pieces: list[Located]) -> Located:
-    """Return the pieces of a block joined as one `Located`."""
+    """Join the located pieces of a block."""
     if len(pieces) == 1:
         return pieces[0]._replace(block=block)
     wrench, status, rows = (
@@ -57,9 +57,9 @@ def rejoined(parts: Iterable[tuple[Piece, Located]]) -> Iterator[Located]:
 
 
 def smooth_touches(parts: Iterable[Located], locator: Locator) -> Iterator[Located]:
-    """Yield each `Located` block once its touches have ended, with rows corrected if a touch proved to be elsewhere.
+    """Yield each `Located` block once its touches have ended.
 
-    A touch whose samples had several candidates is followed back from the candidate believed at its end.
+    Rows of a touch that may have changed its branch are located again from its end (`Locator.follow_back`).
     """
     waiting: list[Located] = []
     done = count = 0  # samples of the blocks that wait: settled, and all
@@ -83,14 +83,15 @@ def smooth_touches(parts: Iterable[Located], locator: Locator) -> Iterator[Locat
 
 
 def _settle(waiting: list[Located], begin: int, end: int, locator: Locator) -> None:
-    """Correct the touches from one sample to another of the blocks that wait."""
+    """Correct the touches between two samples of the blocks that wait."""
     first = 0
     pieces: list[Located] = []
     for part in waiting:
         piece = slice(max(0, begin - first), max(0, end - first))
         first += len(part.rows)
         if len(part.rows[piece]):
-            pieces.append(part._replace(**{name: _cut(getattr(part, name), piece) for name in part._fields[1:]}))
+            arrays = {name: getattr(part, name) for name in part._fields[1:]}
+            pieces.append(part._replace(**{name: each[piece] for name, each in arrays.items() if each is not None}))
     if not pieces:
         return
     _, wrench, covariance, status, rows = pieces[0] if len(pieces) == 1 else joined(pieces[0].block, pieces)
@@ -104,12 +105,8 @@ def _settle(waiting: list[Located], begin: int, end: int, locator: Locator) -> N
             piece.rows[:] = settled
 
 
-def _cut(values: np.ndarray | None, piece: slice) -> np.ndarray | None:
-    return None if values is None else values[piece]
-
-
 def _spans(rows: Float[np.ndarray, "n 22"]) -> list[slice]:
-    """Return slices of touches: from the first located sample after one without contact to the last before the next."""
+    """Return slices of touches: from first to last located sample between two without contact."""
     touching = rows[:, ROW.status] != Status.NO_CONTACT
     edges = np.flatnonzero(np.diff(touching, prepend=False, append=False))
     located = np.isfinite(rows[:, 0])
@@ -122,7 +119,7 @@ def _spans(rows: Float[np.ndarray, "n 22"]) -> list[slice]:
 
 
 def _several(rows: Float[np.ndarray, "n 22"], size: float) -> bool:
-    """Return whether these samples may belong to more than one branch."""
+    """Return whether these samples may belong to several branches."""
     points: Float[np.ndarray, "k 3"] = rows[np.isfinite(rows[:, 0]), ROW.point]
     moved: Bool[np.ndarray, " k"] = np.linalg.norm(np.diff(points, axis=0), axis=1) > _APART * size
     return bool((rows[:, ROW.candidates] > 1).any() or moved.any())

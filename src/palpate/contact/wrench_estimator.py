@@ -15,9 +15,9 @@ from palpate.contact.estimator import Answered, Channels, ContactEstimator, Coun
 from palpate.contact.live_loop import CompiledSensor, LiveLoop
 from palpate.contact.locate import Locator
 from palpate.contact.locating_threads import located_in_threads
+from palpate.contact.plausibility import Plausibility
 from palpate.contact.surface_wrenches import Piece, SurfaceWrenches, Wrenches
 from palpate.contact.touch_smoothing import Located, rejoined, smooth_touches
-from palpate.contact.wrench_plausibility import WrenchPlausibility
 from palpate.errors import InputError
 from palpate.signals.drift import Drift
 from palpate.signals.filters import Filter
@@ -40,44 +40,40 @@ __all__ = ["WrenchEstimator"]
     estimate='estimator.run(palpate.Recording(time, {"force": force, "torque": torque}))',
 )
 class WrenchEstimator(ContactEstimator):
-    """Estimator of one contact per sample, for any wrench sensor on any surface.
+    """Estimator of one contact, one row, per sample, for any wrench sensor on any surface.
 
     A reading is six numbers [N, N m] as measured, force first, in the frame that `ForceTorque.frame` names; or the
-    voltages of load cells. Each sample gives one row.
-
-    The filter acts on the wrench in the sensor's frame; it reduces the noise in the covariance, but not the errors of
-    sensor, tare and mounting, which are the same in every sample. A sample to which the sensor gives a status bypasses
-    the filter; a gap restarts the filter (`palpate.signals.smoothing`).
+    voltages of load cells. The filter acts on the wrench in the sensor's frame; it reduces the noise in the covariance,
+    but not the errors of sensor, tare and mounting. A sample with a status of the sensor bypasses it; gaps restart it.
 
     Args:
         locator: on the surface, in the surface's frame; or the surface, as `Locator` takes it. A locator without noise
             gets the sensor's, and thresholds from it if none were given.
-        sensor: wrench sensor, such as a `Compensation` or a `LoadCellArray`; a `ForceTorque` is taken as one that
-            carries no payload.
+        sensor: wrench sensor, such as a `Compensation`, a `LoadCellArray`, or a `ForceTorque` without payload.
         mount: T_sensor_surface.
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
         filter: applied to the wrench; None: none. One of zero phase works in `pairs` and `stream` only.
         rate: [Hz] of the samples; required with a filter.
-        mounted: wrenches are about the sensor's frame. False: they are calibrated about the surface's frame, so that
+        mounted: wrenches are about the sensor's frame. False: they are calibrated about the surface's frame, and
             `mount` only transforms results to other frames.
         live: for a stream: the loop of single samples is compiled now, some seconds once per machine. False is for
-            logs: `pairs` and `stream` decide on a complete touch when it has ended (`smooth_touches`).
-        placement: [m] standard deviation, along each tangent, of the error of points that the wrenches do not explain:
-            found by `palpate calibrate mounting`, or stated, as for a body that flattens. It widens the covariance of
-            the point, and changes no status.
-        drift: model of the bias's drift: the bias is followed while nothing touches (`DriftGate`), and its uncertainty
-            widens the covariance, so that a contact begins at a force above it. For logs (`live=False`) the bias is
-            smoothed by the samples after a touch, for which blocks wait 10 minutes at most.
+            logs: `pairs` and `stream` decide on a touch when it has ended.
+        placement: [m] standard deviation, along each tangent, of the error of points that the wrenches do not explain,
+            as of a body that flattens. It widens the covariance of the point, and changes no status.
+        drift: model of the bias's drift: the bias is followed while nothing touches, and its uncertainty widens the
+            covariance and raises the force at which a contact begins. For logs the bias is smoothed by the samples
+            after a touch, for which blocks wait 10 minutes at most.
 
     Attributes:
-        kelvin: temperature of the sensor [K or degrees C] for `update` and `update_into`, which take no channels: set
-            it as it changes if `drift` has a `thermal`. Blocks contain their own (`TEMPERATURE`).
-        threads: number of threads in which `pairs` and `stream` locate while later blocks are read: faster on idle
-            cores, with identical results. 0: the caller's thread, which is also used if the bias is followed.
+        kelvin: temperature of the sensor [K or degrees C] for `update` and `update_into`, if `drift` has a `thermal`.
+        threads: number of threads in which `pairs` and `stream` locate, with identical results. 0: the caller's thread,
+            which is also used if the bias is followed.
 
     Raises:
         InputError: a filter without a rate, or with one that is too low for it; a negative placement; a drift of other
-            channels than the sensor's, or for a sensor whose noise is not known; as `Locator` if given a surface.
+            channels than the sensor's, or for a sensor whose bias cannot be followed or whose noise is not known; no
+            surface, or a mesh file that cannot be read or has no unit.
+        GeometryError: a mesh without usable facets.
     """
 
     @takes_arrays
@@ -109,7 +105,7 @@ class WrenchEstimator(ContactEstimator):
         self.rate, self.drift, self.threads, self.kelvin = rate, drift, 0, np.nan
         shape = None if drift is None else ContactShape(self.locator, placed, self.placement)
         self._wrenches = SurfaceWrenches(self.sensor, placed, filter, rate, drift, shape, logs=not live)
-        self.plausibility = WrenchPlausibility(self.locator, self._wrenches, self.mount)
+        self.plausibility = Plausibility(self.locator, self._unfiltered, self.mount)
         self._live: LiveLoop | None = None
         if filter is None and isinstance(self.sensor, CompiledSensor):
             self._live = LiveLoop(self.sensor, self.locator, placed)
@@ -129,13 +125,13 @@ class WrenchEstimator(ContactEstimator):
         self.locator.reset()
 
     def tare(self, recording: Recording) -> Tare:
-        """Subtract the mean of an untouched recording from now on, in place of an earlier tare; then `reset`.
+        """Subtract the mean of an untouched recording from now on, instead of an earlier tare; then `reset`.
 
         Returns:
             a `Tare`: a note, and a warning if a steady touch would read the same, else "".
 
         Raises:
-            InputError: too few samples, or the sensor was not at rest.
+            InputError: too few samples, or the sensor was not at rest; a channel is missing.
         """
         taken = self.sensor.tare(recording)
         self.reset()
@@ -147,11 +143,11 @@ class WrenchEstimator(ContactEstimator):
         Raises:
             InputError: a channel is missing or has another shape.
         """
-        located = rejoined(self._located(self._wrenches.forward(self._wrenches.pieces([block]))))
-        return self._answered(next(located))
+        pieces = self._wrenches.forward(self._wrenches.pieces([block]))
+        return self._answered(next(rejoined(self._located(pieces))))
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Yield each block of a log with its contacts as `Answered`, from its start, as soon as these are known.
+        """Yield each block of a log with its contacts as `Answered`, as soon as these are known.
 
         For logs (`live=False`) blocks wait until the touches in them end. A sensor may cut blocks where its log begins
         anew.
@@ -160,14 +156,13 @@ class WrenchEstimator(ContactEstimator):
             InputError: a channel is missing or has another shape.
         """
         pieces = self._wrenches.of_log(self._wrenches.pieces(self.sensor.ready(blocks)))
-        if self.threads and self.drift is None:
-            located = rejoined(located_in_threads(pieces, self.locator, self.threads))
-        else:
-            located = rejoined(self._located(pieces))
-        return map(self._answered, smooth_touches(located, self.locator) if self._whole else located)
+        threaded = self.threads and self.drift is None
+        located = located_in_threads(pieces, self.locator, self.threads) if threaded else self._located(pieces)
+        blocks_located = rejoined(located)
+        return map(self._answered, smooth_touches(blocks_located, self.locator) if self._whole else blocks_located)
 
     def contact_wrenches(self, recording: Recording) -> Wrenches:
-        """Return the unfiltered wrenches of a recording in the surface's frame, (n, 6) with covariances, as `Wrenches`.
+        """Return the unfiltered `Wrenches` of a recording in the surface's frame, with covariances.
 
         Raises:
             InputError: a channel is missing or has another shape.
@@ -213,6 +208,9 @@ class WrenchEstimator(ContactEstimator):
         counts[:count] = 1
         return count
 
+    def _unfiltered(self, recording: Recording) -> Float[np.ndarray, "n 6"]:
+        return self.contact_wrenches(recording).wrench
+
     def _located(self, pieces: Iterable[tuple[Piece, Wrenches]]) -> Iterator[tuple[Piece, Located]]:
         for piece, wrenches in pieces:
             rows = self.empty(len(piece.samples))
@@ -223,13 +221,13 @@ class WrenchEstimator(ContactEstimator):
         return Answered(located.block, self._widened(located.rows), np.ones(len(located.rows), dtype=np.int64))
 
     def _widened(self, rows: Float[np.ndarray, "n width"]) -> Float[np.ndarray, "n width"]:
-        """Add the placement error, which wrenches do not show, to the covariances, after a touch was decided."""
+        """Add the placement error to the covariances."""
         if self.placement > 0.0:
             self._widen(rows, self.placement**2)
         return rows
 
     def _touched(self, taken: Tare) -> str:
-        """Return a sentence on a steady touch that would read what a tare subtracted; "" if none is possible."""
+        """Return a warning of a steady touch that would read what a tare subtracted; "" if none can."""
         force = 0.0 if taken.touch is None else float(np.linalg.norm(taken.touch[:3]))
         if taken.touch is None or force <= max(self.locator.on, taken.least):
             return ""

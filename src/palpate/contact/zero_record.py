@@ -17,24 +17,22 @@ SAID = 3  # jumps that notes list
 
 
 class ZeroRecord:
-    """Record of windows; of a long log only every k-th is kept.
+    """Record of windows, thinned in a long log.
 
     Args:
         sensor: converts a change of the bias into a wrench.
     """
 
     def __init__(self, sensor: FollowedSensor) -> None:
-        self._sensor, self._span = sensor, list[float]()
+        self._sensor = sensor
         self._rows, self._stride, self._seen = list[tuple[float, ZeroState, ZeroStatus]](), 1, 0
         self._counts = np.zeros(len(ZeroStatus), dtype=np.int64)
-        self._last: ZeroState | None = None
-        self._first: ZeroState | None = None
+        self._last: tuple[float, ZeroState] | None = None
 
     def add(self, time: float, state: ZeroState, status: ZeroStatus) -> None:
         """Add the next window: its time [s], its bias, and whether it was used."""
         self._counts[status] += 1
-        self._span = [*self._span[:1], time]
-        self._first, self._last = self._first or state, state
+        self._last = time, state
         if self._seen % self._stride == 0:
             self._rows.append((time, state, status))
         self._seen += 1
@@ -42,37 +40,35 @@ class ZeroRecord:
             self._rows, self._stride = self._rows[::2], 2 * self._stride
 
     def value(self) -> ZeroHistory:
-        """Return the bias of the windows that were kept, over time, as a `ZeroHistory`."""
-        zeros = [state.zero for _, state, _ in self._rows]
-        channels = len(zeros[0]) if zeros else len(self._sensor.start()[1].zero)
-        deviations = [np.sqrt(np.diag(state.covariance)[:channels]) for _, state, _ in self._rows]
-        coefficients = [state.coefficient for _, state, _ in self._rows]
-        count = len(self._rows)
+        """Return the bias of the windows that were kept as a `ZeroHistory`."""
+        states = [state for _, state, _ in self._rows]
+        count, channels = len(states), len(states[0].zero if states else self._sensor.start()[1].zero)
+        variances = [np.diag(state.covariance)[:channels] for state in states]
         return ZeroHistory(
             np.array([time for time, _, _ in self._rows], dtype=np.float64),
-            np.array(zeros, dtype=np.float64).reshape(count, channels),
-            np.array(deviations, dtype=np.float64).reshape(count, channels),
-            np.array(coefficients, dtype=np.float64).reshape(count, -1 if count else 0),
+            np.array([state.zero for state in states], dtype=np.float64).reshape(count, channels),
+            np.sqrt(np.array(variances, dtype=np.float64).reshape(count, channels)),
+            np.array([state.coefficient for state in states], dtype=np.float64).reshape(count, -1 if count else 0),
             np.array([status for _, _, status in self._rows], dtype=np.int8),
         )
 
     def notes(self, jumps: list[Jump]) -> tuple[str, ...]:
-        """Return a tuple of sentences: the change of the bias, how long it was not followed, and followed jumps."""
-        if self._first is None or self._last is None:
+        """Return the change of the bias, how long it was not followed, and followed jumps, a tuple of sentences."""
+        if self._last is None:
             return ()
-        channels = len(self._last.zero)
-        moved = (self._last.zero - self._first.zero)[None]
-        wrench, _ = self._sensor.as_wrench(moved, self._last.covariance[:channels, :channels])
+        (begun, first, _), (ended, last) = self._rows[0], self._last
+        channels = len(last.zero)
+        moved = (last.zero - first.zero)[None]
+        wrench, _ = self._sensor.as_wrench(moved, last.covariance[:channels, :channels])
         force, torque = (float(np.linalg.norm(part)) for part in (wrench[0, :3], wrench[0, 3:]))
         went = f"moved by {force:.2g} N and {1e3 * torque:.2g} mN m" if moved.any() else "was never followed"
-        lasted = self._span[-1] - self._span[0]
         said = [
-            f"the zero {went} over {lasted:.0f} s; in {self._held():.0%} of the time it was kept, as something touched"
+            f"the zero {went} over {ended - begun:.0f} s; in {self._held():.0%} of the time it was kept, as something "
+            "touched"
         ]
-        if len(self._last.coefficient):
-            sure = float(np.sqrt(self._last.covariance[-1, -1]))
-            more = float(self._last.coefficient[0])
-            if sure < LEARNT * float(np.sqrt(self._first.covariance[-1, -1])):
+        if len(last.coefficient):
+            sure, more = float(np.sqrt(last.covariance[-1, -1])), float(last.coefficient[0])
+            if sure < LEARNT * float(np.sqrt(first.covariance[-1, -1])):
                 said.append(f"the payload weighs {more:+.2g} N more than was stated, known to {sure:.1g} N")
         followed = [jump for jump in jumps if jump.followed]
         if followed:
@@ -80,7 +76,7 @@ class ZeroRecord:
         return tuple(said)
 
     def warnings(self, jumps: list[Jump]) -> tuple[str, ...]:
-        """Return warnings, a tuple of sentences or (), of jumps that may be touches, and of a bias rarely followed."""
+        """Return warnings of jumps that may be touches and of a bias rarely followed, a tuple of sentences or ()."""
         left = [jump for jump in jumps if not jump.followed]
         said = list[str]()
         if left:

@@ -1,9 +1,8 @@
 """Turn contacts into motion: admittance, alignment with a touched surface, limits and states of a control loop."""
 
-from palpate.control.admittance import Admittance
 from palpate.control.align import AlignController
 from palpate.control.servo import Servo
-from palpate.control.stability import DelayedRobot, Tracker, observer_radius, require_stable, stiffest
+from palpate.control.stability import Admittance, DelayedRobot, Tracker, observer_radius, require_stable, stiffest
 from palpate.control.supervisor import Limits
 
 __all__ = [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -34,22 +33,13 @@ JUMP = 5.0  # s between two calls that no clock makes
 LEAST = 1e-4  # s: cycles are told apart to this
 
 
-@runtime_checkable
-class _Loaded(Protocol):
-    """A sensor whose payload is known."""
-
-    @property
-    def payload(self) -> Payload: ...
-
-
 @called_as("palpate.AlignController(arm, palpate.WrenchEstimator(mesh, sensor), force=7.0)")
 class AlignController:
     """Controller from wrench, joints and time to a joint command, at the sensor's rate.
 
-    Each call corrects the models of robot and surface; once per period of the robot there is a new command, and between
-    them the last one is repeated. The steps of a cycle: pose of the robot (`ServoModel`), inertial part of the wrench,
-    contact (`WrenchEstimator`), state (`Supervisor`), wanted step of the tip (`MotionLaw`), joints within their limits
-    ((10) of `probe`, `_arm.stepped`).
+    Once per period of the robot there is a new command. A cycle: pose of the robot (`ServoModel`), inertial part of the
+    wrench, contact (`WrenchEstimator`), state (`Supervisor`), step of the tip (`MotionLaw`), joints within their limits
+    ((10) of `probe`).
 
     Args:
         arm: the chain from the base to the sensor.
@@ -59,13 +49,13 @@ class AlignController:
         servo: model of how the robot follows commands; None: `Servo()`.
         limits: limits of force, motion and time; None: `Limits()`.
         law: law of motion; None: `Follow`.
-        inertia: (3, 3) [kg m^2] of the payload about its centre, in the sensor's frame. None: that of the mesh's hull,
-            filled evenly with the payload's mass. An error in it looks like a contact that moves whenever the robot
-            turns the probe.
+        inertia: (3, 3) [kg m^2] of the payload about its centre, in the sensor's frame; an error in it moves the
+            contact whenever the robot turns the probe. None: that of the mesh's hull, filled evenly with the payload.
 
     Raises:
-        InputError: the limit on force is not above the wanted force; the surface is no mesh and no face is given; or
-            the estimator filters, which adds a delay that `Follow` does not know of.
+        InputError: the limit on force is not above the wanted force, or that is not positive; the surface is no mesh
+            and no face is given; or the estimator filters and the law is `Follow`, which does not know that delay.
+        GeometryError: no facet of the mesh looks along z.
     """
 
     @takes_arrays
@@ -103,8 +93,7 @@ class AlignController:
         mount = estimator.mount
         self._axes = np.ascontiguousarray(mount.rotation @ face.axes)  # of the face, in the sensor's frame
         self._tip = np.ascontiguousarray(mount.apply(face.place))
-        sensor = estimator.sensor
-        payload = sensor.payload if isinstance(sensor, _Loaded) else None
+        payload: Payload | None = getattr(estimator.sensor, "payload", None)
         self._centre = np.zeros(3) if payload is None else np.array(payload.center_of_mass)
         self._gravity = np.zeros(3) if payload is None else np.nan_to_num(payload.gravity)
         mass = 0.0 if payload is None else payload.mass
@@ -131,7 +120,7 @@ class AlignController:
 
     @property
     def state(self) -> State:
-        """Present `State` of the control loop, such as APPROACH, CONTACT or HOLD."""
+        """Present `State` of the loop, such as APPROACH, CONTACT or HOLD."""
         return self.supervisor.state
 
     @property
@@ -146,18 +135,14 @@ class AlignController:
 
     @property
     def drifted(self) -> float:
-        """Largest angle [rad] by which drift within its bounds may have turned the probe since the tare.
+        """Largest angle [rad] by which drift within `Limits.drift` may have turned the probe since the tare.
 
-        A torque of dM, or a sideways force of dF at the tip's distance, moves the contact by dM/force, which turns the
-        probe by this over the smaller of the face's radii, as the law knows them at present.
+        A torque of dM moves the contact by dM/force, which turns the probe by that over the smaller radius of its face.
         """
         return 0.0 if self._tared is None else (self._time - self._tared) * self._drifts / float(self.law.radii.min())
 
     def tare(self, recording: Recording, time: float) -> Tare:
-        """Subtract the untouched sensor's mean reading from now on; its drift counts from this time [s].
-
-        Returns:
-            a `Tare` with a note and a warning, see `WrenchEstimator.tare`.
+        """Subtract the untouched sensor's mean reading from now on; return a `Tare`. Drift counts from this time [s].
 
         Raises:
             InputError: too few samples, or the sensor was not at rest.
@@ -167,7 +152,7 @@ class AlignController:
         return taken
 
     def start(self, time: float, joints: ArrayLike) -> None:
-        """Begin anew at a time [s] from joints (n,) [rad, m], at rest, with the approach; the first `update` does it.
+        """Begin anew at a time [s] at rest at joints (n,) [rad, m] with the approach; the first `update` does it.
 
         Raises:
             InputError: joints of another number than the arm's, or not finite.
@@ -194,15 +179,15 @@ class AlignController:
             time: [s] of the reading, on one monotonic clock; one that does not grow is ignored.
             wrench: (6,) [N, N m] as the sensor reads it; None, NaN or the same numbers again: no new reading.
             joints: (n,) [rad, m] the robot's newest feedback, unchanged until the next one.
-            acceleration: (3,) [m/s^2] reading of an accelerometer at the sensor's origin, in the sensor's frame; None:
-                from the robot's model.
+            acceleration: (3,) [m/s^2] of an accelerometer at the sensor's origin, in its frame; None: from the robot's
+                model.
 
         Returns:
-            (n,) within the arm's limits, whatever the input; send it once per period, changed or not. The next call
-            overwrites the array.
+            (n,) within the arm's limits, to be sent once per period, changed or not; the next call overwrites it.
 
         Raises:
-            InputError: joints of another number than the arm's, or not finite at the first call.
+            InputError: joints of another number than the arm's, or not finite at the first call; a time that is no
+                number.
         """
         if type(time) is not float:
             time = number(time, "time")
@@ -244,7 +229,7 @@ class AlignController:
                 self.supervisor.stop(time, f"the robot has not followed the last {self._unheard} commands")
 
     def _new(self, wrench: ArrayLike | None) -> bool:
-        """Return whether the wrench is a new, finite reading; store it."""
+        """Store the wrench; return whether it is a new, finite reading."""
         if wrench is None:
             return False
         reading = np.asarray(wrench, dtype=np.float64)
@@ -265,13 +250,16 @@ class AlignController:
         self.supervisor.fresh(time, status, force if math.isfinite(force) else 0.0)
         if status > Status.AMBIGUOUS:
             return
-        self._fill(time)
-        state = self.supervisor.state
+        seen, state = self.seen, self.supervisor.state
+        seen.time = time
+        face = (self._face_axes, self._middle, self._axes, self._tip, self._spent)
+        out = (seen.rotation, seen.tip, seen.place, seen.variance, seen.force)
+        self._kernel.sensed.unchecked(row, self._sensor, self._place, *face, *out)
         if state == State.CONTACT and before != State.CONTACT:
-            self.law.start(self.seen)
-            self._home[:], self._upright[:] = self.seen.tip, self.seen.rotation[:, 2]
+            self.law.start(seen)
+            self._home[:], self._upright[:] = seen.tip, seen.rotation[:, 2]
         if state in (State.CONTACT, State.HOLD):
-            self.law.observe(self.seen)
+            self.law.observe(seen)
         if state == State.CONTACT and self.law.ready:
             self.supervisor.pressed(time)
 
@@ -280,26 +268,16 @@ class AlignController:
         model, centre, moved = self.model, self._centre, self._moved
         moves = model.joints, model.speeds, model.accelerations
         self._moves.motion.unchecked(self.arm.chain, *moves, centre, self._motion)
-        wrenches = (self._wrench, self._felt)
-        self._kernel.felt.unchecked(
-            self._motion, self._sensor, self._inertia, self._load, *wrenches, moved, self._spent
-        )
+        load, wrenches = (self._inertia, self._load), (self._wrench, self._felt)
+        self._kernel.felt.unchecked(self._motion, self._sensor, *load, *wrenches, moved, self._spent)
         if said is None:
             return moved
         turning, speeding = (self._sensor.T @ self._motion[k : k + 3] for k in (3, 9))
         lever = np.cross(speeding, centre) + np.cross(turning, np.cross(turning, centre))
         return np.asarray(said, dtype=np.float64) + self._sensor.T @ self._gravity + lever
 
-    def _fill(self, time: float) -> None:
-        """Write the input of the law for this reading."""
-        seen = self.seen
-        seen.time = time
-        face = (self._face_axes, self._middle, self._axes, self._tip, self._spent)
-        out = (seen.rotation, seen.tip, seen.place, seen.variance, seen.force)
-        self._kernel.sensed.unchecked(self._row, self._sensor, self._place, *face, *out)
-
     def _move(self, time: float) -> None:
-        """Compute a new command from the state: pose of the last command, wanted step from it, joints."""
+        """Compute the next command from the last one's pose and the wanted step."""
         self._e[:] = 0.0
         arm, offset, axes, tip = self.arm, self.model.offset, self._stance, self._foremost
         self._moves.stance.unchecked(arm.chain, self._command, offset, self._axes, self._tip, axes, tip)

@@ -22,8 +22,7 @@ __all__ = ["Arm"]
 class Arm(Value):
     """A chain of n joints from the base to the sensor, T_base_sensor = P_0 M_1(q_1) P_1 ... M_n(q_n) P_n.
 
-    M turns about, or slides along, its joint's axis. Velocities and Jacobians are in base axes, of a point that is
-    fixed in the sensor's frame, linear rows first. `load_arm` of `palpate.files.arm` reads one from a URDF.
+    M turns about, or slides along, its joint's axis. `load_arm` of `palpate.files.arm` reads one from a URDF.
 
     Args:
         names: names of the joints, from the base on.
@@ -35,7 +34,7 @@ class Arm(Value):
         acceleration: (n,) largest acceleration [rad/s^2, m/s^2]; None: infinite.
 
     Attributes:
-        chain: (n + 1, 16) geometry as compiled loops take it, see `_arm`; do not change it.
+        chain: (n + 1, 16) geometry for compiled loops; do not change it.
         limits: (4, n) lower, upper, speed and acceleration; do not change it.
 
     Raises:
@@ -88,38 +87,11 @@ class Arm(Value):
         if wrong.any():
             raise InputError(f"joint {self.names[int(np.argmax(wrong))]!r} {what}.")
 
-    def __reduce__(self) -> tuple[object, ...]:
-        given = (self.names, self.placements, self.axes, self.revolute, self.lower, self.upper, self.speed)
-        return type(self), (*given, self.acceleration)
-
     @property
     def middle(self) -> Float[np.ndarray, " n"]:
         """Joint positions halfway between the limits, (n,) [rad, m]; 0 for unlimited joints."""
         bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
-        return np.where(bounded, 0.5 * (np.where(bounded, self.lower, 0.0) + np.where(bounded, self.upper, 0.0)), 0.0)
-
-    def pose_into(
-        self, q: Float[np.ndarray, " n"], rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, " 3"]
-    ) -> None:
-        """Write T_base_sensor at joint positions q (n,) [rad, m] into rotation (3, 3) and translation (3,) [m]."""
-        require_out(rotation, (3, 3))
-        require_out(translation, (3,))
-        _arm.pose(self.chain, self._joints(q), rotation, translation)
-
-    def jacobian_into(
-        self, q: Float[np.ndarray, " n"], point: Float[np.ndarray, " 3"], out: Float[np.ndarray, "6 n"]
-    ) -> None:
-        """Write the Jacobian of (velocity, angular velocity) by the joint rates into out.
-
-        Its column is z x (p - o) and z for a joint that turns, z and 0 for one that slides.
-
-        Args:
-            q: (n,) joint positions.
-            point: (3,) in the sensor's frame [m], whose velocity the linear rows are.
-            out: (6, n) in base axes, linear rows first.
-        """
-        require_out(out, (6, len(self.names)))
-        _arm.jacobian(self.chain, self._joints(q), shaped(point, (3,), "point"), out)
+        return 0.5 * (np.where(bounded, self.lower, 0.0) + np.where(bounded, self.upper, 0.0))
 
     def motion_into(
         self,
@@ -137,29 +109,40 @@ class Arm(Value):
             and for one that slides v += z q',  a += 2 w x z q' + z q''
 
         Args:
-            q: (n,) joint positions.
+            q: (n,) joint positions [rad, m].
             rate: (n,) their velocities.
             change: (n,) their accelerations.
             point: (3,) in the sensor's frame [m].
             out: (12,) in base axes [m/s, rad/s, m/s^2, rad/s^2]; without gravity.
+
+        Raises:
+            InputError: an array of another shape, or `out` that is not writable.
         """
         require_out(out, (12,))
-        place = shaped(point, (3,), "point")
-        _arm.motion(self.chain, self._joints(q), self._joints(rate), self._joints(change), place, out)
+        moves = (self._joints(each) for each in (q, rate, change))
+        _arm.motion(self.chain, *moves, shaped(point, (3,), "point"), out)
 
     def pose(self, q: ArrayLike) -> Pose:
-        """Return T_base_sensor at joint positions q (n,) [rad, m] as a `Pose`."""
+        """Return T_base_sensor at joint positions q (n,) [rad, m] as a `Pose`.
+
+        Raises:
+            InputError: positions of another number than the arm's joints.
+        """
         rotation, translation = np.empty((3, 3)), np.empty(3)
-        self.pose_into(self._joints(q), rotation, translation)
+        _arm.pose(self.chain, self._joints(q), rotation, translation)
         return Pose(rotation, translation)
 
     def jacobian(self, q: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> Float[np.ndarray, "6 n"]:
-        """Return the Jacobian (6, n) at joint positions q (n,) [rad, m] of a point (3,) [m] of the sensor's frame.
+        """Return the Jacobian (6, n), in base axes, at joint positions q (n,) [rad, m].
 
-        It is in base axes: velocity, then angular velocity of the point by the joint rates.
+        Its rows are velocity, then angular velocity of a point (3,) [m] of the sensor's frame; a column is z x (p - o)
+        and z for a joint that turns, z and 0 for one that slides.
+
+        Raises:
+            InputError: positions of another number than the arm's joints, or a point of another shape.
         """
         out = np.empty((6, len(self.names)))
-        self.jacobian_into(self._joints(q), shaped(point, (3,), "point"), out)
+        _arm.jacobian(self.chain, self._joints(q), shaped(point, (3,), "point"), out)
         return out
 
     def _joints(self, values: ArrayLike) -> Float[np.ndarray, " n"]:

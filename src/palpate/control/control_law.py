@@ -45,24 +45,19 @@ class MotionLaw(Protocol):
     """True once everything that `hold` needs is known."""
 
     def start(self, seen: Sensed) -> None:
-        """Begin with the first reading of a touch: set the law's state from it."""
-        ...
+        """Set the law's state from the first reading of a touch."""
 
     def observe(self, seen: Sensed) -> None:
-        """Update the law's state by a reading that was located; called for each, from the first on."""
-        ...
+        """Update the law's state by a located reading; called for each, the first as well."""
 
     def keep(self) -> None:
-        """Confirm the observations so far: the robot's feedback agrees with its modelled pose."""
-        ...
+        """Confirm all observations: the robot's feedback agrees with its modelled pose."""
 
     def forget(self) -> None:
         """Discard the observations since the last `keep`: a command never reached the robot."""
-        ...
 
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
         """Write the step (6,) of one period [s], while not `ready`, into out."""
-        ...
 
     def hold(
         self,
@@ -73,4 +68,3 @@ class MotionLaw(Protocol):
         out: Float[np.ndarray, " 6"],
     ) -> None:
         """Write the step (6,) of one period [s], once `ready`, into out; rotation and tip are of the last command."""
-        ...

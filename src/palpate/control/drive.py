@@ -17,8 +17,7 @@ __all__ = ["DifferentialDrive"]
 class DifferentialDrive:
     """A robot that steers by the difference of its two track speeds, without slip.
 
-    Forward [m/s] is along the robot's heading, turn [rad/s] counter-clockwise; `left` and `right` are the speeds of
-    the tracks [m/s], positive forward: forward = (left + right)/2, turn = (right - left)/track.
+    forward = (left + right)/2 [m/s] along the heading, turn = (right - left)/track [rad/s] counter-clockwise.
 
     Args:
         track: [m] between the middles of the tracks.
@@ -37,10 +36,10 @@ class DifferentialDrive:
                 raise InputError(f"{name} must be positive, not {value}.", where="drive")
 
     def wheels(self, forward: float, turn: float) -> tuple[float, float]:
-        """Return (left, right), the speeds of the tracks [m/s], for a forward speed [m/s] and a turn rate [rad/s].
+        """Return (left, right), the track speeds [m/s] for a forward speed [m/s] and a turn rate [rad/s].
 
-        If one would exceed `top` both are scaled down together: the robot is slower on the same curve. Inputs that are
-        not finite give zero speeds.
+        If one exceeds `top`, both are scaled down: the robot is slower on the same curve. Both are 0 for inputs that
+        are not finite.
         """
         half = 0.5 * self.track * turn
         left, right = forward - half, forward + half
@@ -52,5 +51,5 @@ class DifferentialDrive:
         return left, right
 
     def twist(self, left_speed: float, right_speed: float) -> tuple[float, float]:
-        """Return the robot's (forward speed [m/s], turn rate [rad/s]) for the speeds of its tracks [m/s]."""
+        """Return (forward speed [m/s], turn rate [rad/s]) for the track speeds [m/s]."""
         return 0.5 * (left_speed + right_speed), (right_speed - left_speed) / self.track

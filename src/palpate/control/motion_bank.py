@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
@@ -24,16 +22,15 @@ RATES = (0.1, 0.3, 10.0)  # 1/s: a smooth motion becomes another, a jump begins,
 class MotionBank:
     """A bank of Kalman filters on each of several series, combined by likelihood; no period or shape is assumed.
 
-    Each filter assumes a second derivative driven by white noise of a different density, from slow motions to fast
-    ones; in the last, which is for jumps, the value is driven by such noise as well. A motion may change from one
-    filter to another at any time: each begins a step from the mixture of all, by their probabilities before it
-    (interacting multiple models, Blom and Bar-Shalom 1988 [bar-shalom]). Prediction is by the mixture.
+    Each filter assumes a second derivative driven by white noise of another density, from slow motions to fast ones; in
+    the last, for jumps, the value is driven by noise as well. Each begins a step from the mixture of all, by their
+    probabilities (interacting multiple models, Blom and Bar-Shalom 1988 [bar-shalom]). The mixture predicts.
 
     Args:
-        sizes: (c,) of the expected motions, one per series, in its unit; the order of magnitude is enough.
+        sizes: (c,) order of magnitude of the expected motions, one per series, in its unit.
 
     Raises:
-        InputError: a size that is not positive.
+        InputError: a size is not positive and finite, or they are no list of numbers.
     """
 
     @takes_arrays
@@ -57,19 +54,20 @@ class MotionBank:
         self.start(np.zeros(count))
 
     @takes_arrays
-    def start(self, values: ArrayLike, rates: ArrayLike | None = None, series: int | slice = slice(None)) -> None:
-        """Begin at these values (c,), known to about the sizes, and at rest to within the sizes per second.
+    def start(self, values: ArrayLike, series: slice = slice(None)) -> None:
+        """Begin at values known to about the sizes, and at rest to within the sizes per second.
 
         Args:
-            values: (c,), or as many as there are series that begin.
-            rates: as many as values; None: 0.
-            series: index or slice of those that begin; all by default.
+            values: one per series that begins.
+            series: slice of those that begin; all by default.
+
+        Raises:
+            InputError: values of another number.
         """
         filters = self._filters[series]
-        shape = filters.shape[:-2]
-        begun = shaped(values, shape, "values"), np.zeros(shape) if rates is None else shaped(rates, shape, "rates")
+        begun = shaped(values, filters.shape[:-2], "values")
         filters[:] = 0.0
-        filters[..., 0], filters[..., 1] = (each[..., None] for each in begun)
+        filters[..., 0] = begun[..., None]
         for entry, share in ((3, 1.0), (6, 1.0), (8, 10.0)):
             filters[..., entry] = share * self.sizes[series, None] ** 2
         filters[..., 9] = 1.0 / filters.shape[-2]
@@ -77,7 +75,11 @@ class MotionBank:
         self.keep()
 
     def scale(self, factors: Float[np.ndarray, " c"]) -> None:
-        """Change the units of the series: multiply values, rates and standard deviations by factors (c,)."""
+        """Multiply values, rates and standard deviations by factors (c,).
+
+        Raises:
+            InputError: another number of factors.
+        """
         factors = shaped(factors, self.sizes.shape, "factors")
         for known in (self._filters, self._mixed[:, None]):
             known[..., :3] *= factors[:, None, None]
@@ -93,7 +95,11 @@ class MotionBank:
         self._filters[:], self._mixed[:] = self._kept
 
     def update(self, step: float, readings: Float[np.ndarray, " c"], variances: Float[np.ndarray, " c"]) -> None:
-        """Advance by a step [s], then correct by one reading and variance of each series, (c,); NaN: no reading."""
+        """Advance by a step [s], then correct by one reading and variance of each series, (c,); NaN: no reading.
+
+        Raises:
+            InputError: another number of readings or variances.
+        """
         shape = self.sizes.shape
         if type(step) is not float:
             step = number(step, "step")
@@ -104,13 +110,3 @@ class MotionBank:
         """Return values (c,) and rates (c,) [unit, unit/s] `delay` [s] from now; the next call overwrites them."""
         self._foresee(self._mixed, delay, self._value, self._rate)
         return self._value, self._rate
-
-    @property
-    def deviations(self) -> Float[np.ndarray, " c"]:
-        """Standard deviations of the present values, (c,), in the units of the series."""
-        return np.sqrt(self._mixed[:, 3])
-
-    @property
-    def weights(self) -> Sequence[Sequence[float]]:
-        """Probabilities of the filters now: a list of c lists, one per series, each with a sum of one."""
-        return self._filters[..., 9].tolist()

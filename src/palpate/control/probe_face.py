@@ -38,10 +38,9 @@ class ProbeFace(Value):
 
         R a,   R = k I/force = (K/force) <x^2>,
 
-    with I the second moment of the pressed patch, K = k A its stiffness [N/m] and <x^2> = I/A. For a convex face
-    R is its radius, whatever the stiffness, until the patch reaches the face's end; for a flat one of half width b it
-    is b^2/(3 depth): stiff tissue moves the contact more. The axes pair crosswise, which (8) of `probe` leaves open: an
-    offset along x is a lean about y.
+    with I the second moment of the pressed patch, K = k A its stiffness [N/m] and <x^2> = I/A. For a convex face R is
+    its radius until the patch reaches the face's end; for a flat one of half width b it is b^2/(3 depth). An offset
+    along x is a lean about y.
 
     Args:
         place: (3,) [m] middle of the face in the surface's frame: the wanted contact point.
@@ -50,6 +49,7 @@ class ProbeFace(Value):
             [m^2].
 
     Raises:
+        InputError: an array of another shape.
         GeometryError: there are no cells.
     """
 
@@ -58,9 +58,8 @@ class ProbeFace(Value):
     cells: Float[np.ndarray, "n 7"]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "place", frozen(self.place, tail=(3,), name="place"))
-        object.__setattr__(self, "axes", frozen(self.axes, tail=(3, 3), name="axes"))
-        object.__setattr__(self, "cells", frozen(self.cells, tail=(7,), name="cells"))
+        for name, tail in (("place", (3,)), ("axes", (3, 3)), ("cells", (7,))):
+            object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
         if not len(self.cells):
             raise GeometryError("a probe's face must have at least one cell.")
 
@@ -70,7 +69,7 @@ class ProbeFace(Value):
 
         Args:
             mesh: of the probe.
-            axis: (3,) out of the probe, toward the surface that it presses; in the mesh's frame.
+            axis: (3,) out of the probe, in the mesh's frame.
             along: (3,) direction in which the face is long; only its part across the axis counts.
 
         Raises:
@@ -107,8 +106,7 @@ class ProbeFace(Value):
     def radii(self, force: float, stiffness: float | None = None) -> Float[np.ndarray, " 2"]:
         """Compute R along x and y, (2,) [m/rad], the contact's shift per angle of lean, on an elastic foundation.
 
-        The depth is that at which the force, k times the displaced volume, and K, k times the area, have the given
-        ratio.
+        The depth is that at which the force, k times the displaced volume, and K, k times the area, have their ratio.
 
         Args:
             force: [N] contact force.
@@ -129,7 +127,7 @@ class ProbeFace(Value):
         return np.array(found)
 
     def _met(self, k: int, lean: float, centre: Float[np.ndarray, " 3"]) -> float:
-        """Return where along x or y [m] the force through a centre of pressure, which lies inside, leaves the face."""
+        """Return where along x or y [m] the force through an inner centre of pressure leaves the face."""
         towards = np.array([0.0, 0.0, np.cos(lean)])
         towards[k] = np.sin(lean)
         ahead = (self.cells[:, :3] - centre) @ towards
@@ -138,7 +136,7 @@ class ProbeFace(Value):
         return float(centre[k]) + float(ahead[near].max()) * np.sin(lean)
 
     def _leaning(self, k: int, lean: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return depths of the cells behind the middle, and projected areas, along an axis leaning towards x or y."""
+        """Return depths of the cells and projected areas along an axis that leans towards x or y."""
         towards = np.array([0.0, 0.0, np.cos(lean)])
         towards[k] = np.sin(lean)
         return -self.cells[:, :3] @ towards, self.cells[:, 6] * np.maximum(self.cells[:, 3:6] @ towards, 0.0)

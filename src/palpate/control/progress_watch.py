@@ -9,20 +9,17 @@ from palpate.errors import InputError
 
 __all__ = ["ProgressWatch"]
 
+NEARER = 0.05  # m by which the robot must come nearer
+PLACE = 0.1  # m from one place to the next
 MOST = 16_384  # places: beyond, the first are forgotten
 
 
 class ProgressWatch:
-    """A watch that distinguishes a robot that searches from one that only repeats its way.
-
-    On a long detour a robot comes no nearer for minutes, but always to new places; if a goal cannot be reached, it
-    returns to old places again and again.
+    """A watch that distinguishes a robot on a long detour, which finds new places, from one that repeats its way.
 
     Args:
-        within: [s] in which it should come nearer to its goal.
-        ground: number of new places that are enough in that time instead.
-        nearer: [m] by which it must come nearer.
-        place: [m] distance from one place to the next.
+        within: [s] in which it should come 50 mm nearer to its goal.
+        ground: number of new places, 100 mm apart, that are enough in that time instead.
 
     Attributes:
         doubtful: True once it came neither nearer nor to enough new places, until it comes nearer.
@@ -31,10 +28,10 @@ class ProgressWatch:
         InputError: `ground` is less than 1.
     """
 
-    def __init__(self, within: float, ground: int, *, nearer: float = 0.05, place: float = 0.1) -> None:
+    def __init__(self, within: float, ground: int) -> None:
         if ground < 1:
             raise InputError(f"ground ({ground}) must be at least 1.")
-        self.within, self.ground, self.nearer, self.place = within, ground, nearer, place
+        self.within, self.ground = within, ground
         self.reset()
 
     def reset(self) -> None:
@@ -45,17 +42,20 @@ class ProgressWatch:
         self._new = deque[float](maxlen=self.ground)  # [s] of the last places
 
     def update(self, time: float, x: float, y: float, far: float) -> float:
-        """Add the present place and set `doubtful`; return the time [s] since the robot last came nearer to its goal.
+        """Add the present place (x, y) [m]; return the time [s] since the robot last came nearer to its goal.
 
         Args:
             time: [s].
-            x: position of the robot [m].
-            y: position of the robot [m].
+            x: [m].
+            y: [m].
             far: [m] distance from its goal.
+
+        Raises:
+            ValueError: the position is not finite.
         """
-        if far < self._nearest - self.nearer:
+        if far < self._nearest - NEARER:
             self._nearest, self._since, self.doubtful = far, time, False
-        at = round(x / self.place), round(y / self.place)
+        at = round(x / PLACE), round(y / PLACE)
         if at not in self._been:
             self._been[at] = None
             self._new.append(time)

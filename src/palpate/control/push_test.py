@@ -44,13 +44,13 @@ class PushTest:
     _from: tuple[float, float, float] | None = None  # x, y [m], time [s]
 
     def end(self) -> None:
-        """End the test: set `push` to None, as nothing is pressed."""
+        """Set `push` to None: nothing is pressed."""
         self.push = None
 
     def touch(self, time: float, place: tuple[float, float], way: tuple[float, float]) -> Push:
         """Update the test at a time [s] by the robot's place [m] and pressing direction (unit vector); return a `Push`.
 
-        The object moves if the robot advances in that direction; sliding past it does not count.
+        The object moves if the robot advances in that direction.
         """
         if self.push is None or way[0] * self._way[0] + way[1] * self._way[1] < SAME:
             self.push, self._since, self._way, self._from = Push.WAITING, time, way, None

@@ -20,6 +20,7 @@ BEGUN = 4  # commands that are remembered
 SHOWN = 2  # of them that may be lost: an older lost one would have shown in earlier feedback
 FAINT = 2e-5  # rad or m: least difference of feedback from the model (encoders)
 ODD = 4.0  # times the usual difference
+CORRECTION = 0.1  # s: time constant by which feedback corrects the model
 USUAL = 0.05  # share of the newest feedback in the usual difference
 
 
@@ -27,19 +28,19 @@ USUAL = 0.05  # share of the newest feedback in the usual difference
 class Servo:
     """Times with which a robot follows joint commands, from its data sheet or a step response.
 
-    A command waits for `delay`, is reached along a straight line within `ramp`, and the joints follow that line as a
-    critically damped system of second order, w = 2/lag:
+    After `delay`, a command is reached along a straight line within `ramp`; the joints follow that line as a critically
+    damped system of second order, w = 2/lag:
 
         q'' + 2 w q' + w^2 q = w^2 r
 
     Args:
         period: [s] between two commands.
         delay: [s] from a command until the robot begins to follow it.
-        ramp: [s] in which it interpolates from one command to the next; usually the period. 0: none.
-        lag: [s] by which its joints lag behind a ramp. 0: none.
+        ramp: [s] in which it interpolates between commands, usually the period; 0: none.
+        lag: [s] by which its joints lag behind a ramp; 0: none.
 
     Raises:
-        InputError: a period that is not positive, or another time that is negative.
+        InputError: a period that is not positive, or another time that is negative or not finite.
     """
 
     period: float = 0.02
@@ -48,18 +49,13 @@ class Servo:
     lag: float = 0.03
 
     def __post_init__(self) -> None:
-        times = {name: getattr(self, name) for name in ("delay", "ramp", "lag")}
-        wrong = [name for name, value in times.items() if not 0 <= value < np.inf]  # NaN too
-        if not 0 < self.period < np.inf:
-            wrong.append("period")
-        if wrong:
-            raise InputError(
-                f"{wrong[0]} must be a time of 0 s or more (period: above 0 s), not {getattr(self, wrong[0])}."
-            )
+        for name, value in vars(self).items():
+            if not 0 <= value < np.inf or (name == "period" and value == 0):  # NaN too
+                raise InputError(f"{name} must be a time of 0 s or more (period: above 0 s), not {value}.")
 
     @property
     def total_delay(self) -> float:
-        """Delay [s] from a command to the joints that follow a ramp of commands: delay, ramp and lag together."""
+        """Delay [s] of joints that follow a ramp of commands: delay + ramp + lag."""
         return self.delay + self.ramp + self.lag
 
 
@@ -68,7 +64,7 @@ class Feedback(Enum):
 
     AGREES = "agrees"
     ODD = "odd"
-    """The feedback is not finite, or unusually far from the model, and no lost command explains this."""
+    """The feedback is not finite, or far from the model, and no lost command explains this."""
     LOST = "lost"
     """The newest command that should show in the feedback never came."""
 
@@ -105,7 +101,7 @@ class _Course:
 
 @dataclass(frozen=True, eq=False)
 class _Begun:
-    """A command, the time when it began, and the course before it."""
+    """A command, when it began, and the course before it."""
 
     time: float
     target: Float[np.ndarray, " n"]
@@ -116,26 +112,24 @@ class _Begun:
 class ServoModel:
     """A model of joints, their speeds and accelerations, between and before the robot's feedback.
 
-    Exact for ramps: the solution of the differential equation in closed form from one change of the ramp to the next.
-    The difference of the feedback from it (sag, deflection, friction) is followed slowly and added. A lost command
-    shows in the feedback after it should have begun, and is removed from the model.
+    The model is exact for ramps of commands. The difference of the feedback from it (sag, deflection, friction) is
+    followed with a time constant of 0.1 s and added. A command that the feedback shows as lost is removed.
 
     Args:
         servo: times with which the robot follows commands.
         count: n, the number of joints.
-        correction: [s] time constant by which feedback corrects the model.
 
     Attributes:
+        joints: present joint positions (n,) [rad, m]; `advance` overwrites them, and the speeds and accelerations.
         offset: (n,) difference of the joints from the model, by their feedback.
-        missed: number of commands that never came, as far as feedback shows: it must come about once per command, and
-            the joints must lag behind the command.
+        missed: number of commands that never came, if feedback comes about once per command and lags behind it.
     """
 
-    def __init__(self, servo: Servo, count: int, correction: float = 0.1) -> None:
+    def __init__(self, servo: Servo, count: int) -> None:
         from palpate.control import _servo as kernel  # compiled: loaded when first needed
 
-        self.servo, self.correction, self._apart = servo, correction, kernel.separate.unchecked
-        self.offset, self._joints, self._off = np.zeros(count), np.zeros(count), np.zeros(count)
+        self.servo, self._apart = servo, kernel.separate.unchecked
+        self.offset, self.joints, self._off = np.zeros(count), np.zeros(count), np.zeros(count)
         self._waiting: deque[tuple[float, np.ndarray]] = deque()
         self._begins = deque[_Begun](maxlen=BEGUN)
         self._past, self._times, self._kept = np.zeros((REMEMBERED, count)), np.zeros(REMEMBERED), 0
@@ -145,9 +139,9 @@ class ServoModel:
         self.start(0.0, np.zeros(count))
 
     def start(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
-        """Begin at rest at joints (n,) [rad, m] at a time [s]; forget all commands, the offset and `missed`."""
+        """Begin at rest at joints (n,) [rad, m] at a time [s], without commands, offset and `missed`."""
         self._course, self._fed = _Course(self.servo, time, joints), time
-        self.offset[:], self._joints[:] = 0.0, joints
+        self.offset[:], self.joints[:] = 0.0, joints
         self._waiting.clear()
         self._begins.clear()
         self._usual, self.missed = 5.0 * FAINT, 0  # what feedback is off usually
@@ -163,14 +157,12 @@ class ServoModel:
         while self._waiting and self._waiting[0][0] <= time:
             self._take(*self._waiting.popleft())
         self._course.follow(time)
-        np.add(self._course.state[0], self.offset, out=self._joints)
+        np.add(self._course.state[0], self.offset, out=self.joints)
         self._past[self._kept], self._times[self._kept] = self._course.state[0], time
         self._kept = (self._kept + 1) % REMEMBERED
 
     def correct(self, time: float, joints: Float[np.ndarray, " n"]) -> Feedback:
-        """Correct the model by feedback of the joints (n,) at a time [s], at most some cycles ago; return a `Feedback`.
-
-        If a command never came, it is removed from the model from the time at which it should have begun.
+        """Correct the model by the joints (n,) [rad, m] at a time [s], at most some cycles ago; return a `Feedback`.
 
         Raises:
             InputError: feedback of another number of joints.
@@ -191,13 +183,8 @@ class ServoModel:
         if lost is not None and without < 0.5 * off:
             self._take_out(lost)
             return Feedback.LOST
-        self.offset += (1.0 - math.exp(-passed / self.correction)) * self._off
+        self.offset += (1.0 - math.exp(-passed / CORRECTION)) * self._off
         return Feedback.ODD if odd else Feedback.AGREES
-
-    @property
-    def joints(self) -> Float[np.ndarray, " n"]:
-        """Present joint positions (n,) [rad, m]; `advance` overwrites them, and the speeds and accelerations."""
-        return self._joints
 
     @property
     def speeds(self) -> Float[np.ndarray, " n"]:
@@ -219,7 +206,7 @@ class ServoModel:
         return [each for each in self._begins if each.time > command.time]
 
     def _without(self, command: _Begun, time: float, joints: Float[np.ndarray, " n"]) -> float:
-        """Return the root mean square difference of the feedback from joints that never had this command."""
+        """Return the root mean square difference of the feedback from joints without this command."""
         course = command.before.copy()
         for each in self._after(command):
             if each.time <= time:
@@ -228,7 +215,7 @@ class ServoModel:
         return math.dist(joints, course.state[0] + self.offset) / math.sqrt(len(joints))
 
     def _take_out(self, command: _Begun) -> None:
-        """Remove a command that never came: model the time since again; later commands begin as they did."""
+        """Remove a command that never came, and model the time since again."""
         later = deque(self._after(command))
         while self._begins and self._begins[-1].time >= command.time:
             self._begins.pop()
@@ -240,5 +227,5 @@ class ServoModel:
                     self._take(later[0].time, later.popleft().target)
                 self._course.follow(moment)
                 self._past[k] = self._course.state[0]
-        np.add(self._course.state[0], self.offset, out=self._joints)
+        np.add(self._course.state[0], self.offset, out=self.joints)
         self.missed += 1

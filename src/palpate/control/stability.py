@@ -1,7 +1,7 @@
 """Check the stability of a loop with delay by the spectral radius of one cycle, and reject unstable gains.
 
-A cycle of a linear loop takes its state x to A x. The state (velocity, estimate, commands under way, servo) decays
-if, and only if, every eigenvalue of A lies inside the unit circle.
+A cycle takes the state x (velocity, estimate, commands under way, servo) to A x. It decays if, and only if, every
+eigenvalue of A lies inside the unit circle.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from palpate.control.admittance import Admittance
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
+    "Admittance",
     "DelayedRobot",
     "Tracker",
     "admittance_radius",
@@ -33,6 +33,40 @@ _UNITS = {"force": ("N s/m", "N/m", "kg"), "orientation": ("m s/rad", "m/rad", "
 _FINE = 60  # halvings of a bracket: to rounding
 
 
+@dataclass(frozen=True)
+class Admittance:
+    """A mass with a damper that an error pushes: M dv/dt + D v = error, (7) and (8) of `probe`.
+
+    It is integrated by explicit Euler: v_k = v_{k-1} + dt/M (error - D v_{k-1}). In steady state v = error / D,
+    reached with the time constant M/D if dt D/M < 2; `require_stable` checks it against an environment.
+
+    Args:
+        mass: [kg] for a force, [m s^2/rad] for a contact point.
+        damping: [N s/m] for a force, [m s/rad] for a contact point.
+
+    Raises:
+        InputError: one of them is not positive and finite.
+    """
+
+    mass: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        if not (0 < self.mass < math.inf and 0 < self.damping < math.inf):
+            raise InputError(f"mass ({self.mass}) and damping ({self.damping}) must be positive.")
+
+    def step(self, velocity: float, error: float, dt: float) -> float:
+        """Return the velocity of this cycle [m/s for a force, rad/s for a contact point]; 0 if it is not finite.
+
+        Args:
+            velocity: of the last cycle.
+            error: [N] of the force, or [m] of the contact point.
+            dt: [s] between two cycles.
+        """
+        found = velocity + dt / self.mass * (error - self.damping * velocity)
+        return found if math.isfinite(found) else 0.0
+
+
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class DelayedRobot(Value):
@@ -41,13 +75,13 @@ class DelayedRobot(Value):
     Args:
         dt: length of a cycle [s].
         delay: cycles that a command waits; with 0 the next reading feels it fully.
-        ramp: whether the robot then moves linearly from one command to the next over a cycle, instead of at once.
+        ramp: whether the robot moves linearly from one command to the next over a cycle, instead of at once.
         lag: [s] of the servo; 0: none.
-        order: of the servo, 1 or 2; a second-order servo is critically damped, with natural frequency 2/lag.
-        smoothing: time constant [s] of a first-order low-pass over the measurement; 0: none.
+        order: of the servo; 1, or 2: critically damped, with natural frequency 2/lag.
+        smoothing: [s] time constant of a first-order low-pass over the measurement; 0: none.
 
     Raises:
-        InputError: dt that is not positive, a negative delay, lag or smoothing, another order.
+        InputError: dt is not positive; delay, lag or smoothing is negative; a time is not finite; or another order.
     """
 
     dt: float
@@ -66,11 +100,8 @@ class DelayedRobot(Value):
             raise InputError(f"the order of a servo must be 1 or 2, not {self.order}.")
         object.__setattr__(self, "_servo", frozen(self._discrete()))
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return type(self), (self.dt, self.delay, self.ramp, self.lag, self.order, self.smoothing)
-
     def _discrete(self) -> Float[np.ndarray, "m k"]:
-        """Return rows of the servo's next state, from its state and the commands at a cycle's start and end; exact."""
+        """Return exact rows of the servo's next state, from its state and the commands at a cycle's start and end."""
         if self.lag == 0:
             return np.zeros((0, 2))
         from scipy.linalg import expm  # here: it takes 0.1 s to import
@@ -94,13 +125,13 @@ class DelayedRobot(Value):
         return self.delay + 1 + len(self._servo) + 1
 
     def read(self, state: Rows) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return the position at a reading and its smoothed value, (n,) each, from states (`size`, n) by column."""
+        """Return the position at a reading and its smoothed value, (n,) each, from states (`size`, n) in columns."""
         position = state[self.delay + 1] if len(self._servo) else state[self.delay]
         share = 1.0 if self.smoothing == 0 else -math.expm1(-self.dt / self.smoothing)
         return position, state[-1] + share * (position - state[-1])
 
     def move(self, state: Rows, command: Float[np.ndarray, " n"], smoothed: Float[np.ndarray, " n"]) -> Rows:
-        """Return the states (`size`, n) at the next reading, from states, commands (n,) and smoothed values (n,).
+        """Return the states (`size`, n) at the next reading; commands and smoothed values are (n,).
 
         state[0] is the previous command, state[1] the one before that.
         """
@@ -115,14 +146,17 @@ class DelayedRobot(Value):
 class Tracker:
     """An estimator with fading memory and a prediction, which models a Kalman filter in steady state.
 
-    Value, rate (and second derivative) are predicted over a cycle and corrected by gains times the innovation. With
-    p = exp(-bandwidth dt) they are 1 - p; 1 - p^2, (1 - p)^2; or 1 - p^3, 1.5 (1 - p)^2 (1 + p), (1 - p)^3, so that all
-    its poles lie at p (Morrison 1969). The command is the value `prediction` seconds later.
+    Value and derivatives are predicted over a cycle and corrected by gains times the innovation. With
+    p = exp(-bandwidth dt) the gains are 1 - p; 1 - p^2, (1 - p)^2; or 1 - p^3, 1.5 (1 - p)^2 (1 + p), (1 - p)^3: all
+    poles lie at p (Morrison 1969). The command is the value `prediction` seconds later.
 
     Args:
         bandwidth: [rad/s] of the poles.
         prediction: [s] time over which the value is predicted.
         order: 0: constant value, 1: constant rate, 2: constant acceleration.
+
+    Raises:
+        InputError: another order, a bandwidth that is not positive, or a negative prediction.
     """
 
     bandwidth: float
@@ -134,7 +168,7 @@ class Tracker:
             raise InputError("a tracker needs order 0, 1 or 2, a bandwidth above 0 and a prediction of 0 s or more.")
 
     def gains(self, dt: float) -> Float[np.ndarray, " m"]:
-        """Return the gains of value, rate and second derivative, (order + 1,), for a cycle of dt [s]."""
+        """Return the gains (order + 1,) of the value and its derivatives [1, 1/s, 1/s^2] for a cycle of dt [s]."""
         p = math.exp(-self.bandwidth * dt)
         q = 1.0 - p
         every = ((q,), (1 - p**2, q**2 / dt), (1 - p**3, 1.5 * q**2 * (1 + p) / dt, q**3 / dt**2))
@@ -147,21 +181,18 @@ class Tracker:
 
 
 def _radius(size: int, cycle: Callable[[Rows], Rows]) -> float:
-    """Return the spectral radius of a linear cycle, whose matrix is its image of the unit vectors."""
+    """Return the spectral radius of a linear cycle."""
     return float(np.abs(np.linalg.eigvals(cycle(np.eye(size)))).max())
 
 
 def admittance_radius(robot: DelayedRobot, admittance: Admittance, stiffness: float) -> float:
     """Compute the spectral radius of admittance (7) of `probe` against a spring, or of (8) on a round probe.
 
-    The loop is stable if it is below 1.
-
-    One cycle reads y (smoothed: m), and with error = -K m
+    The loop is stable below 1. One cycle reads y (smoothed: m), and with error = -K m
 
         v <- v + dt/M (-K m - D v),   command <- command + dt v
 
-    (8) is the same with the contact's gain in place of K: the offset per angle [m/rad], the probe's radius if it is
-    round.
+    For (8), K is the contact's offset per angle [m/rad], the probe's radius if it is round.
 
     Args:
         robot: its delay and lag.
@@ -181,9 +212,8 @@ def admittance_radius(robot: DelayedRobot, admittance: Admittance, stiffness: fl
 def observer_radius(robot: DelayedRobot, tracker: Tracker, ratio: float) -> float:
     """Compute the spectral radius, stable below 1, of a loop that observes the surface and moves there.
 
-    The surface's angle is taken as z = y - offset / R, with y the probe's angle and offset = R_true (y - surface): so
-    z = (1 - g) y + g surface with g = R_true/R, and the robot's motion feeds back by 1 - g. The smoothing of the
-    robot's readings acts on the offset alone, as a filter over the wrench does: y - g m. A command is the tracker's
+    The surface's angle is taken as z = y - offset/R, with y the probe's angle and offset = R_true (y - surface): with
+    g = R_true/R, z = (1 - g) y + g surface. Smoothing acts on the offset alone: y - g m. A command is the tracker's
     prediction from z. For heights, g is the true stiffness over the assumed one.
 
     Args:
@@ -210,10 +240,7 @@ def stiffest(robot: DelayedRobot, admittance: Admittance) -> float:
 
 
 def least_damping(robot: DelayedRobot, mass: float, stiffness: float) -> float:
-    """Return the damping [N s/m, m s/rad] above which the loop is stable at this mass and stiffness.
-
-    It is infinite if no damping is enough.
-    """
+    """Return the damping [N s/m, m s/rad] above which the loop is stable; infinite if no damping is enough."""
     most = 2.0 * mass / robot.dt  # beyond it the admittance alone is unstable
 
     def unstable(damping: float) -> bool:
@@ -224,7 +251,7 @@ def least_damping(robot: DelayedRobot, mass: float, stiffness: float) -> float:
 
 
 def _edge(first: float, last: float, holds: Callable[[float], bool]) -> float:
-    """Return where `holds` ceases, searched in steps of a tenth and refined; 0 if at once, `last` if nowhere."""
+    """Return where `holds` ceases; 0 if at once, `last` if nowhere."""
     if not holds(first):
         return 0.0
     low = first
@@ -239,13 +266,13 @@ def _edge(first: float, last: float, holds: Callable[[float], bool]) -> float:
 
 
 def require_stable(robot: DelayedRobot, admittance: Admittance, stiffness: float, what: str = "force") -> None:
-    """Check that an admittance is stable against the stiffest environment; return None if it is.
+    """Check that an admittance is stable against the stiffest environment.
 
     Args:
         robot: its delay and lag.
         admittance: mass and damping.
-        stiffness: greatest of the environment [N/m] for a force; for an orientation, the distance by which the contact
-            point moves per angle [m/rad], which is the radius of a round probe.
+        stiffness: greatest of the environment [N/m] for a force; for an orientation, the displacement of the contact
+            per angle [m/rad], the radius of a round probe.
         what: "force" or "orientation", for the units of the message.
 
     Raises:
@@ -267,7 +294,7 @@ def require_stable(robot: DelayedRobot, admittance: Admittance, stiffness: float
 
 
 def _advice(robot: DelayedRobot, admittance: Admittance, stiffness: float, what: str) -> str:
-    """Return a sentence that proposes a damping, or also a mass if no damping is enough at this mass."""
+    """Return a sentence that proposes a damping and, if needed, a mass."""
     of_damping, _, of_mass = _UNITS[what]
     least = least_damping(robot, admittance.mass, stiffness)
     if admittance.damping < least < math.inf:

@@ -1,4 +1,4 @@
-"""Supervise the state of a contact loop: it holds or retreats if the contact is not known, and never guesses."""
+"""Supervise the state of a contact loop: it holds or retreats if the contact is not known."""
 
 from __future__ import annotations
 
@@ -44,13 +44,12 @@ class Limits:
         lost: [s] without contact after which it counts as lost.
         stale: [s] without a new reading of the sensor after which the loop holds still.
         patience: [s] after which a lost contact is given up.
-        drift: (force, torque) bounds of the sensor's drift [N/s, N m/s] since its tare. It cannot be measured in
-            contact, so the angle by which it turns the probe is predicted: beyond `drift_angle` [rad] the loop stops
-            and requests a tare.
-        drift_angle: [rad] largest angle due to drift, see `drift`.
+        drift: (2,) bounds of the sensor's drift since its tare [N/s, N m/s].
+        drift_angle: [rad] largest angle by which that drift may turn the probe; beyond it the loop stops and requests a
+            tare.
 
     Raises:
-        InputError: a limit is not positive and finite, or a drift is negative.
+        InputError: a limit is not positive and finite, or drift is not two finite numbers of 0 or more.
     """
 
     force: float = 20.0
@@ -83,6 +82,12 @@ class Supervisor:
         limits: of force and waiting times.
         force: [N] wanted contact force.
 
+    Attributes:
+        state: present `State`.
+        why: reason for it, as a sentence.
+        settled: time [s] when it began.
+        retreating: True while the loop moves back from the surface before it stops.
+
     Raises:
         InputError: the limit on force is not above the wanted force.
     """
@@ -94,33 +99,25 @@ class Supervisor:
                 where="limits",
                 hint="Leave room for the force that a moving surface adds: twice the wanted force is usual.",
             )
-        self.limits, self.force = limits, force
-        self.state, self.why = State.APPROACH, "nothing touched yet"
-        self._before = State.APPROACH
+        self.limits, self.force, self._before = limits, force, State.APPROACH
         self.start(0.0)
 
     def start(self, time: float) -> None:
-        """Begin anew at a time [s]: set the state to APPROACH, without retreat."""
+        """Set the state to APPROACH at a time [s], without retreat."""
         self._to(State.APPROACH, "nothing touched yet", time)
         self._seen = self._touched = time
         self.retreating = False
 
     def stop(self, time: float, why: str, *, retreat: bool = False) -> None:
-        """Set the state to STOPPED at a time [s], with a reason, and retreat if requested; only `start` ends it."""
+        """Set the state to STOPPED at a time [s] with a reason, which only `start` ends; retreat if requested."""
         if self.state != State.STOPPED:
             self._to(State.STOPPED, why, time)
             self.retreating = retreat
 
-    @property
-    def settled(self) -> float:
-        """Time [s] when the present state began."""
-        return self._since
-
     def fresh(self, time: float, status: int, force: float) -> None:
         """Update the state by a new reading at a time [s]: its `Status`, and the length of the contact force [N].
 
-        A saturated or invalid reading, or one without a pose, counts as none; a saturated one after the approach stops
-        the loop.
+        A SATURATED, INVALID or NO_POSE reading counts as none; a saturated one after the approach stops the loop.
         """
         if status in (Status.SATURATED, Status.INVALID, Status.NO_POSE):
             why = Status(status).label
@@ -131,27 +128,27 @@ class Supervisor:
             return
         self._seen = time
         if force > self.limits.force:
-            return self.stop(time, f"{force:.3g} N is more than the limit of {self.limits.force:g} N", retreat=True)
+            self.stop(time, f"{force:.3g} N is more than the limit of {self.limits.force:g} N", retreat=True)
+            return
         if status <= Status.AMBIGUOUS:
             self._touched = time
             if self.state == State.APPROACH and force > self.limits.touch:
                 self._to(State.CONTACT, "touched", time)
             elif self.state == State.LOST:
-                brief = self._before == State.HOLD and time - self._since < BRIEF
+                brief = self._before == State.HOLD and time - self.settled < BRIEF
                 self._to(State.HOLD if brief else State.CONTACT, "touched again", time)
         elif self.state == State.LOST and self._before == State.APPROACH:
             self._to(State.APPROACH, "the sensor reads again", time)
         elif self.state in (State.CONTACT, State.HOLD) and time - self._touched > self.limits.lost:
             self._to(State.LOST, f"no contact for {time - self._touched:.2g} s", time)
         self._give_up(time)
-        return None
 
     def silent(self, time: float) -> None:
         """Update the state at a time [s] without a new reading: LOST after `stale`, STOPPED after `patience`."""
         self._silent(time, "no new reading of the sensor")
 
     def pressed(self, time: float) -> None:
-        """Change from CONTACT to HOLD: the wanted force is there, and the law is ready."""
+        """Change from CONTACT to HOLD, as the wanted force is there and the law is ready."""
         if self.state == State.CONTACT:
             self._to(State.HOLD, "force and angle are held", time)
 
@@ -162,10 +159,10 @@ class Supervisor:
         self._give_up(time)
 
     def _give_up(self, time: float) -> None:
-        if self.state == State.LOST and time - self._since > self.limits.patience:
+        if self.state == State.LOST and time - self.settled > self.limits.patience:
             self.stop(time, f"{self.why}, and none since", retreat=True)
 
     def _to(self, state: State, why: str, time: float) -> None:
         if state == State.LOST:
             self._before = self.state
-        self.state, self.why, self._since = state, why, time
+        self.state, self.why, self.settled = state, why, time

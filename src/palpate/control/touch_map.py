@@ -1,8 +1,7 @@
 """Remember touched places with a belief in each, and find the cheapest way between them.
 
-The paper's state machine [marker ring, V] has no such memory. Places are points; belief in each fades with time,
-because the touched object may have been a robot, or may have been pushed since, and a place is removed if the robot's
-body has passed there. A place is never forbidden, only costly, so that there is always a way.
+Places are points. Belief in each fades with time, because the touched object may have moved, and a place is removed if
+the robot's body has passed there. A place is never forbidden, only costly, so that there is always a way.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ class TouchMapSettings:
 
     Attributes:
         cell: [m] size of a cell of the map in which ways are found.
-        weight: cost, relative to its length, of a way through a place that was touched just now.
+        weight: cost, relative to its length, of a way through a place touched just now.
         fade: [s] in which belief in a place falls to 1/e.
         merge: [m] touches nearer than this are one place.
         again: [s] after which a further touch of a place counts again: each adds `weight`.
@@ -67,16 +66,11 @@ class TouchMap:
     def __len__(self) -> int:
         return self._count
 
-    @property
-    def places(self) -> Float[np.ndarray, "n 3"]:
-        """Places, (n, 3): x, y [m] and the time of the last touch [s]."""
-        return self._places[: self._count, :3].copy()
-
     def touch(self, time: float, x: float, y: float, belief: float = 1.0) -> None:
-        """Remember an obstacle at a point [m], touched at a time [s], with a belief (1: an ordinary touch)."""
+        """Remember a place (x, y) [m] touched at a time [s], with a belief (1: an ordinary touch)."""
         places, count = self._places, self._count
         if count:
-            off = np.hypot(places[:count, 0] - x, places[:count, 1] - y)
+            off = self._distances(x, y)
             near = int(off.argmin())
             if off[near] < self.settings.merge:
                 places[near, 3] += belief * (time > places[near, 2] + self.settings.again)
@@ -89,23 +83,21 @@ class TouchMap:
         self._count = count + 1
 
     def clear(self, x: float, y: float, within: float) -> None:
-        """Forget the places within a distance [m] of a point, because the body is there."""
-        count = self._count
-        if not count:
-            return
-        kept = np.hypot(self._places[:count, 0] - x, self._places[:count, 1] - y) >= within
-        self._count = int(kept.sum())
-        if self._count < count:
-            self._places[: self._count] = self._places[:count][kept]
+        """Forget the places within a distance [m] of a point (x, y) [m]: the body is there."""
+        kept = self._places[: self._count][self._distances(x, y) >= within]
+        self._count = len(kept)
+        self._places[: self._count] = kept
 
     def nearest(self, x: float, y: float) -> float:
-        """Return the distance [m] from a point to the nearest place; inf if there is none."""
-        if not self._count:
-            return inf
-        return float(np.hypot(self._places[: self._count, 0] - x, self._places[: self._count, 1] - y).min())
+        """Return the distance [m] from a point (x, y) [m] to the nearest place; inf if there is none."""
+        return float(self._distances(x, y).min(initial=inf))
+
+    def _distances(self, x: float, y: float) -> Float[np.ndarray, " n"]:
+        """Return the distance [m] from a point to each place."""
+        return np.hypot(*(self._places[: self._count, :2] - (x, y)).T)
 
     def in_line(self, x: float, y: float, normal: float) -> bool:
-        """Return whether a wall may pass a point [m] with a normal [rad]: 3 places near it lie on its tangent."""
+        """Return whether a wall with a normal [rad] may pass a point (x, y) [m]: 3 places near lie on its tangent."""
         places = self._places[: self._count, :2] - (x, y)
         off = np.abs(places @ np.array([cos(normal), sin(normal)]))
         aside = np.abs(places @ np.array([-sin(normal), cos(normal)]))
@@ -114,7 +106,10 @@ class TouchMap:
     def way(
         self, time: float, start: tuple[float, float], goal: tuple[float, float]
     ) -> tuple[Float[np.ndarray, "n 2"], float]:
-        """Return the cheapest way: corners (n, 2) [m] after the start, and its cost [m], its length if it is free."""
+        """Return the cheapest way at a time [s]: its corners after the start, (n, 2) [m], and its cost [m].
+
+        The cost of a way without known places is its length.
+        """
         from palpate.control._touch_map import fill, find_way  # compiled: loaded when first needed
 
         set_, places = self.settings, self._places[: self._count]

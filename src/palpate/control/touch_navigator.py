@@ -1,14 +1,12 @@
 """Navigate by touch: remember touched places, plan a way around them, and push what moves.
 
-This extends the state machine of the paper [marker ring, V], which forgets a touch as soon as it has backed away from
-it:
+This extends the state machine of [marker ring, V], which forgets a touch as soon as it has backed away:
 
-* an obstacle that does not move is remembered (`TouchMap`) and a way is found around all of them, again and again;
-  the robot follows walls, because each touch makes the way along them cheaper, and leaves pockets for this reason too;
-* motion into a contact is slowed in proportion to the remaining allowed force, so that a touch stays soft;
+* an obstacle that does not move is remembered (`TouchMap`), and a way is found around all of them;
+* motion into a contact is slowed in proportion to the remaining allowed force;
 * an object ahead is pushed, and counts as fixed if it has not moved after a while (`PushTest`);
 * the robot gives way to anything that pushes back;
-* an obstacle that is not felt is remembered as well, and a track that does not follow is noticed (`TrackWatch`);
+* an obstacle that is not felt is remembered, and a track that does not follow is noticed (`TrackWatch`);
 * a search that only repeats its way is reported (`ProgressWatch`), and finally stopped.
 """
 
@@ -48,7 +46,7 @@ class TouchNavigatorSettings:
         reach: [m] distance from the goal at which the robot has arrived.
         force: [N] largest force that a contact should have.
         stiffness: [N/m] of the skin.
-        soften: [s] least time in which the remaining allowed force is used up.
+        soften: [s] least time to use up the remaining allowed force.
         flank, relief, off: from a contact on a flank with more than `flank` [N] the heading turns away by `relief`
             [rad/N], up to `off` [rad].
         squeeze: share of `force` on both flanks above which the robot does not go on between them.
@@ -58,15 +56,15 @@ class TouchNavigatorSettings:
         glancing: [rad] angle from the heading beyond which a contact is passed rather than pushed.
         settle, test, moved: arguments of `PushTest`.
         known: [m] a contact nearer to a remembered place is not pushed again.
-        clearance, wall: [m] distance to both sides of a touch over which its surface is assumed to continue: for a
-            single touch, and for one in line with others.
+        clearance, wall: [m] to both sides of a touch over which its surface is assumed to continue: of a single touch,
+            and of one in line with others.
         passed, pushed: belief in a touch that was only passed, and in one that did not move when pushed; 1 for others.
         back: [s] for which the robot backs away from a fixed obstacle.
         slow: share of the top speed at which it backs away.
         turn: [rad/s] largest turn rate.
         still: ([m], [s]) a robot that has moved less than this distance in this time is stuck.
         doubt, ground: [s] after which the goal is reported as possibly out of reach, if the robot has come neither
-            nearer in that time nor to `ground` new places; see `ProgressWatch`.
+            nearer nor to `ground` new places.
         patience: [s] after which the robot stops if it has come no nearer to its goal.
         push: False: nothing is pushed on purpose.
         remember: False: no memory.
@@ -109,15 +107,20 @@ class TouchNavigatorSettings:
 @called_as("palpate.TouchNavigator(goal=(1.2, 0.0))")
 @takes_arrays
 class TouchNavigator:
-    """A `Navigator` with a memory of touches, updated at the caller's rate (meant for 30 Hz).
+    """A `Navigator` with a memory of touches, meant for 30 updates a second.
 
     States: "move to goal", "push", "back off", "give way", "escape", "blind", "no pose", "stopped", "arrived".
 
     Args:
         goal: (2,) [m] in the frame of the poses.
         drive: the robot's drive; None: `DifferentialDrive()`.
-        settings: of motion, forces and memory.
+        settings: of motion, forces and memory; None: `TouchNavigatorSettings()`.
         seed: of its random draws, which separate robots that block each other.
+
+    Attributes:
+        state: present state.
+        why: reason for it, as a sentence.
+        arrived: True once the goal was reached, until `reset`.
 
     Raises:
         InputError: the goal is not two finite numbers, or `ground` is less than 1.
@@ -139,9 +142,9 @@ class TouchNavigator:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: forget all touches, and set `arrived` to False."""
-        self.state, self._why, self.arrived = "move to goal", "nothing is in the way", False
-        self.why = self._why
+        """Forget all touches, and set `arrived` to False."""
+        self.state, self.arrived = "move to goal", False
+        self.why = self._why = "nothing is in the way"
         self.map.reset()
         self._watch.reset()
         self._progress.reset()
@@ -156,12 +159,16 @@ class TouchNavigator:
     def update(
         self, time: float, touches: Float[np.ndarray, "k 2"] | None, pose: Float[np.ndarray, "3"]
     ) -> tuple[float, float]:
-        """Return (left, right), the speeds of the tracks [m/s] from now on; set `state`, `why` and `arrived`.
+        """Return (left, right), the track speeds [m/s] from now on; set `state`, `why` and `arrived`.
 
         Args:
             time: [s] on one monotonic clock.
-            touches: (k, 2) angle [rad] in the robot's frame and force [N] of each; None: no valid reading.
+            touches: (k, 2) angle [rad] in the robot's frame, 0 ahead, counter-clockwise, and force [N] of each; None:
+                no valid reading.
             pose: x [m], y [m] and heading [rad] of the robot in the goal's frame.
+
+        Raises:
+            ValueError: an angle of a touch is infinite.
         """
         x, y, heading = (float(value) for value in pose)
         far = hypot(self.goal[0] - x, self.goal[1] - y)
@@ -190,16 +197,15 @@ class TouchNavigator:
         return self._sent
 
     def _fault(self, time: float, here: Pose, far: float, *, touched: bool) -> str | None:
-        """Return the reason why the robot cannot go on; None if it can."""
-        side = self._watch.update(time, here, self._sent, touched=touched)
-        if side is not None:
+        """Return why the robot cannot go on; None if it can."""
+        if side := self._watch.update(time, here, self._sent, touched=touched):
             return f"the {side} track does not follow"
         if self._progress.update(time, here[0], here[1], far) > self.settings.patience:
             return f"no nearer to the goal for {self.settings.patience:g} s"
         return None
 
     def _decided(self, time: float, here: Pose, felt: Felt) -> tuple[float, float]:
-        """Return the forward speed and turn rate; set the state and its reason."""
+        """Return forward speed and turn rate; set the state and its reason."""
         behind = any(cos(angle) < -0.5 for angle, _ in felt)
         if time < self._until and not behind:
             return self._leave
@@ -258,13 +264,13 @@ class TouchNavigator:
         self._changed = True
 
     def _squeezed(self, felt: Felt) -> Felt:
-        """Return the contacts on both flanks, if the weaker side presses hard: a gap that only gets narrower."""
+        """Return the contacts on both flanks, if the weaker side presses hard."""
         flanks = [(angle, force) for angle, force in felt if abs(cos(angle)) < cos(self.settings.glancing)]
         hard = [max((force for angle, force in flanks if angle * side > 0.0), default=0.0) for side in (1.0, -1.0)]
         return flanks if min(hard) > self.settings.squeeze * self.settings.force else []
 
     def _pressed(self, time: float, here: Pose, ahead: Felt) -> str | None:
-        """Return the reason why the contact ahead counts as fixed, and remember it; None if it does not."""
+        """Return why the contact ahead counts as fixed, and remember it; None if it does not."""
         set_ = self.settings
         strongest = max(force for _, force in ahead)
         firm = strongest > set_.firm
@@ -286,7 +292,7 @@ class TouchNavigator:
         return why
 
     def _stands(self, time: float, here: Pose, ahead: Felt, belief: float = 1.0) -> None:
-        """Remember the contacts ahead as fixed, as parts of a wall if they are in line with known places."""
+        """Remember the contacts ahead as fixed, as parts of a wall if in line with known places."""
         self._test.end()
         if not self.settings.remember:
             return
@@ -310,7 +316,7 @@ class TouchNavigator:
         return time - self._stood[2] > seconds
 
     def _followed(self, time: float, here: Pose) -> tuple[float, float]:
-        """Return forward speed and turn rate along the cheapest way, which is found again after changes."""
+        """Return forward speed and turn rate along the cheapest way."""
         if time - self._planned > (0.3 if self._changed else 2.0):
             way, cost = self.map.way(time, here[:2], self.goal)
             corners = [(here[0], here[1]), *((float(x), float(y)) for x, y in way)]
@@ -342,19 +348,13 @@ class TouchNavigator:
         return 0.5 * (low + high) if low > high else max(low, min(high, forward))
 
     def _aside(self, turn: float, felt: Felt) -> float:
-        """Return the turn rate [rad/s] that turns the heading away from contacts on a flank, more for a larger force.
-
-        Tracks cannot step aside: a flank is relieved only by driving on at an angle to the contact.
-        """
+        """Return the turn rate [rad/s] that turns the heading away from contacts on a flank, more for more force."""
         set_, high, low = self.settings, inf, -inf
         for angle, force in felt:
             off = pi / 2 + min(set_.off, set_.relief * (force - set_.flank)) - abs(angle)
             if force < set_.flank or off < 0.0 or abs(angle) < set_.glancing:
                 continue
-            if angle > 0.0:
-                high = min(high, -3.0 * off)
-            else:
-                low = max(low, 3.0 * off)
+            high, low = (min(high, -3.0 * off), low) if angle > 0.0 else (high, max(low, 3.0 * off))
         return 0.5 * (low + high) if low > high else max(low, min(high, turn))
 
 

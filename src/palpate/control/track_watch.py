@@ -9,34 +9,27 @@ from palpate.control.navigation import heading_error
 
 __all__ = ["TrackWatch"]
 
+WINDOW = 1.5  # s
+LEAST = 0.015  # m/s root mean square that a track must have been commanded
+FOLLOWS = 0.3  # gain below which a track does not follow
+TIMES = 3  # windows in a row before a track is called stuck
+
 
 class TrackWatch:
-    """A watch that compares poses with commanded track speeds, over windows in which nothing is felt.
+    """A watch that compares poses with commanded track speeds, over windows of 1.5 s in which nothing is felt.
 
-    The gain by which each track follows is a least-squares fit of its motion to the command, frame by frame,
-    sum(made commanded) / sum(commanded^2), so that a robot that wavers is as informative as one that drives on.
+    The gain by which each track follows is a least-squares fit of its motion to the command, frame by frame:
+    sum(made commanded) / sum(commanded^2). A track is stuck after three windows with a gain below 0.3.
 
     Args:
         drive: the robot's drive.
-        window: [s] length of a window.
-        least: [m/s] root mean square speed that a track must have been commanded.
-        follows: gain below which a track does not follow.
-        times: windows in a row before a track is called stuck.
 
     Attributes:
-        held: whether neither track followed in the window that has just ended.
+        held: True if neither track followed in the window that has just ended.
     """
 
-    def __init__(
-        self,
-        drive: DifferentialDrive,
-        *,
-        window: float = 1.5,
-        least: float = 0.015,
-        follows: float = 0.3,
-        times: int = 3,
-    ) -> None:
-        self.drive, self.window, self.least, self.follows, self.times = drive, window, least, follows, times
+    def __init__(self, drive: DifferentialDrive) -> None:
+        self.drive = drive
         self.reset()
 
     def reset(self) -> None:
@@ -59,7 +52,10 @@ class TrackWatch:
             time: [s].
             pose: x, y [m], heading [rad] now.
             wheels: track speeds [m/s] commanded since the last call.
-            touched: whether a touch is felt, so that no conclusion can be drawn.
+            touched: True if a touch is felt: the window begins anew.
+
+        Raises:
+            ValueError: a heading is infinite.
         """
         last, self._last = self._last, (time, *pose)
         self.held = False
@@ -71,11 +67,11 @@ class TrackWatch:
                 self._both[side] += made * wheels[side] * step
                 self._asked[side] += (wheels[side] * step) ** 2
             self._frames += 1
-            if time - self._since >= self.window:
+            if time - self._since >= WINDOW:
                 held = self._judge(time - self._since)
                 self._begin(time)
                 self.held = held
-        return next((name for name, k in zip(("left", "right"), self._stuck, strict=True) if k >= self.times), None)
+        return next((name for name, k in zip(("left", "right"), self._stuck, strict=True) if k >= TIMES), None)
 
     def _made(self, last: tuple[float, float, float, float], pose: tuple[float, float, float]) -> tuple[float, float]:
         """Return the distances [m] that the left and the right track covered."""
@@ -86,13 +82,13 @@ class TrackWatch:
         return forward - 0.5 * self.drive.track * turned, forward + 0.5 * self.drive.track * turned
 
     def _judge(self, seconds: float) -> bool:
-        """Return whether neither track followed in the window that ends; count a track that alone did not."""
-        enough = (self.least * seconds) ** 2 / self._frames  # sum of squares at `least`, frame by frame
+        """Return whether neither track followed; count one that alone did not."""
+        enough = (LEAST * seconds) ** 2 / self._frames  # sum of squares at that speed, frame by frame
         gains = [both / asked if asked > enough else None for both, asked in zip(self._both, self._asked, strict=True)]
-        slow = [gain is not None and gain < self.follows for gain in gains]
+        slow = [gain is not None and gain < FOLLOWS for gain in gains]
         for side in (0, 1):
             other = gains[1 - side]
-            if slow[side] and other is not None and other > 2.0 * self.follows:
+            if slow[side] and other is not None and other > 2.0 * FOLLOWS:
                 self._stuck[side] += 1
             elif gains[side] is not None:
                 self._stuck[side] = 0

@@ -30,15 +30,13 @@ PATIENCE = 6.0  # s, after which the stiffness stays as it was stated
 class Follow:
     """Palpate's law: the surface's two angles and its height, each with its rate, are states that readings correct.
 
-    If a face of R (`ProbeFace`) is touched u away from its middle, the surface leans by asin(u/R). With that normal n
-    turned into the base by the robot's pose, the surface leans by a = atan2(nx, nz), b = atan2(ny, nz) in the axes
-    that the probe had when it first touched; its height is that of the probe's lowest point, less the excess of the
-    force over the wanted one divided by the stiffness K. All three are the surface's, not the probe's: the robot's
-    motion does not enter them, so they can be predicted over the loop's delay (`MotionBank`) and met by position.
+    If a face of R (`ProbeFace`) is touched u away from its middle, the surface leans by asin(u/R). Its normal n, turned
+    by the robot's pose, gives a = atan2(nx, nz), b = atan2(ny, nz) in the axes of the probe at first touch; its height
+    is that of the probe's lowest point, less (force - wanted)/K. The robot's motion does not enter all three, so they
+    can be predicted over the loop's delay (`MotionBank`) and met by position.
 
-    K is fitted while the probe first presses, to depth = c + s t + a sqrt(force), whose slope at the wanted force is
-    1/K: a round body presses as sqrt(force) or nearly so. With a wrong K the loop converges if it is above half of
-    the true one; so do the angles, whose R follows from K.
+    The stiffness K is fitted while the probe first presses, to depth = c + s t + a sqrt(force), whose slope at the
+    wanted force is 1/K. The loop converges if K is above half of the true one.
 
     Args:
         face: the face that presses.
@@ -47,7 +45,7 @@ class Follow:
         stiffest: [N/m] greatest stiffness to expect; it determines how gently the probe first presses.
 
     Raises:
-        InputError: a number that is not positive, or a stiffness above the stiffest.
+        InputError: a number that is not positive and finite, or a stiffness above the stiffest.
     """
 
     def __init__(self, face: ProbeFace, force: float, stiffness: float = 2000.0, stiffest: float = 10e3) -> None:
@@ -76,7 +74,7 @@ class Follow:
         self._smooth, self._rate = np.zeros(3), np.zeros(3)
 
     def start(self, seen: Sensed) -> None:
-        """Take axes and origin from the first reading of a touch, not yet `ready`; the fitted stiffness is kept."""
+        """Take axes and origin from the first reading of a touch; the stiffness is kept, and `ready` is False."""
         self._axes[:], self._origin[:] = seen.rotation, seen.tip
         self._sums[:], self._right[:] = 0.0, 0.0
         self._begun = self._time = seen.time
@@ -87,7 +85,7 @@ class Follow:
         self._touch = float(np.sqrt(seen.force @ seen.force))
 
     def observe(self, seen: Sensed) -> None:
-        """Correct the estimate of the surface by one reading, and fit the stiffness until `ready`."""
+        """Correct the surface's estimate by one reading, and fit the stiffness until `ready`."""
         pressing = self._read(seen)
         self.bank.update(seen.time - self._time, self._readings, self._variances)
         self._pressing += min(1.0, (seen.time - self._time) / 0.05) * (pressing - self._pressing)
@@ -96,24 +94,29 @@ class Follow:
             self._learn(seen, pressing)
 
     def keep(self) -> None:
-        """Store the present surface estimate: the robot's feedback agrees with the pose it was seen from."""
+        """Store the surface's estimate: the robot's feedback agrees with the pose it was seen from."""
         self.bank.keep()
         self._kept = self._time
 
     def forget(self) -> None:
-        """Restore the surface estimate that was kept last, if that was not long ago.
-
-        The fit of the stiffness keeps all readings: only some of hundreds are wrong.
-        """
+        """Restore the estimate that was kept last, if less than 0.1 s ago; the stiffness keeps all readings."""
         if self._time - self._kept < RECALLED:
             self.bank.recall()
             self._time = self._kept
 
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
-        """Write into out (6,) a step along the probe's axis at speed (wanted - force)/D, D = 2 K `delay`: no overshoot.
+        """Write a step along the probe's axis at speed (wanted - force)/D, D = 2 K `delay`: no overshoot.
 
-        K is `stiffest` at first, then three times the force over the travel so far, if less: at its present depth a
-        round body is up to three times stiffer than that ratio.
+        K is `stiffest` at first, then three times the force over the travel so far, if less: a round body is up to
+        three times stiffer than that ratio.
+
+        Args:
+            seen: present reading.
+            period: [s] of the step.
+            out: (6,) translation [m], then rotation vector [rad], in base axes.
+
+        Raises:
+            InputError: `out` has another shape or is not writable.
         """
         require_out(out, (6,))
         out[:] = 0.0
@@ -130,9 +133,17 @@ class Follow:
         period: float,
         out: Float[np.ndarray, " 6"],
     ) -> None:
-        """Write the step (6,) [m, rad] of one period [s] into out, to the predicted pose of the surface at the command.
+        """Write the step onto the surface as predicted for the command: tip on it, axis against it, no spin.
 
-        There the tip lies on the surface and the axis points against it; the probe does not spin.
+        Args:
+            time: [s] of the command.
+            rotation: (3, 3) axes of the face in the base, as commanded last.
+            tip: (3,) [m] middle of the face in the base, as commanded last.
+            period: [s] of the step.
+            out: (6,) translation [m], then rotation vector [rad], in base axes.
+
+        Raises:
+            InputError: `out` has another shape or is not writable.
         """
         require_out(out, (6,))
         behind = float(SMOOTHING[0]) - 0.5 * period  # a command is already led there over the period that it begins
@@ -150,7 +161,7 @@ class Follow:
         return self._observed(*contact, *frame, values, *wanted, self._readings, self._variances)
 
     def _learn(self, seen: Sensed, pressing: float) -> None:
-        """Fit the stiffness from depth against time and force, from a third of the wanted force on."""
+        """Fit the stiffness, from a third of the wanted force on."""
         if self._pressing > 0.3 * self.force:
             row = np.array([1.0, seen.time - self._begun, np.sqrt(max(0.0, pressing) / self.force)])
             self._sums += np.outer(row, row)
@@ -179,6 +190,6 @@ class Follow:
         self.ready = True
 
     def _know_radii(self) -> None:
-        """Set the radii [m/rad], the displacement of the contact per angle, from the stiffness."""
+        """Set the radii [m/rad] from the stiffness."""
         for k in (0, 1):
             self.radii[k] = np.interp(np.log(self.stiffness), np.log(self._grid), self._table[:, k])

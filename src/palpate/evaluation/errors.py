@@ -19,7 +19,7 @@ _FLAT = 1e-9  # of the largest variance: below it a direction has none
 @takes_arrays
 @dataclass(frozen=True)
 class ErrorSummary:
-    """Count, mean, median, 95 % percentile and largest of many errors, in their unit."""
+    """Count, mean, median, 95 % percentile and largest of errors, in their unit."""
 
     count: int
     mean: float
@@ -29,7 +29,7 @@ class ErrorSummary:
 
     @classmethod
     def of(cls, errors: Float[np.ndarray, " n"]) -> ErrorSummary | None:
-        """Return the `ErrorSummary` of the finite errors; None where there is none."""
+        """Return the summary of the finite errors (n,); None if there are none."""
         known = errors[np.isfinite(errors)]
         if not len(known):
             return None
@@ -37,19 +37,19 @@ class ErrorSummary:
         return cls(len(known), float(known.mean()), float(np.median(known)), p95, float(known.max()))
 
     def row(self, scale: float) -> tuple[str, ...]:
-        """Return five texts, as in `HEADER`: mean, median, 95 % percentile and largest, each times `scale`; count."""
+        """Return mean, median, 95 % percentile, largest (times `scale`), and count, as texts under `HEADER`."""
         figures = (self.mean, self.median, self.p95, self.worst)
         return (*(f"{scale * value:.3f}" for value in figures), f"{self.count:,}")
 
 
 @dataclass(frozen=True)
 class EllipseCoverage:
-    """Agreement between covariance and errors, with 2 degrees of freedom in the tangent plane.
+    """Agreement between covariance and errors in the tangent plane.
 
     Attributes:
         count: estimates with a covariance of rank 2.
         inside: share of them whose 95 % ellipse holds the truth.
-        mean_square: mean squared Mahalanobis distance; 2 when the covariance is right.
+        mean_square: mean squared Mahalanobis distance; 2 if the covariance is right.
     """
 
     count: int
@@ -65,7 +65,7 @@ def distances(points: Float[np.ndarray, "n 3"], truth: Float[np.ndarray, "n 3"])
 
 @takes_arrays
 def angles(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Return the angles between directions, (n,) [rad], exact for small ones too; NaN where either is NaN or zero."""
+    """Return the angles between directions, (n,) [rad]; NaN where either is NaN or zero."""
     sine, cosine = np.linalg.norm(np.cross(one, other), axis=-1), np.sum(one * other, axis=-1)
     zero = (np.linalg.norm(one, axis=-1) == 0) | (np.linalg.norm(other, axis=-1) == 0)
     return np.where(zero, np.nan, np.arctan2(sine, cosine))
@@ -75,12 +75,10 @@ def angles(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> Fl
 def coverage(
     estimate: ContactEstimate, truth: Float[np.ndarray, "n 3"], which: Bool[np.ndarray, " n"]
 ) -> EllipseCoverage:
-    """Return the `EllipseCoverage` of the estimates that `which` (n,) selects.
+    """Return the coverage of the estimates that `which` (n,) selects; without any, count is 0 and the rest NaN.
 
-    Covariances that are NaN or not of rank 2 are omitted; without any, its count is 0 and the rest NaN.
-
-    The squared distance is d' C^+ d, C^+ the inverse within the two directions in which C has variance: the truth lies
-    on the surface, so the component of d along the normal is due to curvature.
+    Those without truth (n, 3) [m], or whose covariance C is NaN or not of rank 2, are omitted. The squared distance is
+    d' C^+ d, C^+ the inverse within the two directions in which C has variance.
     """
     usable = which & np.isfinite(estimate.covariance).all(axis=(-2, -1)) & np.isfinite(truth).all(axis=-1)
     rows: Int[np.ndarray, " k"] = np.flatnonzero(usable)

@@ -22,10 +22,10 @@ class JudgedTouch:
     """The median of one touch's answered samples, compared with its known point.
 
     Attributes:
-        label: as in the truth.
-        samples: in the interval, without those that only other contacts have; answered: of these.
-        error: [m], NaN where none was answered.
-        scatter: [m], median distance of the answered samples from their median.
+        label: of the truth.
+        samples: in the interval, without those of other contacts alone; answered: of these.
+        error: [m]; NaN where none was answered.
+        scatter: [m] median distance of the answered samples from their median.
     """
 
     label: str
@@ -38,19 +38,19 @@ class JudgedTouch:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class EvaluationReport:
-    """Result of a comparison with the ground truth, as `palpate evaluate` prints it.
+    """Comparison of contacts with the truth.
 
     Attributes:
         samples: rows of contacts; matched: with a truth; answered: of those matched.
         statuses: (len(Status),) number of matched rows with each status.
-        location: [m] of the answered rows, or of the touches where the truth is touches.
-        normal: [rad] between normals, None where the truth has none; force_angle: likewise between forces.
-        force: [N] length of the difference, None where the truth has none.
-        coverage: coverage of the answered rows' covariance.
-        errors: (n,) [m] of each answered row, turned: (n,) [rad] of its normal; NaN where it has no truth.
-        touches: one for each, where the truth is touches.
-        unmatched: answered contacts at an instant whose truths all belong to other contacts.
-        missed: truths without a contact at an instant at which another truth has one.
+        location: [m] of the answered rows, or of the touches if the truth is touches.
+        normal: [rad] between normals; None without any. force_angle: likewise between forces.
+        force: [N] length of the difference; None without any.
+        coverage: of the answered rows' covariance.
+        errors: (n,) [m] of each answered row, turned: (n,) [rad] of its normal; NaN without truth.
+        touches: if the truth is touches.
+        unmatched: answered contacts at an instant whose truths all belong to others.
+        missed: truths without a contact at an instant at which another has one.
     """
 
     samples: int
@@ -70,14 +70,12 @@ class EvaluationReport:
 
 
 def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance: float = 0.02) -> EvaluationReport:
-    """Compare contacts with the truth, and return an `EvaluationReport`.
-
-    At every instant a truth has at most one contact, and a contact one truth.
+    """Return the comparison of contacts with the truth; at every instant, a truth has at most one contact.
 
     Args:
-        contacts: of any sensor, several at a time or not, in the truth's frame.
-        truth: instants (matched to the nearest within `tolerance` [s]; several may have one time) or touches.
-        tolerance: largest difference of the times [s].
+        contacts: of any sensor, in the truth's frame.
+        truth: instants, several of which may have one time, or touches.
+        tolerance: [s] largest difference of times at an instant.
     """
     if isinstance(truth, TrueTouches):
         match, due, own = match_touches(contacts, truth)
@@ -95,14 +93,14 @@ def report(
     due: Bool[np.ndarray, " n"] | None = None,
     touches: tuple[JudgedTouch, ...] = (),
 ) -> EvaluationReport:
-    """Return the `EvaluationReport` on contacts that are matched to truths.
+    """Return the comparison of n contacts with k truths to which they are matched.
 
     Args:
-        contacts: n of them.
-        truth: k of them.
-        match: (n,) number of the truth of each contact, -1 for none.
+        contacts: of any sensor.
+        truth: the instants.
+        match: (n,) number of each contact's truth, -1 for none.
         due: (n,) there was a truth at its time; None: unmatched contacts are not counted.
-        touches: of which `location` is the summary, if there are any.
+        touches: of which `location` is the summary, if any.
     """
     answered = (match >= 0) & contacts.answered
     row = np.where(answered, match, -1)
@@ -139,14 +137,13 @@ def _touch(contacts: Contacts, truth: TrueTouches, which: int, rows: Int[np.ndar
 
 
 def _missed(time: Float[np.ndarray, " k"], match: Int[np.ndarray, " n"]) -> int:
-    """Count truths without a contact at an instant at which another truth has one."""
+    """Count truths without a contact at an instant at which another has one."""
     found = np.zeros(len(time), dtype=bool)
     found[match[match >= 0]] = True
     return int(np.count_nonzero(~found & np.isin(time, time[found])))
 
 
 def _picked(values: Float[np.ndarray, "k 3"], match: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Return the matched rows, NaN where there is none."""
     if not len(values):
         return np.full((len(match), 3), np.nan)
     return np.where((match >= 0)[:, None], values[match], np.nan)

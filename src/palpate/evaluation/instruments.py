@@ -1,4 +1,4 @@
-"""Compare touches of any sensor with a force/torque sensor that carries the body, or with a tracked wand."""
+"""Compare touches with a force/torque sensor that carries the body, or with a tracked wand."""
 
 from __future__ import annotations
 
@@ -17,17 +17,7 @@ from palpate.evaluation.evaluate import EvaluationReport, report
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
-__all__ = [
-    "InstrumentReport",
-    "Reference",
-    "judge",
-    "medians",
-    "perfect",
-    "touch_rows",
-    "touches_of",
-    "wand_points",
-    "wrench_points",
-]
+__all__ = ["InstrumentReport", "Reference", "judge", "perfect", "touches_of", "wand_points", "wrench_points"]
 
 PITCH = 2e-3  # m: of a wrench, |F . N| / |F|^2; more is no single force
 LIGHTEST = 0.5  # N
@@ -40,13 +30,13 @@ _MEASURED = ("point", "normal", "force", "torque", "covariance")
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Contact points of the touches as another instrument measured them.
+    """Contact points of n touches as another instrument measured them.
 
     Attributes:
-        point: (n, 3) [m] in the link's frame; NaN where there is no measurement.
-        direction: (n, 3) outward, along which the force came; NaN where it is not known.
-        refused: n reasons why there is no measurement, "" where there is one.
-        name: name of the instrument.
+        point: (n, 3) [m] in the link's frame; NaN without a measurement.
+        direction: (n, 3) outward, along which the force came; NaN where unknown.
+        refused: n reasons why there is no measurement, or "".
+        name: of the instrument.
     """
 
     point: Float[np.ndarray, "n 3"]
@@ -58,14 +48,14 @@ class Reference:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class InstrumentReport:
-    """Errors of position and direction of touches against an instrument.
+    """Errors of touches against an instrument.
 
     Attributes:
         report: location, and normal against the instrument's direction.
-        along: (3,) mean absolute error along x, y and z [m].
-        paper_position: as the paper gives it, with the errors along z set to zero; paper_direction: mean absolute
-            difference of the unit vectors' x and y [skin map, 4.3].
-        reference: measurements that it was compared with.
+        along: (3,) mean absolute error along x, y and z [m]; NaN without any.
+        paper_position: with the errors along z set to zero, as the paper has it; None without any.
+        paper_direction: mean absolute difference of the unit vectors' x and y [skin map, 4.3]; NaN without any.
+        reference: the measurements.
     """
 
     report: EvaluationReport
@@ -77,15 +67,15 @@ class InstrumentReport:
 
 @takes_arrays
 def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: Bool[np.ndarray, " n"]) -> Reference:
-    """Return a `Reference`: where the line of each force meets the link, and its direction [skin map, (6) to (9)].
+    """Return where the line of each force meets the link, and its direction [skin map, (6) to (9)].
 
-    E = F x N / |F|^2 is the foot of the line. A wrench with torque along its force is no single force, and is refused:
-    its line is off by up to |F . N| / |F|^2 times the tangent of the angle to the normal.
+    E = F x N / |F|^2 is the foot of the line. A wrench with torque along its force is refused: its line is off by up to
+    |F . N| / |F|^2 times the tangent of the angle to the normal.
 
     Args:
-        surface: mesh of the link in its frame, in which the wrenches are given too.
-        wrenches: (n, 6) [N, N m] about the link's origin.
-        alone: (n,) there was one touch; several have one resultant, which lies at neither.
+        surface: mesh of the link.
+        wrenches: (n, 6) [N, N m] about the link's origin, in its frame.
+        alone: (n,) there was one touch.
     """
     force, torque = wrenches[:, :3], wrenches[:, 3:]
     size = np.linalg.norm(force, axis=1)
@@ -103,7 +93,7 @@ def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: B
 
 
 def _why(alone: bool, newtons: float, pitch: float, met: bool) -> str:
-    """Return why a wrench cannot be taken for one force; "" where it can."""
+    """Return why a wrench is not one force; "" where it is."""
     if not np.isfinite(newtons):
         return "there is no wrench at its time"
     if not alone:
@@ -125,15 +115,13 @@ def wand_points(
     rotation: Float[np.ndarray, "n 3 3"],
     position: Float[np.ndarray, "n 3"],
 ) -> Reference:
-    """Return a `Reference`: where a tracked wand meets the link.
-
-    The point is the middle of the part inside, or the nearest point within 1.5 mm (`TOUCHING`).
+    """Return where a tracked wand meets the link: the middle of the part inside, or the nearest point within 1.5 mm.
 
     Args:
         surface: mesh of the link.
-        wand: (v, 3) points of the wand's surface in the wand's frame [m].
+        wand: (v, 3) [m] points of the wand's surface in its frame.
         rotation: (n, 3, 3) of the wand in the link's frame; NaN where it was lost.
-        position: (n, 3) [m] of the wand's origin in the link's frame; NaN where it was lost.
+        position: (n, 3) [m] of its origin there.
     """
     points, said = np.full((len(position), 3), np.nan), list[str]()
     for k in range(len(position)):
@@ -159,12 +147,7 @@ def wand_points(
 
 
 def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
-    """Compare touches with an instrument, one to one, and return an `InstrumentReport`.
-
-    Args:
-        touches: n contacts, one for each touch.
-        reference: n measurements.
-    """
+    """Compare n touches, one contact each, with n measurements of an instrument."""
     apart = touches.point - reference.point
     components: Float[np.ndarray, "n 2"] = np.abs(touches.normal - reference.direction)[:, :2]
     known = np.isfinite(components).all(axis=1)
@@ -180,17 +163,17 @@ def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
 
 
 def perfect(pitch: tuple[float, float]) -> tuple[float, float]:
-    """Return the errors of a perfect map for touches smaller than a cell: mean distance, and mean along an axis [m].
+    """Return the errors [m] of a perfect map for touches smaller than a cell: mean distance, and mean along an axis.
 
-    `pitch` has the two sides of a cell [m]. A point anywhere in a square of side a lies 0.3826 a from its middle
-    on average, and a/4 along each axis. A cell with unequal sides counts as the square of the same area.
+    `pitch` has the sides of a cell [m]. A point in a square of side a lies on average 0.3826 a from its middle, a/4
+    along each axis; other cells count as the square of the same area.
     """
     side = float(np.sqrt(pitch[0] * pitch[1]))
     return _MEAN_IN_CELL * side, side / 4
 
 
 def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
-    """Return a list of arrays (k,): the indices of the answered rows of each touch of three samples or more."""
+    """Return the indices (k,) of the answered rows of each touch of three samples or more."""
     found, answered = find_touches(contacts, shortest=0.0), contacts.answered
     rows = [
         np.flatnonzero(answered & (contacts.identity == identity) & (contacts.time >= start) & (contacts.time <= end))
@@ -200,9 +183,9 @@ def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
 
 
 def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
-    """Return `Contacts`, each touch of three samples or more as the median of its rows; and (k,) bool, True if alone.
+    """Return each touch of three samples or more as the median of its rows, and a mask (k,) of those that are alone.
 
-    A touch is alone if others accompany it in at most 20 % of its rows.
+    Others accompany such a touch in at most 20 % of its rows.
     """
     touches, answered = touch_rows(contacts), np.flatnonzero(contacts.answered)
     _, sample, felt = np.unique(contacts.sample[answered], return_inverse=True, return_counts=True)
@@ -214,12 +197,11 @@ def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
 
 @takes_arrays
 def medians(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Contacts:
-    """Return `Contacts`, one for each touch, given by the indices of its rows: their median."""
+    """Return one contact per touch, the median of its rows, of which `touches` has the indices."""
     return Contacts.joined([contacts[:0], *(_median(contacts[rows]) for rows in touches)])
 
 
 def _median(contacts: Contacts) -> Contacts:
-    """Return the median of a touch's contacts as one contact."""
     first, estimate = contacts[:1], contacts.estimate
     values = {name: np.median(getattr(estimate, name), axis=0, keepdims=True) for name in _MEASURED}
     values["normal"] /= np.linalg.norm(values["normal"])

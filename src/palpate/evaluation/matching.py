@@ -19,10 +19,7 @@ _NOWHERE = 1e9  # m: how far a contact that is not answered is from every truth
 def nearest_in_time(
     time: Float[np.ndarray, " n"], known: Float[np.ndarray, " k"], tolerance: float
 ) -> Int[np.ndarray, " n"]:
-    """Return for each time the index of the nearest known one, (n,), -1 where none is within `tolerance`.
-
-    Neither need be sorted; all times are in seconds.
-    """
+    """Return for each time the index of the nearest known one, (n,), -1 where none is within `tolerance` [s]."""
     order = np.argsort(known)
     order = order[np.isfinite(known[order])]
     if not len(order):
@@ -38,14 +35,9 @@ def nearest_in_time(
 def match_instants(
     contacts: Contacts, truth: TrueSamples, tolerance: float
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Return the number of each contact's truth, (n,), -1 for none, and (n,) bool, True if a truth is at its time.
+    """Return the number of each contact's truth, (n,), -1 for none, and a mask (n,), True if a truth is at its time.
 
-    The contacts of one sample have different truths, chosen so that the sum of distances is least.
-
-    Args:
-        contacts: of any sensor.
-        truth: several may have one time.
-        tolerance: largest difference of the times [s].
+    Times may differ by `tolerance` [s]. Contacts of one sample have different truths, with the least sum of distances.
     """
     match = nearest_in_time(contacts.time, truth.time, tolerance)
     due = match >= 0
@@ -65,7 +57,7 @@ def match_instants(
 
 
 def _nearest_pairs(points: Float[np.ndarray, "n 3"], known: Float[np.ndarray, "k 3"]) -> Int[np.ndarray, " n"]:
-    """Return the known point of each point, -1 for none, by the least sum of distances; rows of NaN are paired last."""
+    """Return the known point of each point, -1 for none, by the least sum of distances."""
     from scipy.optimize import linear_sum_assignment  # here: scipy is slow to import
 
     apart = np.linalg.norm(points[:, None] - known, axis=-1)
@@ -78,12 +70,10 @@ def _nearest_pairs(points: Float[np.ndarray, "n 3"], known: Float[np.ndarray, "k
 def match_touches(
     contacts: Contacts, truth: TrueTouches
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"], list[Int[np.ndarray, " _"]]]:
-    """Return the number of each contact's touch, (n,), -1 for none; (n,) bool, True within a touch; rows of each touch.
+    """Return the number of each contact's touch, (n,), -1 for none; a mask (n,) of those within one; each touch's rows.
 
-    The last is a list of arrays of indices.
-
-    A touch has the rows of the identity nearest to it, and those without a point. Where touches overlap at an end
-    only, a row belongs to the first of them.
+    Rows are indices. A touch has those of the identity nearest to it, and those without a point. Where touches overlap
+    at an end only, a row belongs to the first of them.
     """
     inside = [
         np.flatnonzero((contacts.time >= start) & (contacts.time <= end))
@@ -105,7 +95,7 @@ def match_touches(
 
 
 def _identities(contacts: Contacts, truth: TrueTouches, inside: list[Int[np.ndarray, " _"]]) -> list[int | None]:
-    """Return the identity of each touch's contact: nearest pairs first, and none for two touches at the same time."""
+    """Return the identity of each touch, nearest pairs first; two at once do not share one."""
     pairs: list[tuple[float, int, int]] = []
     for k, rows in enumerate(inside):
         answered = rows[contacts.answered[rows]]

@@ -19,37 +19,32 @@ __all__ = ["load_arm"]
 def load_arm(
     urdf: str | Path, base: str, sensor: str, joints: Sequence[str] | None = None, acceleration: float = np.inf
 ) -> Arm:
-    """Return the `Arm` between two links: its moving joints, their limits and the fixed transforms between them.
+    """Return the arm between two links: its moving joints, their limits and the fixed transforms between them.
 
     Args:
         urdf: the URDF file; xacro must be expanded.
         base: link that twists and poses are given in.
         sensor: link of the force/torque sensor.
-        joints: names in the order of the joint arrays, which must be the order of the chain; None: all joints that move
-            in the chain.
-        acceleration: [rad/s^2, m/s^2] limit of every joint, which no URDF states.
+        joints: names of the chain's moving joints, in its order; None: whatever they are.
+        acceleration: [rad/s^2, m/s^2] limit of every joint.
 
     Raises:
-        InputError: there is no such file, link or joint; nothing moves between the links, or they are not connected;
-            `joints` are not those of the chain, in its order; a joint mimics another, or has no range or no speed
-            limit.
+        InputError: the file is no URDF; there is no such link or joint; nothing moves between the links, or they are
+            not connected; `joints` are not those of the chain, in its order; a joint mimics another, or has no range or
+            no speed limit.
     """
     robot = Urdf(Path(urdf))
     steps = robot.steps(base, sensor)
     moving = [joint for joint, _ in steps if joint.kind != "fixed"]
     names, where = tuple(joint.name for joint in moving), str(urdf)
     if not names:
-        raise InputError(
-            f"links {base!r} and {sensor!r} have no moving joint between them: choose other links.", where=where
-        )
+        what = f"links {base!r} and {sensor!r} have no moving joint between them: choose other links."
+        raise InputError(what, where=where)
     _require_asked(names, joints, where)
     for joint in moving:
         if joint.mimics:
-            raise InputError(
-                f"joint {joint.name!r} follows {joint.mimics!r} and cannot be commanded by itself.",
-                where=where,
-                hint="Choose a sensor link before this joint, or a base link after it.",
-            )
+            what = f"joint {joint.name!r} follows {joint.mimics!r} and cannot be commanded by itself."
+            raise InputError(what, where=where, hint="Choose a sensor link before this joint, or a base link after it.")
     places, axes = _placed(robot, steps)
     limits = np.array([[*robot.limits(joint), acceleration] for joint in moving])
     turning = np.array([joint.kind != "prismatic" for joint in moving])
@@ -61,7 +56,7 @@ def load_arm(
 
 
 def _require_asked(names: tuple[str, ...], joints: Sequence[str] | None, where: str) -> None:
-    """Raise an InputError if `joints` differs from the moving joints of the chain, or from their order."""
+    """Raise an InputError if `joints` are not the chain's, in its order."""
     if joints is None or tuple(joints) == names:
         return
     for name in joints:
@@ -74,7 +69,7 @@ def _require_asked(names: tuple[str, ...], joints: Sequence[str] | None, where: 
 
 
 def _placed(robot: Urdf, steps: list[tuple[Joint, bool]]) -> tuple[Pose, np.ndarray]:
-    """Return the fixed transforms between n joints, one batch of n + 1 poses, and the joints' axes (n, 3)."""
+    """Return the fixed transforms between n joints, a batch of n + 1, and the joints' axes (n, 3)."""
     fixed, places, axes = Pose.identity(), list[Pose](), list[np.ndarray]()
     for joint, down in steps:
         if down:

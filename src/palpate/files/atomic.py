@@ -1,15 +1,15 @@
-"""Write files that are either complete or absent, and never overwrite an input of the command."""
+"""Write files that are complete or absent, and never overwrite an input."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import stat
-import tempfile
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
 from shlex import quote
+from tempfile import TemporaryDirectory, mkstemp
 
 from palpate.errors import InputError
 from palpate.files.output_lock import only_writer, reserve
@@ -34,18 +34,16 @@ WHOLE = "whole.part"  # in an OUTPUT.part that is a folder, the file that replac
 
 
 def keep_inputs(output: Path, inputs: Iterable[Path | None], *, siblings: Iterable[Path] = ()) -> None:
-    """Refuse, before any work is done, an output that is an input, is no regular file, or has no folder.
-
-    The outputs are reserved until the command ends, so that no other process can write them.
+    """Check outputs before any work is done, and reserve them until the command ends.
 
     Args:
         output: file to write.
-        inputs: files to read; None is skipped. Leave out a file that may be updated in place.
+        inputs: files to read, or None; not those that may be updated in place.
         siblings: other files to write, such as OUTPUT.toml.
 
     Raises:
-        InputError: a file to write is an input (under any name or link), a folder, a pipe or a device, or its folder
-            does not exist, or another process is writing it.
+        InputError: a file to write is an input (under any name or link), a folder, a pipe or a device; its folder does
+            not exist; or another process is writing it.
     """
     read = [(path, _status(path)) for path in inputs if path is not None]
     grown = Path(f"{output}{PART}")
@@ -61,7 +59,7 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, siblings: Iterab
 
 
 def reserve_output(path: Path) -> None:
-    """Reserve a file or folder to write until the command ends, so that no other process writes it meanwhile.
+    """Let no other process write a file or folder until the command ends.
 
     Raises:
         InputError: another process is writing it, or its parent folder does not exist.
@@ -71,10 +69,10 @@ def reserve_output(path: Path) -> None:
 
 
 def part(path: Path) -> Path:
-    """Return OUTPUT.part, the path of a file while it is being written, next to the file that OUTPUT resolves to.
+    """Return the path of a file while it is being written: OUTPUT.part, next to the file that OUTPUT resolves to.
 
     Raises:
-        InputError: the path cannot be resolved, such as links in a circle.
+        InputError: the path cannot be resolved.
     """
     target = _target(path)
     return target.with_name(target.name + PART)
@@ -84,12 +82,12 @@ def part(path: Path) -> Path:
 def growing(path: Path) -> Generator[Path]:
     """Yield OUTPUT.part, to be written piece by piece; it replaces OUTPUT when the block ends well or by Ctrl-C.
 
-    After any other error, or if the process is killed, OUTPUT.part stays with the work done so far. One that an earlier
-    run made is removed first. OUTPUT.part may be a folder; then the file `WHOLE` in it replaces OUTPUT.
+    After another error, or a kill, it stays; that of an earlier run is removed first. It may be a folder; then the file
+    `WHOLE` in it replaces OUTPUT.
 
     Raises:
-        InputError: OUTPUT cannot be written, is a folder, a pipe or a device, its folder does not exist, or another
-            process is writing it.
+        InputError: OUTPUT cannot be written, is a folder, a pipe or a device, or another process is writing it; or
+            OUTPUT.part is a folder with foreign files.
     """
     _refuse_irregular(path, _status(path))
     target, temporary = _target(path), part(path)
@@ -106,18 +104,16 @@ def growing(path: Path) -> Generator[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Generator[Path]:
-    """Yield a temporary path next to `path` that replaces it when the block ends well and is deleted otherwise.
-
-    Links are followed: their target is replaced.
+    """Yield a temporary path that replaces `path`, or the target of this link, if the block ends well.
 
     Raises:
-        InputError: the folder does not exist or may not be written, `path` is a folder, a pipe or a device, or another
-            process is writing it.
+        InputError: `path` cannot be written, is a folder, a pipe or a device, or another process is writing it; or the
+            block raises an OSError.
     """
     _refuse_irregular(path, _status(path))
     target = _target(path)
     with writing(path), only_writer(target):
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:32]}.", suffix=PART)
+        handle, name = mkstemp(dir=target.parent, prefix=f".{target.name[:32]}.", suffix=PART)
         os.close(handle)
         temporary = Path(name)
         try:
@@ -130,7 +126,11 @@ def replacing(path: Path) -> Generator[Path]:
 
 @contextmanager
 def writing(path: Path) -> Generator[None]:
-    """Turn an operating system error (OSError) in the block into an `InputError` that names `path`."""
+    """Raise an OSError of the block as an error that names `path`.
+
+    Raises:
+        InputError: the block raises an OSError.
+    """
     try:
         yield
     except OSError as problem:
@@ -138,23 +138,21 @@ def writing(path: Path) -> Generator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` as UTF-8, either completely or not at all.
+    """Write a text as UTF-8, either completely or not at all.
 
     Raises:
-        InputError: the file cannot be written, or the text contains a file name that cannot be encoded as UTF-8.
+        InputError: the file cannot be written, or the text cannot be encoded.
     """
     try:
         raw = text.encode()
     except UnicodeEncodeError as problem:
-        raise InputError(
-            "cannot be written: it would contain a file name that is not UTF-8.", where=str(path)
-        ) from problem
+        what = "cannot be written: it would contain a file name that is not UTF-8."
+        raise InputError(what, where=str(path)) from problem
     with replacing(path) as temporary:
         temporary.write_bytes(raw)
 
 
 def _target(path: Path) -> Path:
-    """Resolve a path and its links to the file it leads to."""
     try:
         return path.resolve()
     except (OSError, ValueError, RuntimeError) as problem:  # the last two: a NUL in the name, links in a circle
@@ -162,7 +160,6 @@ def _target(path: Path) -> Path:
 
 
 def _place(temporary: Path, target: Path) -> None:
-    """Rename a finished temporary file to its target; do nothing if there is no file, or joining it was interrupted."""
     with writing(target):
         if (temporary / WHOLE).exists():
             (temporary / WHOLE).replace(target)
@@ -172,21 +169,18 @@ def _place(temporary: Path, target: Path) -> None:
 
 
 def _clear(temporary: Path) -> None:
-    """Remove what a killed process wrote, but raise an InputError for a folder with foreign files in it."""
+    """Remove what a killed process wrote, but no foreign files."""
     if not temporary.is_dir():
         temporary.unlink(missing_ok=True)
         return
     if strange := [file.name for file in temporary.iterdir() if file.suffix not in (".parquet", PART)]:
-        raise InputError(
-            f"is a folder with a file that Palpate did not write, {strange[0]!r}, but the output needs this path.",
-            where=str(temporary),
-            hint="Remove the folder, or name another output.",
-        )
+        what = f"is a folder with a file that Palpate did not write, {strange[0]!r}, but the output needs this path."
+        raise InputError(what, where=str(temporary), hint="Remove the folder, or name another output.")
     shutil.rmtree(temporary)
 
 
 def irregular(status: os.stat_result) -> str:
-    """Return what kind of thing a path is, such as "a folder", or "" for a regular file."""
+    """Return what the status is of, such as "a folder"; "" for a regular file."""
     if stat.S_ISREG(status.st_mode):
         return ""
     kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
@@ -199,10 +193,10 @@ def _refuse_irregular(path: Path, status: os.stat_result | None) -> None:
 
 
 def require_folder(path: Path) -> None:
-    """Refuse a path whose parent folder does not exist: commands create their own output folder, but nothing above it.
+    """Check that the parent folder of a path exists.
 
     Raises:
-        InputError: the parent folder does not exist.
+        InputError: it does not.
     """
     folder = _target(path).parent
     if not folder.is_dir():
@@ -211,7 +205,6 @@ def require_folder(path: Path) -> None:
 
 
 def _status(path: Path) -> os.stat_result | None:
-    """Return the status of the path's target; None if it does not exist or cannot be examined."""
     try:
         return path.stat()
     except (OSError, ValueError):
@@ -230,13 +223,11 @@ def _umask() -> int:
 
 @contextmanager
 def sibling_folder(output: Path) -> Generator[Path]:
-    """Yield a temporary folder next to the output and delete it afterwards, even after Ctrl-C.
+    """Yield a temporary folder next to the output, and delete it afterwards.
 
     Raises:
-        OSError: the output's folder does not exist or may not be written.
+        OSError: the folder cannot be made.
     """
-    folder = Path(tempfile.mkdtemp(prefix=f".{output.stem}.", suffix=PART, dir=output.absolute().parent))
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    made = TemporaryDirectory(PART, f".{output.stem}.", output.absolute().parent, ignore_cleanup_errors=True)
+    with made as folder:
+        yield Path(folder)

@@ -15,48 +15,41 @@ from palpate.files.units import near
 __all__ = ["read_ground_truth", "read_touches"]
 
 _POINT = ("px", "py", "pz")
-_NORMAL = ("nx", "ny", "nz")
-_FORCE = ("fx", "fy", "fz")
+_OTHERS = {"normal": ("nx", "ny", "nz"), "force": ("fx", "fy", "fz")}
 
 
 def read_ground_truth(path: Path) -> TrueSamples | TrueTouches:
-    """Read a CSV file as `TrueSamples` or `TrueTouches`.
+    """Return the known contacts of a CSV file.
 
     The columns are `time,px,py,pz[,nx,ny,nz][,fx,fy,fz]` or, for touches, `start,end,px,py,pz[,label]`.
 
     Raises:
-        InputError: the file is missing or has neither form, a touch ends before it starts, a row lacks its time or
+        InputError: the file cannot be read or has neither form, a touch ends before it starts, a row lacks its time or
             point, or a field is not a number.
     """
     table = read_table(path)
     if {"start", "end"} <= set(table.names):
         return _touches(table)
     if "time" not in table.names:
-        raise InputError(
-            "is not a ground truth: it needs a column 'time', or columns 'start' and 'end'.",
-            where=str(path),
-            hint=near("time", table.names),
-        )
-    columns = {name: table.numbers(names, strict=True)[0] for name, names in _wanted(table).items()}
-    _require_finite(table, "an instant needs a point (px, py, pz): remove rows without one", columns["point"])
+        what = "is not a ground truth: it needs a column 'time', or columns 'start' and 'end'."
+        raise InputError(what, where=str(path), hint=near("time", table.names))
+    point, _ = table.numbers(_POINT, strict=True)
+    others = {name: names for name, names in _OTHERS.items() if set(names) <= set(table.names)}
+    columns = {name: table.numbers(names, strict=True)[0] for name, names in others.items()}
+    _require_finite(table, "an instant needs a point (px, py, pz): remove rows without one", point)
     time = table.numbers(["time"], strict=True)[0][:, 0].copy()
     _require_finite(table, "an instant needs a time", time[:, None])
-    return TrueSamples(time, columns["point"], columns.get("normal"), columns.get("force"))
+    return TrueSamples(time, point, **columns)
 
 
 def read_touches(path: Path) -> TrueTouches:
-    """Read known touches from a CSV file `start,end,px,py,pz[,label]` as `TrueTouches`.
+    """Return the known touches of a CSV file `start,end,px,py,pz[,label]`.
 
     Raises:
-        InputError: the file is missing or does not have this form, or a row lacks its start, end or point, or ends
-            before it starts.
+        InputError: the file cannot be read or does not have this form, a row lacks its start, end or point, a touch
+            ends before it starts, or a field is not a number.
     """
     return _touches(read_table(path))
-
-
-def _wanted(table: TextTable) -> dict[str, tuple[str, ...]]:
-    known: dict[str, tuple[str, ...]] = {"point": _POINT, "normal": _NORMAL, "force": _FORCE}
-    return {name: columns for name, columns in known.items() if name == "point" or set(columns) <= set(table.names)}
 
 
 def _require_finite(table: TextTable, what: str, values: Float[np.ndarray, "n k"]) -> None:

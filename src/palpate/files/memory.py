@@ -1,8 +1,4 @@
-"""Keep freed memory in the process.
-
-Thousands of blocks of a log are allocated and freed. By default the C library returns the memory of each to the system,
-above all that of threads, and the system clears it again for the next: a fifth of the CPU time of Dask workers.
-"""
+"""Keep freed memory in the process: to clear it block by block takes workers a fifth of their CPU time."""
 
 from __future__ import annotations
 
@@ -22,7 +18,7 @@ KEEPING = {name: value for name, _, value in _SETTINGS}  # environment of proces
 
 
 def keep_memory() -> None:
-    """Make this process, including threads that it starts later, keep freed memory; has an effect with glibc only."""
+    """Let this process and its later threads keep freed memory; only glibc can."""
     with suppress(OSError, TypeError, AttributeError):  # another C library
         mallopt = ctypes.CDLL(None).mallopt
         for _, number, value in _SETTINGS:

@@ -1,4 +1,4 @@
-"""Files of messages, such as MCAP files and ROS bags: their topics, and their messages block by block."""
+"""Read files of messages, such as MCAP files and ROS bags, block by block."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic: its name, the type of its messages, their encoding, cdr (ROS 2) or ros1, and count, 0 if unknown."""
+    """A topic: name, type of its messages, their encoding, cdr (ROS 2) or ros1, and their count, 0 if unknown."""
 
     name: str
     kind: str
@@ -46,14 +46,14 @@ def merged(topics: Iterable[Topic]) -> list[Topic]:
 @takes_arrays
 @dataclass(frozen=True)
 class MessageBlock:
-    """A block of messages, in the order of the file.
+    """A block of n messages, in the order of the file.
 
     Attributes:
-        data: bytes that contain the messages.
+        data: bytes that contain them.
         topics: number of a topic -> topic.
-        topic: (n,) numbers of topics; a message whose number is not in `topics` belongs to no declared topic.
+        topic: (n,) numbers of topics; those not in `topics` were not declared.
         time: (n,) [ns] when they were recorded.
-        start, length: (n,) first byte and length of the payload in `data`.
+        start, length: (n,) first byte and length of the payloads in `data`.
     """
 
     data: bytes
@@ -65,10 +65,7 @@ class MessageBlock:
 
     def of(self, topic: Topic) -> MessageBlock:
         """Return the messages of one topic that have its type."""
-        mask = np.zeros(len(self.topic), dtype=bool)
-        for key, other in self.topics.items():
-            if other.same(topic):
-                mask |= self.topic == key
+        mask = np.isin(self.topic, [key for key, other in self.topics.items() if other.same(topic)])
         return MessageBlock(
             self.data, self.topics, self.topic[mask], self.time[mask], self.start[mask], self.length[mask]
         )
@@ -79,7 +76,7 @@ class Watched:
 
     Attributes:
         path: of the file or folder.
-        size: bytes to read in all.
+        size: bytes to read.
         position: bytes read so far in the running iteration.
         torn: after an iteration, a sentence on where the file was cut; "" if it is complete.
     """
@@ -94,7 +91,7 @@ class Watched:
 
 
 class MessageFile(Watched, ABC):
-    """A file of messages, or several files read as one.
+    """A file of messages, or several read as one.
 
     Attributes:
         duration: [s] from the first message to the last; 0 if the file does not state it.
@@ -112,30 +109,28 @@ class MessageFile(Watched, ABC):
 
     @abstractmethod
     def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
-        """Yield blocks of messages from the start, in the file's order: all, or at least those of topics in `names`.
+        """Yield blocks of messages in the file's order: all, or at least those of topics in `names`.
 
         Raises:
             InputError: the file cannot be read, or needs a library that is not installed.
         """
 
     def first(self, topic: Topic, read: Callable[[MessageBlock], Found | None]) -> Found | None:
-        """Return the first result of `read`, called with blocks of messages of a topic, that is not None; else None.
+        """Return the first result of `read`, called with blocks of a topic's messages, that is not None; else None.
 
         Raises:
-            InputError: the file cannot be read, or needs a library that is not installed.
+            InputError: the file cannot be read.
         """
         with closing(self.messages([topic.name])) as pieces:
             return next((found for piece in pieces if (found := read(piece.of(topic))) is not None), None)
 
     def has_stamps(self, topic: Topic, read: Callable[[MessageBlock], Iterable[int]]) -> bool:
-        """Return True unless the first two stamps of a topic are all 0; one may be, as a clock may begin at 0.
+        """Return True unless the first stamps of a topic, two at most, are 0: a clock may begin at 0.
 
-        Args:
-            topic: of the file.
-            read: returns the stamps [ns] in a block of messages of the topic that can be read.
+        `read` returns the stamps in a block of the topic's messages.
 
         Raises:
-            InputError: the file cannot be read, or needs a library that is not installed.
+            InputError: the file cannot be read.
         """
         with closing(self.messages([topic.name])) as pieces:
             found = list(islice(chain.from_iterable(read(piece.of(topic)) for piece in pieces), 2))

@@ -1,7 +1,6 @@
 """Let one process at a time write an output, by a lock that the system releases when the process dies.
 
-OUTPUT's lock is the file `.OUTPUT.lock` in the folder of the file that OUTPUT resolves to, so that every spelling of a
-path has the same lock; the file is removed on release. Where the file system has no locks, nothing is locked.
+The lock is the file `.OUTPUT.lock` next to OUTPUT. Where the file system has no locks, nothing is locked.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ import os
 import threading
 import time
 from collections.abc import Generator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from palpate.errors import InputError
@@ -37,17 +36,16 @@ def reserving() -> Generator[set[Path]]:
 
 @contextmanager
 def inherited(target: Path) -> Generator[None]:
-    """Treat an output as reserved during the block: the parent process has reserved it."""
+    """Treat an output, which the parent process has reserved, as reserved during the block."""
     with reserving() as targets:
         targets.add(target)
         yield
 
 
 def reserve(target: Path) -> None:
-    """Let no other process write this output until the enclosing `reserving` block ends; outside of one, do nothing.
+    """Let no other process write an output until the enclosing `reserving` block ends; outside of one, do nothing.
 
-    Args:
-        target: absolute path, without links.
+    `target` is an absolute path, without links.
 
     Raises:
         InputError: another process is writing it.
@@ -61,17 +59,14 @@ def reserve(target: Path) -> None:
 
 @contextmanager
 def only_writer(target: Path) -> Generator[None]:
-    """Lock an output against other writers during the block, unless this process has reserved it already.
+    """Lock an output against other writers during the block, unless this process has reserved it.
 
-    Args:
-        target: absolute path, without links.
+    `target` is an absolute path, without links.
 
     Raises:
         InputError: another process or thread is writing it.
     """
-    with ExitStack() as stack:
-        if not _reserved(target):
-            stack.enter_context(_locked(target))
+    with nullcontext() if _reserved(target) else _locked(target):
         yield
 
 
@@ -93,7 +88,7 @@ def _locked(target: Path) -> Generator[None]:
 
 
 def _lock(file: Path, target: Path) -> int | None:
-    """Open and lock a file, and return its handle; None where there are no locks."""
+    """Lock a file, and return its handle; None where there are no locks."""
     while fcntl is not None:
         try:
             handle = _opened(file)
@@ -104,11 +99,9 @@ def _lock(file: Path, target: Path) -> int | None:
         except BlockingIOError:
             holder = _holder(handle)
             os.close(handle)
-            raise InputError(
-                f"is already being written by process {holder}.",
-                where=str(target),
-                hint="Wait until that process has ended, or name another output.",
-            ) from None
+            what = f"is already being written by process {holder}."
+            hint = "Wait until that process has ended, or name another output."
+            raise InputError(what, where=str(target), hint=hint) from None
         except OSError:  # this file system has no locks
             os.close(handle)
             file.unlink(missing_ok=True)
@@ -124,7 +117,7 @@ def _lock(file: Path, target: Path) -> int | None:
 
 
 def _opened(file: Path) -> int:
-    """Open the lock file; one that another user owns is opened for reading, which is enough to lock it."""
+    """Open the lock file; one of another user for reading."""
     flags = os.O_NOFOLLOW | os.O_CLOEXEC
     try:
         return os.open(file, os.O_RDWR | os.O_CREAT | flags, 0o666)
@@ -133,7 +126,6 @@ def _opened(file: Path) -> int:
 
 
 def _holder(handle: int) -> str:
-    """Return the name of the process that has the lock, which it writes just after locking; else "unknown"."""
     for _ in range(10):
         if said := os.pread(handle, 300, 0).decode(errors="replace"):
             return said

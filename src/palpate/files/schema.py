@@ -33,14 +33,14 @@ _ROUNDING = 1e-6  # of a correlation that a file states in seven digits
 
 @dataclass(frozen=True)
 class Key:
-    """Constraints and the comment of a key in a file, in addition to its type.
+    """Constraints and the comment of a key in a file.
 
     Args:
         comment: text written next to the key, with the unit.
         least: smallest value allowed for its numbers.
         infinite: its numbers may be inf, which 1e18 and more mean too.
-        unknown: its numbers may be NaN, meaning not known. An empty row of a matrix is a row of NaN.
-        required: the key must be present although the value has a default.
+        unknown: its numbers may be NaN (not known); an empty row of a matrix is a row of NaN.
+        required: the key must be present although it has a default.
     """
 
     comment: str = ""
@@ -55,10 +55,10 @@ class TableForm:
     """The form in which values of a class are written to a file.
 
     Args:
-        keys: name -> constraints and comment, in the order of the file; keys without an entry follow these.
-        build: annotated function from the keys of the file to a value; None: the class. Its parameter `**rest` takes
-            those of `keys` that are fields of the class.
-        spell: function from a value to the keys of the file; None: the fields of the value.
+        keys: name -> constraints and comment, in the order of the file; other keys follow.
+        build: annotated function from the keys to a value; None: the class. `**rest` takes those of `keys` that are
+            fields of the class.
+        spell: function from a value to the keys; None: its fields.
     """
 
     keys: Mapping[str, Key]
@@ -74,19 +74,19 @@ def parse(
     key: str = "",
     forms: Mapping[type, TableForm] = types.MappingProxyType({}),
 ) -> Model:
-    """Build a `model` from a TOML table; nested dataclasses are nested tables, tuples and arrays are lists.
+    """Return a `model` made from a TOML table; nested dataclasses are nested tables, tuples and arrays are lists.
 
     Args:
-        table: the table, as tomllib returns it.
+        table: as tomllib returns it.
         model: a dataclass of str, bool, int, float, tuples of these, arrays annotated with their shape, Mapping, other
-            dataclasses, and unions with None. Equal letters in the shapes of one table are equal sizes, and a square
-            array is a covariance. A float is finite, unless its field's metadata are `INFINITE` or its `Key` allows it.
+            dataclasses, and unions with None. Equal letters in the shapes of a table are equal sizes; a square array is
+            a covariance; floats are finite, unless `INFINITE` or `Key` allow more.
         file: path of the file, for messages.
         key: dotted path of this table in the file.
-        forms: class -> form, for classes whose files hold more than the annotations.
+        forms: class -> form, where files hold more than the annotations.
 
     Raises:
-        InputError: a key is unknown or missing, or its value has the wrong type, shape or range.
+        InputError: a key is unknown or missing, its value has the wrong type, shape or range, or the class refuses it.
     """
     form = forms.get(model, TableForm({}))
     build = form.build or model
@@ -122,11 +122,10 @@ def parse(
 def covariance_matrix(
     rows: Sequence[Sequence[float]] | Float[np.ndarray, "n k"], size: int, name: str
 ) -> Float[np.ndarray, "size size"]:
-    """Return `rows` as an array (size, size) after checking that it can be a covariance, up to rounding.
+    """Return `rows` as an array (size, size), checked to be a covariance up to rounding.
 
     Raises:
-        ValueError: the matrix is not `size` x `size`, not symmetric, or not positive semidefinite; the message names it
-            by `name`.
+        ValueError: it is not `size` x `size`, symmetric and positive semidefinite; the message calls it `name`.
     """
     if [len(row) for row in rows] != [size] * size:
         raise ValueError(f"{name} must be {size} x {size} numbers")
@@ -144,7 +143,7 @@ def covariance_matrix(
 
 @dataclass(frozen=True)
 class _Reader:
-    """Reader of the value of one key; `sizes` maps the letters in the shapes of its table to their sizes."""
+    """Reader of one key; `sizes` maps letters in the shapes of its table to sizes."""
 
     file: str
     said: Key
@@ -152,19 +151,16 @@ class _Reader:
     sizes: dict[str, int]
 
     def value(self, value: Any, hint: Any, key: str) -> Any:
-        """Convert `value` to the type `hint`, or raise an InputError that states what was expected."""
         for option in _options(hint):
             if is_dataclass(option) and isinstance(value, dict):
                 table, kind = cast("dict[str, Any]", value), cast("type[Any]", option)
                 return parse(table, kind, file=self.file, key=key, forms=self.forms)
-            if get_origin(option) is tuple and isinstance(value, list):
-                items, tuples = cast("list[Any]", value), [each for each in _options(hint) if get_origin(each) is tuple]
-                fitting = [each for each in tuples if _lists(each) == any(isinstance(item, list) for item in items)]
-                return self._tuple(items, (fitting or tuples)[0], key)
-            if _is_array(option) and isinstance(value, list):
-                rows, shapes = cast("list[Any]", value), [each for each in _options(hint) if _is_array(each)]
-                fitting = [each for each in shapes if _nested(each) == any(isinstance(row, list) for row in rows)]
-                return self._array(rows, (fitting or shapes)[0], key)
+            read = self._array if _is_array(option) else self._tuple if get_origin(option) is tuple else None
+            if read is not None and isinstance(value, list):
+                items = cast("list[Any]", value)
+                alike = [each for each in _options(hint) if _is_array(each) or get_origin(each) is tuple]
+                fitting = [each for each in alike if _nested(each) == any(isinstance(item, list) for item in items)]
+                return read(items, (fitting or alike)[0], key)
             if option is float and type(value) in (int, float):
                 return self._number(value, key)
             if option is int and type(value) is int:
@@ -179,7 +175,6 @@ class _Reader:
         raise InputError(f"{key} must be {expected}, not {_shown(value)}.", where=self.file)
 
     def _number(self, value: int | float, key: str) -> float:
-        """Convert a number to float64 and check it against the limits of the key; an integer may be too large."""
         if self.said.infinite and abs(value) >= _LARGEST:
             return copysign(inf, value)
         if abs(value) <= _LARGEST:
@@ -202,7 +197,6 @@ class _Reader:
         )
 
     def _array(self, values: list[Any], hint: type[AbstractArray], key: str) -> np.ndarray[Any, np.dtype[Any]]:
-        """Convert a list to an array of one or two axes, with the sizes that `hint` states."""
         kind, names = _leaf(hint), hint.dim_str.split()
         if len(names) == 1:
             rows = self._tuple(values, tuple[kind, ...], key)
@@ -231,7 +225,6 @@ class _Reader:
 
 
 def _stated(model: Any) -> dict[str, Key]:
-    """Return the keys that the metadata of a dataclass's fields describe."""
     known = fields(model) if is_dataclass(model) else ()
     return {field.name: Key(infinite=True) for field in known if "infinite" in field.metadata}
 
@@ -240,18 +233,13 @@ def _is_array(option: Any) -> bool:
     return isinstance(option, type) and issubclass(option, AbstractArray)
 
 
-def _lists(hint: Any) -> bool:
-    """Check whether an annotation is a tuple of tuples."""
-    return get_origin(get_args(hint)[0]) is tuple
-
-
 def _nested(hint: Any) -> bool:
-    """Check whether an annotation is an array of two axes."""
-    return len(hint.dim_str.split()) == 2
+    """Check whether an annotation is an array of two axes or a tuple of tuples."""
+    return len(hint.dim_str.split()) == 2 if _is_array(hint) else get_origin(get_args(hint)[0]) is tuple
 
 
 def _leaf(hint: type[AbstractArray]) -> type:
-    """Return the element type of an array's annotation: bool, int or float."""
+    """Return the element type of an array: bool, int or float."""
     first = str(next(iter(hint.dtypes)))
     return bool if first.startswith("bool") else int if first.startswith("int") else float
 
@@ -276,7 +264,7 @@ def _named(option: Any) -> str:
     if get_origin(option) is tuple:
         kinds = get_args(option)
         count = "" if kinds[-1] is Ellipsis else f"{len(kinds)} "
-        inner = "lists" if get_origin(kinds[0]) is tuple else "texts" if kinds[0] is str else "numbers"
+        inner = "lists" if _nested(option) else "texts" if kinds[0] is str else "numbers"
         return f"a list of {count}{inner}"
     return _NAMES.get(get_origin(option) or option, str(option))
 

@@ -80,7 +80,7 @@ def to_si(unit: str, table: Mapping[str, float], *, where: str) -> float:
     """Return the size of one `unit` in SI; "Nm", "N*m" and "N.m" mean "N m", and "N/1000" is a thousandth of "N".
 
     Raises:
-        InputError: the unit is not in the table.
+        InputError: the unit, which stands at the place `where`, is not in the table.
     """
     known, count = known_unit(unit, table), 1.0
     if known is None and "/" in unit:  # counts of a sensor: so many make one unit
@@ -99,9 +99,9 @@ def known_unit(unit: str, table: Mapping[str, float]) -> str | None:
 
 @lru_cache(maxsize=1 << 15)  # called several times for each of the columns of a log
 def split_unit(name: str) -> tuple[str, str]:
-    """Split a column's name into quantity and unit ("" if it has none), as in `Fx [N]`, `Fx (N)`, `Fx_N` and `Fx / N`.
+    """Return quantity and unit, or "", of a column's name: `Fx [N]`, `Fx (N)`, `Fx_N`, `Fx / N`.
 
-    Text in square brackets is a unit unless it is an index or an axis; elsewhere only a known, unambiguous unit counts.
+    Text in square brackets is a unit unless it is an index or an axis; other text only if it is known to be one.
     """
     units = [(match, (match[1] or match[2] or "").strip()) for match in _BRACKETED.finditer(name)]
     units = [(match, text) for match, text in units if not re.fullmatch(r"\d*|[xyzwXYZW]", text)]
@@ -116,7 +116,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def _known(unit: str, *, certain: bool = False) -> bool:
-    """Check whether a unit is known; `certain`: spelled as in its table, or a word (`fx_n` and `fx_g` have no unit)."""
+    """Check whether a unit is known; `certain`: as its table spells it, or a word (not `fx_n`)."""
     if certain and len(unit) < 3:
         return unit != "g" and any(unit in table for table in _TABLES)
     return any(known_unit(unit, table) for table in _TABLES)
@@ -131,7 +131,7 @@ def _positive(text: str) -> float:
 
 
 def near(name: str, names: Iterable[str]) -> str:
-    """Return a hint with the names nearest to `name`, else the first twelve names; "" if there are no names."""
+    """Return a hint with the names nearest to `name`, else with the first twelve; "" if there are no names."""
     known = list(names)
     by_lower = {other.lower(): other for other in known}
     close = [by_lower[match] for match in difflib.get_close_matches(name.lower(), list(by_lower), n=3, cutoff=0.6)]
@@ -142,7 +142,11 @@ def near(name: str, names: Iterable[str]) -> str:
 
 
 def measured(values: Iterable[float], spreads: Iterable[float], unit: str) -> str:
-    """Format values with their standard deviations, to the digits that the standard deviations justify."""
+    """Return values and their standard deviations as text, to the digits that the deviations justify.
+
+    Raises:
+        ValueError: there are more of one than of the other.
+    """
     both = list(zip(values, spreads, strict=True))
     largest = max((spread for _, spread in both), default=0.0)
     digits = min(8, max(0, 1 - floor(log10(largest)))) if largest > 0 and isfinite(largest) else 4

@@ -1,10 +1,10 @@
-"""Read a robot description (URDF): a link's meshes, the tree of fixed frames, and the kinematics of moving joints."""
+"""Read a robot description (URDF): meshes, the tree of fixed frames, and the kinematics of moving joints."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import pairwise
@@ -35,7 +35,14 @@ _ROUND, _HALVED = 96, 4  # facets round a cylinder, halvings of an icosahedron: 
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint with T_parent_child at position zero, the joint it mimics or "", and the factor and offset of this."""
+    """A joint.
+
+    Attributes:
+        origin: T_parent_child at position zero.
+        mimics: joint that it follows, or "".
+        follows: factor and offset of its position from that of the other.
+        element: of the XML.
+    """
 
     name: str
     kind: str
@@ -43,18 +50,19 @@ class Joint:
     child: str
     origin: Pose
     mimics: str
-    follows: tuple[float, float] = (1.0, 0.0)
+    follows: tuple[float, float]
+    element: Any
 
 
 @takes_arrays
 @dataclass(frozen=True)
 class LinkBody:
-    """The triangles of a link, in its frame [m].
+    """The triangles of a link, in its frame.
 
     Attributes:
         vertices, faces: (v, 3) [m] and (f, 3), of all its meshes and primitives.
-        geometry: the entry of `GEOMETRIES` it was taken from.
-        files: mesh files that were read.
+        geometry: entry of `GEOMETRIES` that they are from.
+        files: meshes that were read.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -75,14 +83,14 @@ class LinkBody:
 
 
 class Urdf:
-    """A robot description, read from a URDF file.
+    """A robot description.
 
     Args:
         path: the URDF file.
-        packages: name of a ROS package -> its folder; others are searched for above the file and in ROS's paths.
+        packages: ROS package -> its folder; others are searched for above the file and in ROS's paths.
 
     Raises:
-        InputError: there is no such file, it is not a URDF, or xacro must be expanded first.
+        InputError: the file cannot be read or is no URDF, a joint is malformed, or xacro must be expanded first.
     """
 
     def __init__(self, path: Path, packages: Mapping[str, Path] | None = None) -> None:
@@ -97,8 +105,7 @@ class Urdf:
         if root.tag != "robot":
             raise InputError(f"is not a URDF: it describes a {root.tag!r}, not a robot.", where=str(path))
         self._links = {link.get("name", ""): link for link in root.iterfind("link")}
-        self._elements = root.findall("joint")
-        self.joints = tuple(self._joint(joint) for joint in self._elements)
+        self.joints = tuple(self._joint(joint) for joint in root.iterfind("joint"))
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -106,103 +113,98 @@ class Urdf:
         return tuple(self._links)
 
     def shaped(self) -> list[str]:
-        """Return a list of the names of the links that have a geometry."""
+        """Return the names of the links that have a geometry."""
         return [name for name, link in self._links.items() if any(_shapes(link, each) for each in GEOMETRIES)]
 
     def fixed(self) -> FrameTree:
-        """Return the `FrameTree` of the links that fixed joints connect."""
-        return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints if joint.kind == "fixed")
+        """Return the tree of the links that fixed joints connect."""
+        return _tree(joint for joint in self.joints if joint.kind == "fixed")
 
     def root(self, link: str) -> str:
-        """Return the name of the topmost link above `link`.
+        """Return the topmost link above `link`.
 
         Raises:
             InputError: there is no such link, a link has two parents, or the joints form a loop.
         """
         self.require(link)
-        return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints).up(link)[-1]
+        return _tree(self.joints).up(link)[-1]
 
     def chain(self, base: str, sensor: str) -> list[Joint]:
-        """Return a list of the joints between two links that can move, each a `Joint`, in the order of the file.
-
-        Fixed joints are omitted.
+        """Return the joints between two links that can move, in the order of the file.
 
         Raises:
-            InputError: there is no such link, no joints connect the two, they form a loop, or a joint moves other than
-                about or along one axis.
+            InputError: there is no such link, not one path connects the two, or a joint in it is neither fixed nor of
+                one axis.
         """
         found = [joint for joint, _ in self.steps(base, sensor) if joint.kind != "fixed"]
         return sorted(found, key=self.joints.index)
 
     def steps(self, base: str, sensor: str) -> list[tuple[Joint, bool]]:
-        """Return a list of all joints from one link to another, each with True if passed from its parent to its child.
+        """Return all joints from one link to another, each with True if passed from parent to child.
 
         Raises:
-            InputError: there is no such link, no joints connect the two, they form a loop, or a joint moves other than
-                about or along one axis.
+            InputError: there is no such link, not one path connects the two, or a joint in it is neither fixed nor of
+                one axis.
         """
         for link in (base, sensor):
             self.require(link)
-        tree = FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints)
         try:
-            frames = tree.path(base, sensor).frames
+            frames = _tree(self.joints).path(base, sensor).frames
         except InputError as problem:
             raise InputError(problem.what, where=str(self.path), hint=problem.hint) from problem
         ends = {(joint.parent, joint.child): joint for joint in self.joints}
         found = [(ends[a, b], True) if (a, b) in ends else (ends[b, a], False) for a, b in pairwise(frames)]
         for joint, _ in found:
             if joint.kind not in (*_MOVING, "fixed"):
-                raise InputError(
-                    f"joint {joint.name!r}, between {base!r} and {sensor!r}, is {joint.kind}, which "
-                    "one number cannot state.",
-                    where=str(self.path),
-                    hint="Choose a base link after this joint.",
-                )
+                between = f"joint {joint.name!r}, between {base!r} and {sensor!r},"
+                what = f"{between} is {joint.kind}, which one number cannot state."
+                raise InputError(what, where=str(self.path), hint="Choose a base link after this joint.")
         return found
 
     def axis(self, joint: Joint) -> Float[np.ndarray, " 3"]:
-        """Return the axis of a joint, (3,), in the joint's frame and of any length; x if the file does not give one.
+        """Return a joint's axis (3,), of any length, in its own frame; x if the file gives none.
 
         Raises:
-            InputError: the axis is not three numbers.
+            InputError: the axis is not three finite numbers.
         """
-        element = self._element(joint).find("axis")
+        element = joint.element.find("axis")
         if element is None:
             return np.array([1.0, 0.0, 0.0])
         return self._numbers(element, "xyz", f"the axis of joint {joint.name!r}", (1.0, 0.0, 0.0))
 
     def limits(self, joint: Joint) -> tuple[float, float, float]:
-        """Return the lowest and highest position [rad, m] of a joint and its speed limit [rad/s, m/s]; 0 if omitted.
+        """Return lowest and highest position [rad, m] and speed limit [rad/s, m/s] of a joint; 0 where omitted.
 
         The range of a continuous joint is -inf to inf.
 
         Raises:
             InputError: the joint has no <limit>, or a number in it cannot be read.
         """
-        element, of = self._element(joint).find("limit"), f"the limit of joint {joint.name!r}"
+        element, of = joint.element.find("limit"), f"the limit of joint {joint.name!r}"
         if element is None:
             raise InputError(f"joint {joint.name!r} has no limit.", where=str(self.path), hint="Add its <limit>.")
         lower, upper, speed = (float(self._numbers(element, k, of, (0.0,))[0]) for k in ("lower", "upper", "velocity"))
         return (-np.inf, np.inf, speed) if joint.kind == "continuous" else (lower, upper, speed)
 
-    def _element(self, joint: Joint) -> Any:
-        return self._elements[self.joints.index(joint)]
-
     def require(self, link: str) -> None:
-        """Raise an InputError if there is no link of this name."""
+        """Check that there is a link of this name.
+
+        Raises:
+            InputError: there is none.
+        """
         if link not in self._links:
             raise InputError(f"there is no link {link!r}.", where=str(self.path), hint=near(link, self._links))
 
     def body(self, link: str, geometry: str | None = None) -> LinkBody:
-        """Return a link's meshes, boxes, cylinders and spheres as a `LinkBody`, scaled and placed in the link's frame.
+        """Return a link's meshes, boxes, cylinders and spheres, scaled and placed in its frame.
 
         Args:
             link: name of the link.
             geometry: one of `GEOMETRIES`; None: the first that the link has.
 
         Raises:
-            InputError: there is no such link, it has no such geometry, a package or mesh is missing, or a mesh cannot
-                be read.
+            InputError: there is no such link, it has no such geometry, a size in it is not a positive number, or a
+                package or mesh is missing or cannot be read.
         """
         self.require(link)
         kinds = GEOMETRIES if geometry is None else (geometry,)
@@ -220,7 +222,7 @@ class Urdf:
         return LinkBody(np.concatenate(vertices), np.concatenate(faces), taken, tuple(dict.fromkeys(files)))
 
     def _shape(self, shape: Any, link: str) -> tuple[np.ndarray, np.ndarray, Path | None]:
-        """Return vertices [m] in the shape's frame, counter-clockwise faces, and the mesh file or None."""
+        """Return vertices [m] in the shape's frame, faces, and the mesh file or None."""
         mesh = shape.find("geometry/mesh")
         if mesh is None:
             return *arrays_of(self._primitive(shape.find("geometry"), f"link {link!r}"), str(self.path)), None
@@ -231,7 +233,6 @@ class Urdf:
         return points * scale, faces[:, ::-1] if mirrored else faces, file
 
     def _primitive(self, geometry: Any, of: str) -> Any:
-        """Return a box, cylinder or sphere as a trimesh mesh; raise an InputError for any other shape."""
         from trimesh import creation
 
         for kind in geometry:
@@ -248,7 +249,7 @@ class Urdf:
         """Return the file that `package://NAME/...`, `file://...` or a path relative to the URDF names.
 
         Raises:
-            InputError: the package, or the file, does not exist, or the scheme is another one.
+            InputError: there is no such package or file, or the scheme is another one.
         """
         scheme, _, rest = name.rpartition("://")
         rest = unquote(rest) if scheme else rest
@@ -256,25 +257,22 @@ class Urdf:
             package, _, inside = rest.partition("/")
             folders = list(self._folders(package))
             if not folders:
-                raise InputError(
-                    f"mesh {name!r}: package {package!r} is not found.",
-                    where=str(self.path),
-                    hint=f"Name its folder: --package {package}=FOLDER, or packages in the rig's [surface].",
-                )
+                what = f"mesh {name!r}: package {package!r} is not found."
+                hint = f"Name its folder: --package {package}=FOLDER, or packages in the rig's [surface]."
+                raise InputError(what, where=str(self.path), hint=hint)
             files = [folder / inside for folder in folders]
         elif scheme in ("", "file"):
             files = [self.path.parent / rest]
         else:
-            raise InputError(
-                f"mesh {name!r} is not the address of a file.", where=str(self.path), hint="Use package:// or a path."
-            )
+            what = f"mesh {name!r} is not the address of a file."
+            raise InputError(what, where=str(self.path), hint="Use package:// or a path.")
         found = next((file for file in files if file.is_file()), None)
         if found is None:
             raise InputError(f"mesh {name!r} is missing: there is no file {files[0]}.", where=str(self.path))
         return found
 
     def _folders(self, package: str) -> Iterator[Path]:
-        """Yield the folders where a package may be: from `packages`, or above the URDF, then in ROS's paths."""
+        """Yield where a package may be: in `packages`, or above the URDF, then in ROS's paths."""
         if package in self.packages:
             yield self.packages[package]
             return
@@ -294,19 +292,14 @@ class Urdf:
         ends = [None if end is None else end.get("link") for end in (joint.find("parent"), joint.find("child"))]
         if None in ends or not {*ends} <= {*self._links}:
             raise InputError(f"joint {name!r} does not join two links of the URDF.", where=str(self.path))
-        mimic = joint.find("mimic")
-        place = self._origin(joint, of := f"joint {name!r}")
-        if mimic is None:
-            return Joint(name, kind, str(ends[0]), str(ends[1]), place, "")
-        factor, offset = (
-            self._numbers(mimic, key, of, (each,))[0] for key, each in (("multiplier", 1.0), ("offset", 0.0))
-        )
-        return Joint(
-            name, kind, str(ends[0]), str(ends[1]), place, mimic.get("joint", ""), (float(factor), float(offset))
-        )
+        place, mimics, follows = self._origin(joint, of := f"joint {name!r}"), "", (1.0, 0.0)
+        if (mimic := joint.find("mimic")) is not None:
+            factor, offset = self._numbers(mimic, "multiplier", of, (1.0,)), self._numbers(mimic, "offset", of, (0.0,))
+            mimics, follows = mimic.get("joint", ""), (float(factor[0]), float(offset[0]))
+        return Joint(name, kind, str(ends[0]), str(ends[1]), place, mimics, follows, joint)
 
     def _origin(self, element: Any, of: str) -> Pose:
-        """Return the pose in an element's `origin`: rpy are angles about the fixed axes x, y, z, in this order."""
+        """Return the pose of an `origin`: rpy are about the fixed axes x, y, z, in this order."""
         from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
         origin = element.find("origin")
@@ -318,7 +311,7 @@ class Urdf:
     def _numbers(
         self, element: Any, key: str, of: str, default: tuple[float, ...] | None = None
     ) -> Float[np.ndarray, " k"]:
-        """Read the numbers of an attribute: three for a vector (xyz, rpy, size, scale), else one."""
+        """Return the numbers of an attribute: three of a vector, else one."""
         text = element.get(key)
         if text is None and default is not None:
             return np.array(default)
@@ -328,22 +321,21 @@ class Urdf:
         except ValueError:
             values = np.zeros(0)
         if len(values) != wanted or not np.isfinite(values).all() or (default is None and not (values > 0).all()):
-            raise InputError(
-                f"{key} of {of} must be {wanted} finite numbers (a size above 0), not {text!r}.", where=str(self.path)
-            )
+            what = f"{key} of {of} must be {wanted} finite numbers (a size above 0), not {text!r}."
+            raise InputError(what, where=str(self.path))
         return values
 
 
 @takes_arrays
 class Kinematics:
-    """Forward kinematics of one link in another, computed by pinocchio from the joint positions between them.
+    """Forward kinematics of one link in another, computed by pinocchio.
 
     Attributes:
-        joints: names of the joints whose positions [rad, m] are needed; a joint that mimics another is replaced by the
-            joint it follows.
+        joints: names of the joints whose positions are needed; for one that mimics another, that other.
 
     Raises:
-        InputError: there is no such link, pinocchio is not installed, or cannot use the URDF.
+        InputError: there is no such link, or not one path connects the two; a joint in it is neither fixed nor of one
+            axis, or mimics one that does not move by itself; or pinocchio is not installed, or cannot read the URDF.
     """
 
     def __init__(self, urdf: Urdf, base: str, sensor: str) -> None:
@@ -354,10 +346,8 @@ class Kinematics:
         chain, known = urdf.chain(base, sensor), {joint.name: joint for joint in urdf.joints}
         for joint in chain:
             if joint.mimics and (joint.mimics not in known or known[joint.mimics].mimics):
-                raise InputError(
-                    f"joint {joint.name!r} follows {joint.mimics!r}, which does not move by itself.",
-                    where=str(urdf.path),
-                )
+                what = f"joint {joint.name!r} follows {joint.mimics!r}, which does not move by itself."
+                raise InputError(what, where=str(urdf.path))
         self.joints = tuple(dict.fromkeys(joint.mimics or joint.name for joint in chain))
         self._limited = [known[name].kind == "revolute" for name in self.joints]
         try:
@@ -367,33 +357,28 @@ class Kinematics:
             raise InputError(f"pinocchio cannot read this URDF ({reason}).", where=str(urdf.path)) from problem
         self._data = self._model.createData()
         self._frames = [self._model.getFrameId(link, self._pin.FrameType.BODY) for link in (base, sensor)]
-        self._moved = [  # where it stands among pinocchio's numbers, what it follows, and how
-            (
-                self._model.joints[self._model.getJointId(joint.name)],
-                self.joints.index(joint.mimics or joint.name),
-                joint,
-            )
-            for joint in chain
-        ]
+        places = [self._model.joints[self._model.getJointId(joint.name)] for joint in chain]  # in pinocchio's numbers
+        sources = [self.joints.index(joint.mimics or joint.name) for joint in chain]
+        self._moved = list(zip(places, sources, (joint.follows for joint in chain), strict=True))
 
     def require_radians(self, values: Float[np.ndarray, "n k"], where: str) -> None:
-        """Raise an InputError if most positions of a limited revolute joint exceed 2 pi: they must be degrees."""
+        """Check that positions of `joints` (n, k) are not in degrees; `where` is their place, for the message.
+
+        Raises:
+            InputError: most positions of a limited revolute joint exceed 2 pi.
+        """
         if not len(values):
             return
         beyond = np.mean(np.abs(values) > 2 * np.pi, axis=0) > 0.5  # fewer may be faults
         for k in np.flatnonzero(beyond & np.array(self._limited, dtype=bool)):
-            raise InputError(
-                f"joint {self.joints[k]!r} reads up to {np.abs(values[:, k]).max():.4g}, more than a turn: "
-                "it seems to be in degrees.",
-                where=where,
-                hint="Write positions of joints in radians.",
-            )
+            largest = np.abs(values[:, k]).max()
+            what = f"joint {self.joints[k]!r} reads up to {largest:.4g}, more than a turn: it seems to be in degrees."
+            raise InputError(what, where=where, hint="Write positions of joints in radians.")
 
     def poses(self, values: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-        """Return the sensor's pose in the base for each row of joint positions.
+        """Return the sensor's quaternions x, y, z, w (n, 4) and positions (n, 3) [m] in the base.
 
-        The poses are quaternions x, y, z, w (n, 4) and positions (n, 3) [m]; `values` [rad, m] has a column for each of
-        `joints`.
+        `values` are positions of `joints`, (n, k) [rad, m].
         """
         pin, model, data = self._pin, self._model, self._data
         moved = np.ones(len(values), dtype=bool)
@@ -404,8 +389,7 @@ class Kinematics:
         where = pin.neutral(model)
         base, sensor = self._frames
         for k, row in enumerate(values):
-            for place, source, joint in self._moved:
-                factor, offset = joint.follows
+            for place, source, (factor, offset) in self._moved:
                 value = factor * row[source] + offset
                 turns = place.nq == 2  # a continuous joint: cosine and sine
                 where[place.idx_q : place.idx_q + place.nq] = (np.cos(value), np.sin(value)) if turns else value
@@ -415,12 +399,15 @@ class Kinematics:
         return quaternion_from_rotation(rotation)[row_of], shift[row_of]
 
 
+def _tree(joints: Iterable[Joint]) -> FrameTree:
+    return FrameTree((joint.parent, joint.child, joint.origin) for joint in joints)
+
+
 def _shapes(link: Any, geometry: str) -> list[Any]:
     return [shape for shape in link.iterfind(geometry) if shape.find("geometry") is not None]
 
 
 def _declares(file: Path, package: str) -> bool:
-    """Check whether a package.xml names this package."""
     try:
         return file.is_file() and ElementTree.parse(file).getroot().findtext("name", "").strip() == package
     except (OSError, ElementTree.ParseError):
@@ -428,7 +415,7 @@ def _declares(file: Path, package: str) -> bool:
 
 
 def _collada_unit(file: Path) -> float:
-    """Return the metres in one unit of a COLLADA file, the only one of these formats to state it; 1 for others."""
+    """Return the metres in a unit of a COLLADA file; 1 for other formats."""
     if file.suffix.lower() != ".dae":
         return 1.0
     with file.open("rb") as content:

@@ -22,7 +22,7 @@ AGAIN = 1.0  # s between attempts to open a camera that was lost
 class CameraSource:
     """A camera that OpenCV opens, as a `Source` of images, stamped when they are read.
 
-    The camera is opened at once, and its first image gives the size of all.
+    The constructor opens the camera; its first image gives the size of all.
 
     Args:
         address: number ("0"), device ("/dev/video0"), or a video, played as fast as it is read.
@@ -43,11 +43,9 @@ class CameraSource:
         self._tried = 0.0
         first = self._opened() and self._device.read()[1]
         if first is None or first is False:
-            raise InputError(
-                "the camera cannot be opened: it does not exist, is in use, or is not permitted.",
-                where=f"{address}, [source] of the rig",
-                hint="Write its number (0) or device (/dev/video0); your user must be in the group `video`.",
-            )
+            what = "the camera cannot be opened: it does not exist, is in use, or is not permitted."
+            hint = "Write its number (0) or device (/dev/video0); your user must be in the group `video`."
+            raise InputError(what, where=f"{address}, [source] of the rig", hint=hint)
         self.shape = tuple(first.shape)
         self._first: np.ndarray | None = first
 
@@ -65,9 +63,9 @@ class CameraSource:
         """Do nothing: the constructor has opened the camera."""
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch with one image and return 1, or 0 if none came; open a lost camera again.
+        """Fill a batch with one image and return 1; return 0 if none came.
 
-        Wait for the camera's next image, or up to `timeout` [s] while the camera is lost.
+        A lost camera is opened again, after a wait of up to `timeout` [s].
         """
         if self._first is not None:
             frame, self._first = self._first, None
@@ -110,7 +108,7 @@ class CameraSource:
         return True
 
     def _reopened(self, timeout: float) -> int:
-        """Try to open a lost camera again, once a second at most, and return 0."""
+        """Try to open a lost camera, once a second at most, and return 0."""
         if time.monotonic() - self._tried < AGAIN:
             time.sleep(timeout)
             return 0

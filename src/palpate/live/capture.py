@@ -31,7 +31,7 @@ def stated_source(stated: str) -> RigSource:
 
 
 def listen(source: RigSource, folder: Path) -> Path:
-    """Write the wrenches that a source gives within 3 s to a CSV file in a folder, and return its path.
+    """Write the wrenches of 3 s of a source to a CSV file in a folder, and return its path.
 
     Raises:
         InputError: the source cannot be opened, does not give wrenches, or gives fewer than two samples.

@@ -1,21 +1,17 @@
-"""Read and write samples as frames with COBS and CRC-32, so that damage is noticed and costs only the damaged frames.
+"""Read and write samples as frames with COBS and CRC-32.
 
-A frame is `stuffed(head numbers check) 0x00`, all little endian:
+A frame is `stuffed(head numbers check) 0x00`, little endian, stuffed by COBS (Cheshire and Baker 1999):
 
 | bytes | what |
 |---|---|
 | 1 | version of this format: 1 |
 | 1 | type of the numbers: 0 u8, 1 i8, 2 u16, 3 i16, 4 u32, 5 i32, 6 f32, 7 f64 |
 | 2 | count of numbers |
-| 4 | counter: one more than that of the sample before, whether that was sent or not; 0 follows 2^32 - 1 |
+| 4 | counter of samples, also of those not sent, modulo 2^32 |
 | numbers | in the order of a log's columns (a wrench force first), in the rig's units |
-| 4 | CRC-32 of all before it, as zlib and Ethernet have it |
+| 4 | CRC-32 of all before it, as zlib has it |
 
-Stuffing (COBS, Cheshire and Baker 1999) removes the zeros, so that 0x00 occurs only at the end of a frame: a code byte
-precedes each run of at most 254 bytes that are not zero and gives the distance to the next code byte. If that distance
-is less than 255 and more follows, the data have a zero there. `docs/serial.md` has the code in C.
-
-A counter that does not change is ignored. A counter that goes back means that the device has restarted.
+A counter that does not change is ignored; one that goes back means a restart. `docs/serial.md` has code in C.
 """
 
 from __future__ import annotations
@@ -42,7 +38,7 @@ _WRAP = 1 << 32  # of the counter
 
 
 class CobsFrames:
-    """A decoder of COBS frames, fed as bytes in any pieces, into samples; only damaged frames are lost.
+    """A decoder of COBS frames, fed as bytes; only damaged frames are lost.
 
     Args:
         count: number of values in a sample.
@@ -56,11 +52,11 @@ class CobsFrames:
         self._damaged = self._foreign = self._other = self._restarts = self._lost = 0
 
     def feed(self, data: bytes) -> None:
-        """Append bytes of the port, in pieces of any size."""
+        """Append bytes, in pieces of any size."""
         self._rest += data
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Decode as many samples as fit into the arrays, and return their number.
+        """Decode samples into the arrays, as many as they have room for, and return their number.
 
         Args:
             values: (n, count), filled from the first row on.
@@ -79,7 +75,7 @@ class CobsFrames:
         return found
 
     def _sample(self, encoded: bytes) -> tuple[np.ndarray, int] | None:
-        """Return a frame's numbers and the number of samples missing before it; None if it is no sample."""
+        """Return a frame's numbers and the number of samples missing before it; None if damaged or of another count."""
         try:
             frame = cobs.decode(encoded) if len(encoded) <= self._longest else b""
             version, code, count, counter = _HEAD.unpack_from(frame)
@@ -98,7 +94,7 @@ class CobsFrames:
         return np.frombuffer(frame, kind, count, _HEAD.size), self._missing(counter)
 
     def _missing(self, counter: int) -> int:
-        """Return the number of samples missing before a counter; 0 if it is the same or has gone back (a restart)."""
+        """Return the number of samples missing before a counter; 0 after a restart."""
         ahead = 1 if self._last is None else (counter - self._last) % _WRAP
         self._last = counter
         if ahead >= _WRAP // 2:
@@ -108,30 +104,27 @@ class CobsFrames:
         return max(0, ahead - 1)
 
     def waiting(self) -> int:
-        """Return the number of ends of frames in the bytes not decoded yet."""
+        """Return the number of frames fed and not decoded yet, damaged ones included."""
         return self._rest.count(0)
 
     def forget(self) -> None:
-        """Discard the bytes fed so far, as after a broken connection, but keep the counter."""
+        """Discard the bytes fed so far, but keep the counter."""
         self._rest, self._joined = b"", False
 
     def faults(self) -> list[str]:
         """Return texts on faults since the last call: damaged or other frames, missing samples, restarts; else []."""
-        found: list[str] = []
-        if self._damaged:
-            found.append(f"{self._damaged} damaged {_plural('frame', self._damaged)}")
-        if self._lost:
-            found.append(f"{self._lost} {_plural('sample', self._lost)} missing according to the device's counter")
-        if self._foreign:
-            frames = f"{self._foreign} {_plural('frame', self._foreign)} of {self._other} numbers"
-            found.append(f"{frames} ignored, because the sensor has {self._count}")
-        if self._restarts:
-            found.append("the device's counter went back: the device has restarted")
+        frames = f"{self._foreign} {_plural('frame', self._foreign)} of {self._other} numbers"
+        found = (
+            (self._damaged, f"{self._damaged} damaged {_plural('frame', self._damaged)}"),
+            (self._lost, f"{self._lost} {_plural('sample', self._lost)} missing according to the device's counter"),
+            (self._foreign, f"{frames} ignored, because the sensor has {self._count}"),
+            (self._restarts, "the device's counter went back: the device has restarted"),
+        )
         self._damaged = self._foreign = self._restarts = self._lost = 0
-        return found
+        return [text for count, text in found if count]
 
     def awaited(self) -> str:
-        """Return the reason why the bytes fed gave no sample, as a clause for a message."""
+        """Return why the bytes gave no sample, as a clause for a message."""
         if self._foreign:
             return f"but in frames of {self._other} numbers, not {self._count} as the sensor has: check the device"
         return "but no complete frame: check `baud` and `framing`"
@@ -142,7 +135,7 @@ def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tupl
     """Return samples as bytes of frames, and the index (n,) at which each frame ends.
 
     Args:
-        values: (n, k), a row for each frame; for a type of integers they are rounded and clipped, and NaN becomes 0.
+        values: (n, k), a row for each frame; for integers they are rounded and clipped, and NaN becomes 0.
         counter: counter of the first sample.
         number: type of the numbers, one of `TYPES`.
     """
@@ -155,7 +148,6 @@ def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tupl
 
 
 def _rounded(values: Float[np.ndarray, "*any"], kind: np.dtype[Any]) -> np.ndarray:
-    """Return values as a type; for integers they are rounded and clipped to its range, and NaN becomes 0."""
     if kind.kind == "f":
         return values.astype(kind)
     limits = np.iinfo(kind.name)

@@ -1,4 +1,4 @@
-"""Read many waiting datagrams of a socket in one call, with the kernel's stamps and its count of dropped datagrams."""
+"""Read all waiting datagrams of a socket in one call, with the kernel's stamps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ADDRESS = 16  # bytes of a sockaddr_in, of which the first 8 identify the sende
 
 
 class _Message(ctypes.Structure):
-    """The C structure `msghdr`, with pointers as integers so that NumPy can fill them."""
+    """The C structure `msghdr`, with pointers as integers for NumPy."""
 
     _fields_ = [
         ("name", ctypes.c_size_t),
@@ -35,7 +35,7 @@ class _Message(ctypes.Structure):
 
 
 class _Header(ctypes.Structure):
-    """The C structure `mmsghdr`: a message's header and the length received."""
+    """The C structure `mmsghdr`: a message's header and its length."""
 
     _fields_ = [("message", _Message), ("length", ctypes.c_uint32)]
 
@@ -47,7 +47,7 @@ class _Vector(ctypes.Structure):
 
 
 class _Control(ctypes.Structure):
-    """Control data of a datagram from the kernel: its stamp, and the number of dropped datagrams once there are any."""
+    """A datagram's control data: its stamp, and the number of drops if there are any."""
 
     _fields_ = [
         ("size", ctypes.c_size_t),
@@ -69,14 +69,14 @@ class Datagrams:
     Args:
         receiver: the socket, which is set not to block.
         slots: structured dtype of a datagram's bytes.
-        size: number of datagrams read at once, at most.
+        size: most datagrams read at once.
 
     Attributes:
-        slot: (size,) of the dtype: the bytes of each datagram, as far as a slot holds them.
+        slot: (size,) bytes of each datagram, as far as a slot holds them.
         length: (size,) number of bytes of each, at most a slot's.
         sender: (size,) address of each sender, as `packed_address` returns it.
-        stamp: (size,) int64 [ns] since 1970: arrival of each at the kernel; the time of the read without its stamp.
-        dropped: number of datagrams that the kernel dropped because the buffer was full; 0 if it does not count.
+        stamp: (size,) int64 [ns] since 1970: arrival of each at the kernel, or the time of the read without its stamp.
+        dropped: number of datagrams so far that the kernel dropped, as the buffer was full; 0 if it does not count.
     """
 
     def __init__(self, receiver: socket.socket, slots: np.dtype[np.void], size: int) -> None:
@@ -90,7 +90,7 @@ class Datagrams:
         self._many: _Many | None = _Many(self, receiver) if sys.platform == "linux" else None
 
     def take(self, most: int) -> int:
-        """Read up to `most` waiting datagrams into the attributes, and return their number; 0: none waits.
+        """Read up to `most` waiting datagrams into the attributes, without waiting, and return their number.
 
         Raises:
             OSError: the socket cannot be read.
@@ -111,7 +111,7 @@ class Datagrams:
 
 
 class _Many:
-    """A reader by Linux's recvmmsg, which takes all waiting datagrams in one call."""
+    """A reader by Linux's recvmmsg."""
 
     def __init__(self, owner: Datagrams, receiver: socket.socket) -> None:
         from palpate.live import _stream  # compiled: loaded when first needed
@@ -149,7 +149,7 @@ class _Many:
         return count
 
     def _stamped(self, owner: Datagrams, count: int) -> int:
-        """Fill the stamps, and return the number of bytes of control data of the last datagram."""
+        """Fill the stamps, and return the size of the last control data [bytes]."""
         least, size = _Control.drops_size.offset, self._controls.itemsize
         now = time.time_ns()  # the kernel starts to stamp a moment after the request
         return self._stamps(count, self._seconds, self._nanoseconds, least, now, owner.stamp, self._said, size)
@@ -166,9 +166,9 @@ def packed_address(address: tuple[str, int]) -> int:
 
 
 def ask_buffer(receiver: socket.socket, size: int) -> int:
-    """Request a receive buffer of `size` bytes, beyond the system's limit if permitted, and return the bytes granted.
+    """Request a receive buffer of `size` bytes, beyond the system's limit if permitted; return the bytes granted.
 
-    On Linux this is half of the kernel's figure, which includes as much for bookkeeping.
+    On Linux this is half of the kernel's figure, the rest of which is for bookkeeping.
     """
     linux = sys.platform == "linux"
     try:
@@ -179,5 +179,5 @@ def ask_buffer(receiver: socket.socket, size: int) -> int:
 
 
 def _each(rows: np.ndarray) -> UInt64[np.ndarray, " n"]:
-    """Return the memory address at which each row of an array begins, (n,)."""
+    """Return the memory address of each row of an array, (n,)."""
     return (rows.ctypes.data + np.arange(len(rows)) * rows.strides[0]).astype(np.uint64)

@@ -1,4 +1,4 @@
-"""Join a domain of DDS, the network of ROS 2, through cyclonedds and without an installation of ROS."""
+"""Join a domain of DDS, the network of ROS 2, through cyclonedds."""
 
 from __future__ import annotations
 
@@ -39,11 +39,7 @@ def ros_name(name: str) -> str:
 
 
 def _cyclone() -> SimpleNamespace:
-    """Return the public names of cyclonedds' modules as one namespace.
-
-    Raises:
-        InputError: cyclonedds is not installed.
-    """
+    """Return the public names of cyclonedds as one namespace, or raise InputError."""
     try:
         import_module("cyclonedds")
     except ImportError as problem:
@@ -78,7 +74,7 @@ class DdsNode:
         """Join the domain.
 
         Returns:
-            A sentence if the process's ports could not be restricted to the loopback interface as asked; else "".
+            A sentence if other machines can reach the node's ports although `interface` is ""; else "".
 
         Raises:
             InputError: cyclonedds is not installed, the interface does not exist, or too many participants are on it.
@@ -91,11 +87,9 @@ class DdsNode:
             self._participant = dds.DomainParticipant(own)
         except dds.DDSException as problem:
             self.close()
-            raise InputError(
-                f"the domain cannot be joined ({problem.msg}).",
-                where=self.where,
-                hint=f"Check that the interface has an address, and at most {_PARTICIPANTS} programs run here.",
-            ) from problem
+            hint = f"Check that the interface has an address, and at most {_PARTICIPANTS} programs run here."
+            what = f"the domain cannot be joined ({problem.msg})."
+            raise InputError(what, where=self.where, hint=hint) from problem
         self._dds = dds
         self._seen = dds.BuiltinDataReader(self._participant, dds.BuiltinTopicDcpsPublication)
         return "" if self.interface else _keep_to_loopback(self.domain, before)
@@ -115,11 +109,9 @@ class DdsNode:
         Args:
             topic: name as in ROS.
             kind: type of the messages.
-            reliable: request lost messages again, from publishers that offer it; else all publishers are heard, and
-                lost messages are only counted.
-            latched: also request messages that were published before (/tf_static).
-            depth: most messages that wait; beyond it the newest are lost and counted; with `reliable` or `latched` the
-                oldest are lost.
+            reliable: request lost messages again; else they are only counted.
+            latched: also request messages published before (/tf_static).
+            depth: most messages that wait; beyond it the newest are lost, or with `reliable` or `latched` the oldest.
 
         Raises:
             InputError: the topic's name is not valid in ROS, or the type is unknown.
@@ -158,7 +150,7 @@ class DdsNode:
         return made
 
     def topics(self) -> list[Topic]:
-        """Return the topics of ROS published now, sorted by name; `count` is their number of publishers."""
+        """Return the topics of ROS published now, sorted by name; `count` is the number of publishers."""
         state = self._dds
         alive = state.SampleState.Any | state.ViewState.Any | state.InstanceState.Alive
         condition = state.ReadCondition(self._seen, alive)
@@ -170,7 +162,7 @@ class DdsNode:
         return [Topic(*key, "cdr", publishers) for key, publishers in sorted(found.items())]
 
     def settled(self, patience: float, names: Sequence[str] = ()) -> list[Topic]:
-        """Return `topics` once all `names` are among them, or after `patience` [s]; without names after that time."""
+        """Return `topics()` after `patience` [s], or as soon as all `names`, if any, are among them."""
         deadline = time.monotonic() + patience
         while True:
             there = self.topics()
@@ -194,7 +186,7 @@ class _End:
 
 
 class DdsReader(_End):
-    """A reader of one topic, of messages as bytes.
+    """A reader of messages, as bytes, of one topic.
 
     Attributes:
         topic: name and type of the topic.
@@ -222,7 +214,7 @@ class DdsReader(_End):
         return MessageBlock(data, {0: self.topic}, np.zeros(len(samples), dtype=np.int64), sent, start, length)
 
     def lost(self) -> int:
-        """Return the number of messages lost since the last call, by the network or for lack of room."""
+        """Return the number of messages since the last call that were lost, or had no room."""
         total = self.entity.get_sample_lost_status().total_count + self.entity.get_sample_rejected_status().total_count
         self._lost, before = total, self._lost
         return total - before
@@ -261,7 +253,6 @@ class Writer(_End):
 
 
 def _configuration(domain: int, interface: str) -> str:
-    """Return cyclonedds' configuration as XML."""
     local = not interface
     key = "address" if local or _is_address(interface) else "name"
     peers = f'<Peers><Peer address="{LOOPBACK}"/></Peers>' if local else ""
@@ -288,11 +279,8 @@ def _check_interface(interface: str) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             if probe.connect_ex((interface, 9)) == 0 and probe.getsockname()[0] == interface:
                 return
-    raise InputError(
-        f"there is no network interface {interface!r}.",
-        where="source.interface",
-        hint=f"Write one of {', '.join(names)}, or its address; leave it out to stay on this machine.",
-    )
+    hint = f"Write one of {', '.join(names)}, or its address; leave it out to stay on this machine."
+    raise InputError(f"there is no network interface {interface!r}.", where="source.interface", hint=hint)
 
 
 def _sockets() -> dict[str, int]:
@@ -305,15 +293,7 @@ def _sockets() -> dict[str, int]:
 
 
 def _keep_to_loopback(domain: int, before: Collection[str]) -> str:
-    """Close a domain's ports to other interfaces than loopback, because cyclonedds opens them to all.
-
-    Args:
-        domain: number of the domain.
-        before: names of this process's sockets to leave as they are.
-
-    Returns:
-        A sentence if the system does not allow it; else "".
-    """
+    """Close a domain's sockets, but for those `before`, to other machines; return a sentence if that fails, else ""."""
     option = getattr(socket, "SO_BINDTODEVICE", None)
     names = [name for _, name in socket.if_nameindex() if name.startswith("lo")]
     if option is None or not names:
@@ -328,7 +308,7 @@ def _keep_to_loopback(domain: int, before: Collection[str]) -> str:
 
 
 def _receiving(domain: int, before: Collection[str]) -> Iterator[socket.socket]:
-    """Yield a second handle of each socket that receives for a domain and is not in `before`."""
+    """Yield a second handle of each socket of a domain that is not in `before`."""
     first = 7400 + _PORTS * domain
     for name, handle in _sockets().items():
         if name in before:

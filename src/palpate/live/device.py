@@ -1,4 +1,4 @@
-"""The protocol of simulated devices, through which a log is played to try a set-up without the real device."""
+"""The protocol of simulated devices, which play a log to try a set-up without the real device."""
 
 from __future__ import annotations
 
@@ -12,13 +12,10 @@ __all__ = ["Device"]
 
 @runtime_checkable
 class Device(Protocol):
-    """A simulated device that speaks the real device's protocol and sends the samples that it is given."""
+    """A simulated device, which sends given samples by the protocol of the real one."""
 
     def open(self) -> str:
-        """Begin to listen for connections.
-
-        Returns:
-            The [source] of a rig that reaches the device, as a text of lines of TOML.
+        """Begin to listen, and return the [source] of a rig that reaches the device, as TOML.
 
         Raises:
             InputError: the port or file is taken, or may not be used.
@@ -26,14 +23,11 @@ class Device(Protocol):
         ...
 
     def send(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> int:
-        """Send samples now to the listeners that requested them.
+        """Send samples to the listeners that requested them, and return how many were sent; 0 while nobody listens.
 
         Args:
             stamp: (n,) [ns] time of each sample in the log.
             values: (n, k) in SI units and in the sensor's axes; a wrench has its force first.
-
-        Returns:
-            The number of samples sent; 0 while nobody listens.
         """
         ...
 

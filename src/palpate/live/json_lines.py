@@ -1,4 +1,4 @@
-"""Publish contacts as lines of JSON over UDP or a UNIX socket, one datagram for each sample."""
+"""Publish contacts as lines of JSON over UDP or a UNIX socket, a datagram for each sample."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def datagram_address(to: str) -> tuple[socket.AddressFamily, Address]:
         to: "udp:HOST:PORT" or "unix:PATH".
 
     Raises:
-        InputError: the address has another form, the host is unknown, or the path is too long or its folder missing.
+        InputError: the address has another form, the host is unknown, the path is too long, or its folder is missing.
     """
     kind, _, rest = to.partition(":")
     if kind == UNIX:
@@ -94,7 +94,8 @@ class JsonLines:
         """Send those samples that are due at the rate.
 
         Args:
-            contacts: the contacts of the next samples, in order; may be empty, to send a sample that waited.
+            contacts: the contacts of the next samples, in order; without any, a sample that waited for the rate is
+                sent.
         """
         for one, last in _each(contacts, every=not self._period):
             state = (*one.status.tolist(), *one.identity.tolist())
@@ -137,7 +138,7 @@ class JsonLines:
 
 
 def _each(contacts: Contacts, every: bool) -> Iterator[tuple[Contacts, bool]]:
-    """Yield (contacts of a sample, whether it is the last); unless `every`, only samples that may change the state."""
+    """Yield (contacts of a sample, whether it is the last) where the state may change, or of `every` sample."""
     if not len(contacts):
         return
     starts = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[0] - 1))
@@ -151,7 +152,6 @@ def _each(contacts: Contacts, every: bool) -> Iterator[tuple[Contacts, bool]]:
 
 
 def _object(contacts: Contacts) -> dict[str, Any]:
-    """Return the JSON object of one sample."""
     order = np.argsort(-np.nan_to_num(np.linalg.norm(contacts.force, axis=1), nan=-1.0), kind="stable")
     found = contacts[order]
     return {

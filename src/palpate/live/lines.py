@@ -1,18 +1,14 @@
 """Read and write samples as lines of numbers, as sensors print them to a terminal.
 
-A line ends with CR, LF or both. Numbers are separated by commas, semicolons, tabs or blanks, with or without brackets,
-labels (`Fx=1.2`), units and other text: `( 0.12 , -3.4 , ...)`, `0.001 N 0.0009 Nm`, `4711;1,5;-0,25`, `+  1.23kg`.
+Commas, semicolons, tabs, blanks, brackets, labels, units or other text may separate numbers: `( 0.12 , -3.4 , ...)`,
+`Fx=1.2`, `0.001 N 0.0009 Nm`, `4711;1,5;-0,25`, `+  1.23kg`.
 
-- A number must not follow a letter or digit: the 1 of `F1=` is no number. It must not precede `:` or `=` either
-  (`12:30:05.2` is one number, 5.2), nor be mixed with letters (`3F2A`). `nan` and `inf` are numbers.
-- A comma is a decimal comma if every comma of the line is between two digits, no number has two commas or a point, and
-  another character separates the numbers: `1,5;2,5` and `1,5 2,5`, but not `1,2`.
-- The sensor's numbers are those that `columns` names, or else all, or else all but the first: a counter or a time.
-- The count of numbers in a line is learnt from the first line; a line with another count is rejected, until ten in a
-  row agree on it.
-
-The first line after a connection is skipped, because its beginning may be missing. Lines have no checksum: a digit that
-was damaged into another digit is not noticed; frames (`palpate.live.cobs`) detect this.
+- A number does not follow a letter or digit (the 1 of `F1=`), precede `:` or `=` (`12:30:05.2` is one number, 5.2), or
+  mix with letters (`3F2A`). `nan` and `inf` are numbers.
+- A comma is decimal if every comma of the line is between two digits, no number has two commas or a point, and another
+  character separates the numbers: `1,5;2,5`, but not `1,2`.
+- The sensor's numbers are those that `columns` names, or else all, or all but the first: a counter or a time.
+- The first line sets the count of numbers; another count is rejected until ten lines in a row agree on it.
 """
 
 from __future__ import annotations
@@ -41,7 +37,7 @@ _SHOWN = 60  # characters of a line in a message
 
 
 class LineFrames:
-    """A decoder of lines, fed as bytes in any pieces, into samples.
+    """A decoder of lines, fed as bytes.
 
     Args:
         count: number of values in a sample.
@@ -59,7 +55,7 @@ class LineFrames:
         self._changed = ""
 
     def feed(self, data: bytes) -> None:
-        """Append bytes of the port, in pieces of any size.
+        """Append bytes, in pieces of any size.
 
         The first line is discarded, as its beginning may be missing; so are 64 KiB without an end of line, as a fault.
         """
@@ -73,11 +69,11 @@ class LineFrames:
             self.forget()
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Decode as many samples as fit into the arrays, and return their number.
+        """Decode samples into the arrays, as many as they have room for, and return their number.
 
         Args:
             values: (n, count), filled from the first row on.
-            lost: (n,), set to 0 for each, because no number of a line is known to be a counter.
+            lost: (n,), filled with 0.
         """
         rows: list[list[float]] = []
         while self._lines and len(rows) < len(values):
@@ -94,7 +90,7 @@ class LineFrames:
         return len(self._lines)
 
     def forget(self) -> None:
-        """Discard the incomplete line and skip the next one, as after a broken connection."""
+        """Discard the incomplete line, and skip the next one."""
         self._rest = b""
         self._joined = False
 
@@ -108,12 +104,12 @@ class LineFrames:
         return found
 
     def awaited(self) -> str:
-        """Return the reason why the bytes fed gave no sample, as a clause for a message."""
+        """Return why the bytes gave no sample, as a clause for a message."""
         example = f"; the last line was {self._example}" if self._example else ""
         return f"but no line of {self._wanted()}: check `baud`, `framing` and `columns`{example}"
 
     def _row(self, line: bytes) -> list[float] | None:
-        """Return the sensor's numbers in a line; count the line and return None if it is not understood."""
+        """Return the sensor's numbers in a line; None if it is not understood."""
         found = numbers(line)
         if found is None:
             return self._refuse(line, "is not text")
@@ -125,7 +121,7 @@ class LineFrames:
         return [found[column] for column in self._columns]
 
     def _learn(self, width: int) -> bool:
-        """Learn the count of numbers in a line, and return whether it is accepted from now on."""
+        """Return whether a count of numbers in a line is accepted from now on."""
         fits = width > max(self._columns) if self._columns else width in (self._count, self._count + 1)
         self._agreeing = self._agreeing + 1 if fits and width == self._other else int(fits)
         self._other = width
@@ -167,10 +163,10 @@ def numbers(line: bytes) -> list[float] | None:
 
 @takes_arrays
 def printed(values: Float[np.ndarray, "n k"], counter: int) -> tuple[bytes, Int[np.ndarray, " n"]]:
-    """Return samples as bytes of lines, and the index (n,) at which each line ends; they read back to the same bits.
+    """Return samples as bytes of lines, and the index (n,) at which each line ends.
 
     Args:
-        values: (n, k), a row for each line.
+        values: (n, k), a row for each line, printed so that it reads back to the same bits.
         counter: number at the start of the first line; it grows by 1 a line, modulo 2^32.
     """
     lines = [

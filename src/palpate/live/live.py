@@ -1,4 +1,4 @@
-"""Run a source and the estimator of a rig in one process: samples in, rows of contacts out, without loss of samples."""
+"""Run a source and the estimator of a rig in one process: samples in, rows of contacts out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from concurrent.futures import wait as wait_for
 from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple
 
 import numpy as np
@@ -55,12 +54,12 @@ TARE = 1.0  # s of a tare if the rig states none
 @takes_arrays
 @dataclass(frozen=True)
 class AnsweredSamples:
-    """Samples with their contacts, in order; iteration gives time [s] and row.
+    """Samples with their contacts, in order; iteration gives (time [s], row).
 
     Attributes:
         stamp: (n,) [ns] since 1970.
         counts: (n,) number of rows of each sample.
-        rows: (m, width) the rows of all samples, as `ContactEstimator.empty` returns them.
+        rows: (m, width) contacts of all samples, with the columns of `open_live`.
     """
 
     stamp: Int[np.ndarray, " n"]
@@ -73,7 +72,7 @@ class AnsweredSamples:
 
 
 class _Samples(NamedTuple):
-    """Samples of a batch as arrays for an estimator: times, readings and further channels."""
+    """Samples as arrays for an estimator."""
 
     stamp: Int[np.ndarray, " n"]
     time: Float[np.ndarray, " n"]
@@ -81,14 +80,12 @@ class _Samples(NamedTuple):
     extra_channels: Mapping[str, np.ndarray]
 
     def recording(self, names: tuple[str, ...], frame: str) -> Recording:
-        """Return the samples as a `Recording` with the channels `names`."""
-        return Recording(
-            self.time, {**split_channels(names, self.readings), **self.extra_channels}, frame=frame, source="the stream"
-        )
+        channels = {**split_channels(names, self.readings), **self.extra_channels}
+        return Recording(self.time, channels, frame=frame, source="the stream")
 
 
 class _Window:
-    """A window that collects samples until they span `length` [s]."""
+    """Samples, collected until they span `length` [s]."""
 
     def __init__(self, length: float) -> None:
         self.length, self.held = length, list[_Samples]()
@@ -99,7 +96,6 @@ class _Window:
         return bool(self.held[-1].stamp[-1] - self.held[0].stamp[0] >= 1e9 * self.length)
 
     def joined(self) -> _Samples:
-        """Return all samples of the window as one."""
         first = self.held[0]
         beside = {
             name: np.concatenate([each.extra_channels[name] for each in self.held]) for name in first.extra_channels
@@ -111,15 +107,20 @@ class _Window:
 class Live:
     """Live contacts of a device, estimated in this process; see `open_live`.
 
-    Values that the rig needs from the start of a stream (a tare, the noise, cells at rest) are taken from its first
-    seconds. The samples of these seconds are answered once the values are known, in order and with the same numbers as
-    in a log. If the start cannot be used, because it is not at rest, this is reported; its samples are INVALID, and the
-    next seconds are taken.
+    Values that the rig takes from the start of a stream (a tare, the noise, cells at rest) come from its first seconds,
+    whose samples are answered afterwards, as in a log. A start that cannot be used, because it is not at rest, is
+    reported and taken again; its samples are INVALID.
 
     Args:
         rig: a rig with a [source], or its file.
         sensor: name of the sensor's table, if there are several.
         source: source that replaces the rig's.
+
+    Attributes:
+        kind: the sensor.
+        setup: the rig's values for it.
+        source: the source, which the context opens and closes.
+        estimator: the estimator; another one once the start is known.
 
     Raises:
         InputError: the rig cannot be used, or its source lacks something, such as an orientation.
@@ -154,12 +155,11 @@ class Live:
         self._said: list[str] = []
         self._clock, self._quiet = _offset(), 0.0
 
-    def form(self, frame: str = "surface", rig: str = "") -> SlotForm:
-        """Return a `SlotForm`: the description of samples and contacts for a ring of this stream.
+    def form(self, rig: str = "") -> SlotForm:
+        """Return the description of samples and contacts for a ring of this stream.
 
         Args:
-            frame: coordinate frame of the contacts.
-            rig: file of the rig, which is noted in the description.
+            rig: file of the rig, noted in the description.
         """
         estimator, source, layout = self.estimator, self.source, self.setup.layout()
         channels = layout.images or next(iter(layout.arrays), None)
@@ -171,7 +171,6 @@ class Live:
             features=tuple(estimator.features),
             width=int(estimator.empty(1).shape[1]),
             max_contacts=int(estimator.most),
-            frame=frame,
             rig=rig,
             poses=self._posed,
             topic=topic or "",
@@ -179,7 +178,7 @@ class Live:
         )
 
     def into(self, ring: StreamBuffer) -> None:
-        """Store samples in a ring as they are received, and their contacts as they are known, from now on."""
+        """Store samples in a ring as they are received, and contacts as they are known, from now on."""
         if (most := max(1, ring.safe // 2)) < len(self._batch):  # or one batch would lap its readers
             self._batch = Batch(self.source.shape, most, self.source.dtype)
         ring.take_in(self._batch, 0, self._batch.turned)  # of nothing: compiles, before samples come
@@ -188,12 +187,12 @@ class Live:
 
     @property
     def patient(self) -> bool:
-        """True if samples wait until they are received, as for a log that is replayed as fast as possible."""
+        """True if samples wait until they are received, as those of a log replayed at speed 0."""
         return isinstance(self.source, Replay) and self.source.patient
 
     @property
     def ended(self) -> bool:
-        """True if no more samples come, because a replayed log is at its end; a device never is."""
+        """True once no more samples come, because a replayed log is at its end."""
         return isinstance(self.source, Replay) and self.source.ended
 
     def __enter__(self) -> Live:
@@ -202,16 +201,19 @@ class Live:
         self.source.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.source.close()
         if self._poses is not None:
             self._poses.close()
         self._maker.shutdown(wait=False, cancel_futures=True)
 
     def __iter__(self) -> Iterator[tuple[float, Float[np.ndarray, " width"]]]:
-        """Yield (time [s], row) of each contact until a replayed log ends; samples without a contact have a row too."""
+        """Yield (time [s], row) of each contact until a replayed log ends; a sample without a contact has one row.
+
+        Raises:
+            InputError: the estimator needs a value that the source does not give, or a replayed log cannot be read.
+            OSError: the device cannot be read.
+        """
         while not self.ended:
             yield from self.step()
         yield from self.finish()
@@ -221,20 +223,21 @@ class Live:
         return drained(self._said)
 
     def tare(self) -> None:
-        """Take a tare over the next second, or the rig's time; `events` reports whether it was taken.
+        """Take a tare over the next second, or the time that the rig states; `events` reports its success.
 
-        The call has no effect while values are taken from the start, or another tare is running.
+        Without effect while values are taken from the start, or another tare is running.
         """
         if self._start is None and self._tare is None:
             self._tare = _Window(self.setup.estimate.tare or TARE)
 
     def step(self, timeout: float = 0.1) -> AnsweredSamples:
-        """Return waiting samples with their contacts as `AnsweredSamples`, empty if none comes within `timeout` [s].
+        """Return waiting samples with their contacts; none if no sample comes within `timeout` [s].
 
-        It is also empty while the first seconds are collected; later all these samples are returned at once.
+        While the first seconds are collected, there are none; then all their samples are returned at once.
 
         Raises:
-            InputError: the estimator needs a value that the source does not give, such as an orientation.
+            InputError: the estimator needs a value that the source does not give, or a replayed log cannot be read.
+            OSError: the device cannot be read.
         """
         count = 0 if self._held_back(timeout) else self.source.receive(self._batch, timeout)
         self._watch()
@@ -248,7 +251,7 @@ class Live:
         return answers
 
     def _held_back(self, timeout: float) -> bool:
-        """Return whether samples must wait, because the recorder would lose some with one batch more."""
+        """Return whether samples must wait, or the recorder would lose some."""
         ring = self._ring
         if ring is None or not (self.patient and ring["recording"]):
             return False
@@ -263,11 +266,7 @@ class Live:
         return AnsweredSamples(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
 
     def _require_enough(self) -> None:
-        """Check that wrenches can be answered without poses if none are given, before the device is opened.
-
-        Raises:
-            InputError: the estimator needs an orientation, and neither source nor rig gives one.
-        """
+        """Raise InputError if the estimator needs an orientation and gets none."""
         if isinstance(self.estimator, WrenchEstimator) and not self._posed:
             nothing = self._samples.readings(np.zeros((1, *self.source.shape), self.source.dtype))
             try:
@@ -278,7 +277,7 @@ class Live:
             self.estimator.reset()
 
     def _taken(self, count: int) -> _Samples:
-        """Return the first `count` samples of the batch, copied, in the estimator's units; store them in the ring."""
+        """Return the batch's first samples, copied, in the estimator's units; store them in the ring."""
         batch, beside = self._batch, dict[str, np.ndarray]()
         if self._poses is not None:
             self._poses.at(batch.stamp[:count]).into(batch)
@@ -292,16 +291,12 @@ class Live:
         return _Samples(stamp, self._seconds(stamp), self._samples.readings(batch.values[:count]), beside)
 
     def _answered(self, samples: _Samples) -> AnsweredSamples:
-        """Return samples with their contacts, estimated in pieces that fit the buffers, and store these in the ring."""
+        """Return samples with their contacts; store these in the ring."""
         total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
         counts = np.zeros(total, dtype=np.int64)
         while done < total:
             piece = slice(done, done + len(self._batch))
-            beside = (
-                {name: values[piece] for name, values in samples.extra_channels.items()}
-                if samples.extra_channels
-                else {}
-            )
+            beside = {name: values[piece] for name, values in samples.extra_channels.items()}
             many = counts[piece]
             step = self.estimator.run_into(samples.time[piece], samples.readings[piece], self._rows, many, beside)
             rows = self._rows[: sum(many[:step].tolist())]  # quicker than NumPy's, for most batches hold one sample
@@ -312,7 +307,7 @@ class Live:
         return AnsweredSamples(samples.stamp, counts, parts[0] if len(parts) == 1 else np.concatenate(parts))
 
     def _started(self, start: _Window, samples: _Samples | None) -> AnsweredSamples:
-        """Collect samples of the first seconds; return them, answered, once the values of the start are known."""
+        """Collect samples of the start; return them, answered, once its values are known."""
         enough = samples is not None and start.add(samples)
         if self._build is None:
             if enough:
@@ -323,17 +318,14 @@ class Live:
         return self._built(start, self._build) if self._build.done() else self._none
 
     def finish(self) -> AnsweredSamples:
-        """Return the samples of a start that still wait, with their contacts, as `AnsweredSamples`; empty if none wait.
-
-        Call it when no more samples come.
-        """
+        """Return the samples of a start that still wait, with their contacts, after the last sample."""
         start, build = self._start, self._build
         if start is None or not start.held:
             return self._none
         return self._built(start, self._prepared(start) if build is None else build)
 
     def _prepared(self, start: _Window) -> Future[BuiltEstimator]:
-        """Start to build the estimator from the first seconds in a thread, while more samples are received."""
+        """Begin to build the estimator from the first seconds, in a thread."""
         seen = start.joined()
         setup, span = self.setup, 1e-9 * float(seen.stamp[-1] - seen.stamp[0])
         if setup.filter.rate is None and span > 0:  # stamps on arrival come in bursts: the steps between say little
@@ -341,7 +333,7 @@ class Live:
         return self._maker.submit(setup.with_head(seen.recording(self.estimator.channels, self._frame)).prepared)
 
     def _built(self, start: _Window, build: Future[BuiltEstimator]) -> AnsweredSamples:
-        """Return the answered samples of the start; they are INVALID if it cannot be used."""
+        """Return the answered samples of the start, INVALID if it cannot be used."""
         self._build = None
         try:
             made = build.result()
@@ -356,7 +348,7 @@ class Live:
         return self._answered(start.joined())
 
     def _refused(self, samples: _Samples) -> AnsweredSamples:
-        """Return samples with status INVALID, one row each, and store them in the ring."""
+        """Return samples with one INVALID row each, and store these in the ring."""
         count = len(samples.stamp)
         rows, counts = self.estimator.empty(count), np.ones(count, dtype=np.int64)
         rows[:] = np.nan
@@ -367,7 +359,6 @@ class Live:
         return AnsweredSamples(samples.stamp, counts, rows)
 
     def _tared(self, samples: _Samples) -> None:
-        """Take the requested tare once its window is full."""
         if self._tare is None or not self._tare.add(samples):
             return
         window, self._tare = self._tare.joined(), None
@@ -379,7 +370,6 @@ class Live:
             self._said += [taken.note, *([taken.warning] if taken.warning else [])]
 
     def _watch(self) -> None:
-        """Collect events of the source and the poses, and report a jump of the system's clock."""
         self._said += [*self.source.events(), *(() if self._poses is None else self._poses.events())]
         clock = _offset()
         if abs(clock - self._clock) > JUMP:
@@ -390,7 +380,7 @@ class Live:
 
 @called_as('palpate.open_live("rig.toml")')
 def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
-    """Return live contacts of the device that a rig's [source] names, in this process: for your own controller.
+    """Return live contacts of the device that a rig's [source] names, estimated in this process.
 
     ```python
     with palpate.open_live("rig.toml") as live:
@@ -403,9 +393,9 @@ def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
         sensor: name of the sensor's table, if there are several.
 
     Returns:
-        A `Live`, a context manager that connects when it is entered. `palpate.contact.estimate.ROW` names the columns
-        of a row; the columns of `estimator.features` follow, and the identity if a sample can have several contacts, a
-        row each.
+        A `Live`, which connects when its context is entered. `palpate.contact.estimate.ROW` names the columns of a row;
+            the columns of `estimator.features` follow, and the identity if a sample can have several contacts, a row
+            each.
 
     Raises:
         InputError: the rig cannot be used or has no [source]; on entering, the device cannot be opened.
@@ -414,19 +404,14 @@ def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
 
 
 def _unseen(setup: Setup) -> Setup:
-    """Return the setup without its filter if the filter's rate must be measured from samples first.
-
-    Raises:
-        InputError: the filter is zero_phase, which needs later samples.
-    """
+    """Return the setup without a filter whose rate must be measured first; raise InputError for zero_phase."""
     if setup.filter.kind == "zero_phase":
         hint = 'Use kind = "butterworth" or "kalman".'
-        raise InputError(
-            "zero_phase needs later samples, which a stream does not have yet.", where="[filter] of the rig", hint=hint
-        )
+        what = "zero_phase needs later samples, which a stream does not have yet."
+        raise InputError(what, where="[filter] of the rig", hint=hint)
     return setup if setup.filter.rate is not None else replace(setup, filter=RigFilter())
 
 
 def _offset() -> int:
-    """Return the difference [ns] of the system's clock and the monotonic clock."""
+    """Return the system's clock minus the monotonic clock [ns]."""
     return time.time_ns() - time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""Read live wrenches from an ATI Net F/T or Ethernet Axia over UDP (RDT)."""
+"""Read wrenches from an ATI Net F/T or Ethernet Axia over UDP (RDT)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import struct
 import time
 from collections import deque
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -23,11 +22,9 @@ from palpate.live.netft_page import UNREACHED, read_page
 from palpate.live.netft_status import status_word
 from palpate.live.sequence import SequenceCounters
 from palpate.live.source import BATCH, SILENT, Batch, drained
+from palpate.setup.setup import Setup
+from palpate.setup.source import RigSource
 from palpate.signals.recording import FORCE
-
-if TYPE_CHECKING:
-    from palpate.setup.setup import Setup
-    from palpate.setup.source import RigSource
 
 __all__ = ["BIAS", "REQUEST", "SAMPLE", "START", "STOP", "NetFt"]
 
@@ -48,14 +45,13 @@ _MISSING, _GAPS = "missing samples", "gaps"  # as counted in sentences
 class NetFt:
     """A Net F/T as a `palpate.live.source.Source` of wrenches in N and N m.
 
-    Wrenches are about the origin and in the axes that the device is set to. Samples whose status marks them as invalid
-    are NaN.
+    Origin and axes are those that the device is set to. Samples that the device marks as invalid are NaN.
 
     Args:
         address: name or IPv4 address.
         port: UDP port of its samples (RDT).
         web: TCP port of its page (HTTP).
-        rate: [Hz] expected; a page that states another is reported. None: the page's rate.
+        rate: [Hz] expected; `events` reports that the device's page states another. None: the page's.
     """
 
     shape: tuple[int, ...] = (6,)
@@ -80,12 +76,9 @@ class NetFt:
             raise InputError("a Net F/T sends wrenches, but the rig has no [force_torque].", where="rig", hint=hint)
         read = sensors[0].layout(setup)
         if (known_unit(read.force_unit, FORCE_UNITS), known_unit(read.torque_unit, TORQUE_UNITS)) != ("N", "N m"):
-            raise InputError(
-                f"must be N and N m, not {read.force_unit} and {read.torque_unit}: samples of a Net F/T "
-                "are converted to these.",
-                where=f"[{sensors[0].name}] units",
-                hint='Write units = { force = "N", torque = "N m" }; the device\'s own units are converted.',
-            )
+            what = f"must be N and N m, not {read.force_unit} and {read.torque_unit}, for samples of a Net F/T."
+            hint = 'Write units = { force = "N", torque = "N m" }; the device\'s own units are converted.'
+            raise InputError(what, where=f"[{sensors[0].name}] units", hint=hint)
         return cls(stated.address, stated.port, stated.web, stated.rate)
 
     def open(self) -> None:
@@ -130,7 +123,7 @@ class NetFt:
             self._wait(min(deadline, self._ask_at) - now)
 
     def events(self) -> list[str]:
-        """Return the events since the last call, one sentence each; frequent ones are counted, once a second."""
+        """Return the events since the last call, one sentence each; frequent ones counted, once a second."""
         now = time.monotonic()
         if self._close and now >= self._tell_at and (told := list(self._counted())):
             self._said.extend(told)
@@ -169,19 +162,13 @@ class NetFt:
         try:
             found = socket.getaddrinfo(self._address, None, socket.AF_INET, socket.SOCK_DGRAM)
         except (OSError, UnicodeError) as problem:
-            raise InputError(
-                f"no device named {self._address!r} is found in this network.",
-                where="[source] address",
-                hint="Check the name, or write the address, such as 192.168.1.1.",
-            ) from problem
+            what = f"no device named {self._address!r} is found in this network."
+            hint = "Check the name, or write the address, such as 192.168.1.1."
+            raise InputError(what, where="[source] address", hint=hint) from problem
         return str(found[0][4][0])
 
     def _await_first(self) -> None:
-        """Request samples until one of the device waits; read and count other datagrams before it.
-
-        Raises:
-            InputError: none comes within 2 s, or a request cannot be sent.
-        """
+        """Request samples until one of the device waits; raise InputError if none comes within 2 s."""
         end = time.monotonic() + _FIRST
         while (now := time.monotonic()) < end:
             if now >= self._ask_at and (problem := self._ask(now)):
@@ -195,11 +182,9 @@ class NetFt:
                     return
                 if self._datagrams.take(1):
                     self._genuine(1)
-        raise InputError(
-            f"sends no samples to this machine within {_FIRST:g} s, although its page reports a {self._page.called}.",
-            where=self._address,
-            hint=f"Check that no firewall blocks UDP from port {self._port}, and that port is that of RDT.",
-        )
+        what = f"sends no samples to this machine within {_FIRST:g} s, although its page reports a {self._page.called}."
+        hint = f"Check that no firewall blocks UDP from port {self._port}, and that port is that of RDT."
+        raise InputError(what, where=self._address, hint=hint)
 
     def _peek(self) -> bool | None:
         """Return whether the first waiting datagram is a sample of the device; None: none waits."""
@@ -210,12 +195,11 @@ class NetFt:
         return len(content) == SAMPLE.itemsize and sender == (self._host, self._port)
 
     def _wait(self, seconds: float) -> None:
-        """Wait up to `seconds` [s] until a datagram waits at the socket."""
         if seconds > 0:
             self._poll.poll(math.ceil(seconds * 1e3))
 
     def _send(self, command: int) -> str:
-        """Send a command, and return the reason in words if it failed, else ""."""
+        """Send a command, and return why it failed, or ""."""
         try:
             self._socket.sendto(REQUEST.pack(HEADER, command, 0), (self._host, self._port))
         except OSError as problem:
@@ -229,7 +213,6 @@ class NetFt:
         return self._send(START)
 
     def _keep(self, taken: int, batch: Batch) -> int:
-        """Fill a batch with the samples among the datagrams read, and return how many."""
         rows = self._genuine(taken)
         if rows is not None and not len(rows):
             return 0
@@ -265,7 +248,7 @@ class NetFt:
         return np.flatnonzero(~(wrong | strange))
 
     def _bad(self, status: Int[np.ndarray, " n"], now: float) -> Bool[np.ndarray, " n"]:
-        """Return (n,) whether each sample is invalid; report changes of the status, each at most once a second."""
+        """Return (n,) whether each sample is invalid; report changes of the status."""
         bad = self._word.bad(status)
         before = np.concatenate([[self._last_status], status[:-1]])
         for new in dict.fromkeys(status[status != before].tolist()):
@@ -279,7 +262,7 @@ class NetFt:
         return bad
 
     def _watch(self, now: float) -> None:
-        """Request samples again if none have come, and report the silence once."""
+        """Request samples again, and report a silence once."""
         if now < self._ask_at:
             return
         problem = self._ask(now)
@@ -298,7 +281,7 @@ class NetFt:
             )
 
     def _back(self, now: float, restarted: bool, missing: int | None) -> None:
-        """Report that samples come again or that counters restarted, and read the page again: the tool may differ."""
+        """Report that samples come again or counters restarted, and read the page again."""
         if missing is None:
             guess = f" (about {(now - self._heard) * self._page.rate:.0f})" if self._page.rate and self._away else ""
             count = f"its counters restarted, so the number of missing samples is unknown{guess}"
@@ -314,7 +297,7 @@ class NetFt:
         self._read_again()
 
     def _read_again(self) -> None:
-        """Read the page again while samples wait in the buffer; if it does not answer in time, schedule another try."""
+        """Read the page again, as the tool may differ; schedule another try if it does not answer."""
         self._retry_at = math.inf
         try:
             page = read_page(self._host, self._web, where=self._address, timeout=_PAGE_AGAIN)
@@ -336,7 +319,7 @@ class NetFt:
         self._word = status_word(page.product)
 
     def _counted(self) -> Iterator[str]:
-        """Yield sentences on frequent events not reported yet, such as missing samples."""
+        """Yield sentences on frequent events not reported yet."""
         sequence = self._sequence
         now = {
             _MISSING: sequence.missing,

@@ -1,4 +1,4 @@
-"""Simulate an ATI Net F/T: its page over HTTP and its samples over UDP, on this machine only."""
+"""Simulate an ATI Net F/T on this machine: its page over HTTP and its samples over UDP."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from xml.sax.saxutils import escape
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -28,7 +27,7 @@ _WORD = 1 << 32
 
 
 class NetFtDevice:
-    """A simulated Net F/T, see `palpate.live.device.Device`, for several listeners, while the real one has one.
+    """A simulated Net F/T for several listeners; see `palpate.live.device.Device`.
 
     It obeys the commands for realtime streaming (2), stop (0) and bias (0x42). A value that is NaN, or beyond 2147 N or
     N m, is sent with the status of a saturated transducer.
@@ -39,7 +38,7 @@ class NetFtDevice:
         rate: [Hz] that the page states.
 
     Attributes:
-        port, web: the ports in use, once the device is open.
+        port, web: the ports in use, once open.
     """
 
     def __init__(self, port: int = 0, web: int = 0, *, rate: float = 7000.0) -> None:
@@ -69,7 +68,7 @@ class NetFtDevice:
         """Send samples to all listeners, and return the largest number sent to one; 0 if nobody listens.
 
         Args:
-            stamp: ignored, because a Net F/T sends no stamps.
+            stamp: ignored: a Net F/T sends no stamps.
             values: (n, 6) force [N] and torque [N m].
         """
         exact = np.rint(values * _PER_UNIT)
@@ -110,7 +109,6 @@ class NetFtDevice:
         self._closing[:0] = [ending.set, server.shutdown, commands.join, pages.join]
 
     def _obey(self, ending: threading.Event) -> None:
-        """Obey commands of listeners until the event `ending` is set."""
         poll = select.poll()
         poll.register(self._socket, select.POLLIN)
         while not ending.is_set():
@@ -134,7 +132,7 @@ class NetFtDevice:
                 self._bias = self._counts
 
     def _stream(self, address: tuple[str, int], samples: np.ndarray) -> int:
-        """Send samples to one listener, as many as its request still allows, and return how many."""
+        """Send a listener as many samples as it requested, and return how many."""
         sent, asked = self._listeners[address]
         count = len(samples) if not asked else min(len(samples), asked - sent)
         samples["rdt"] = (sent + 1 + np.arange(len(samples))) % _WORD
@@ -147,24 +145,23 @@ class NetFtDevice:
         return count
 
     def _xml(self) -> bytes:
-        """Return the part of the page that clients read, as XML."""
-        said = {
-            "prodname": "Palpate stand-in for a Net F/T",
-            "setserial": "FT00000",
-            "cfgcalsn": "FT00000",
-            "cfgcpf": f"{_PER_UNIT}",
-            "cfgcpt": f"{_PER_UNIT}",
-            "scfgfu": "N",
-            "scfgtu": "N-m",
-            "comrdte": "Enabled",
-            "comrdtrate": f"{self._rate:.0f}",
-        }
-        lines = "".join(f"<{name}>{escape(text)}</{name}>\n" for name, text in said.items())
-        return f'<?xml version="1.0" encoding="UTF-8"?>\n<netft>\n{lines}</netft>\n'.encode()
+        return f"""<?xml version="1.0" encoding="UTF-8"?>
+<netft>
+<prodname>Palpate stand-in for a Net F/T</prodname>
+<setserial>FT00000</setserial>
+<cfgcalsn>FT00000</cfgcalsn>
+<cfgcpf>{_PER_UNIT}</cfgcpf>
+<cfgcpt>{_PER_UNIT}</cfgcpt>
+<scfgfu>N</scfgfu>
+<scfgtu>N-m</scfgtu>
+<comrdte>Enabled</comrdte>
+<comrdtrate>{self._rate:.0f}</comrdtrate>
+</netft>
+""".encode()
 
 
 def _answers(page: bytes) -> type[BaseHTTPRequestHandler]:
-    """Return the class of a request handler that serves one page."""
+    """Return a request handler that serves one page."""
 
     class Handler(BaseHTTPRequestHandler):
         timeout = 2.0  # s, for a client that connects and requests nothing
@@ -187,12 +184,10 @@ def _answers(page: bytes) -> type[BaseHTTPRequestHandler]:
 
 @contextmanager
 def _taken(kind: str, port: int) -> Generator[None]:
-    """Raise an InputError in place of an OSError, for a port that cannot be used."""
+    """Turn an OSError of a port that cannot be used into an InputError."""
     try:
         yield
     except OSError as problem:
-        raise InputError(
-            f"{kind} port {port} cannot be used ({problem.strerror or problem}).",
-            where=_HOST,
-            hint="Name another port, or 0 for any free one; ports below 1024 need root.",
-        ) from problem
+        what = f"{kind} port {port} cannot be used ({problem.strerror or problem})."
+        hint = "Name another port, or 0 for any free one; ports below 1024 need root."
+        raise InputError(what, where=_HOST, hint=hint) from problem

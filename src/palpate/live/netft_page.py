@@ -1,4 +1,4 @@
-"""Read the page that a Net F/T serves: its counts per N and N m, units, rate and name."""
+"""Read the page of a Net F/T: its counts per N and N m, units, rate and name."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ UNREACHED = "Check the cable, and that this machine is in the device's network."
 
 @dataclass(frozen=True)
 class NetFtPage:
-    """What a Net F/T's page states of the calibration in use.
+    """The values on a Net F/T's page for the calibration in use.
 
     Attributes:
         force, torque: counts per N and per N m.
         units: units of force and torque that the device is set to.
         rate: [Hz] at which it sends samples; None: not stated.
-        product, serial: name of the product and serial number of the calibration; may be empty.
+        product, serial: product and serial number of the calibration; may be empty.
         streaming: whether sending of samples (RDT) is switched on.
     """
 
@@ -56,11 +56,9 @@ class NetFtPage:
             raise _foreign(f"its page does not state {', '.join(missing)}", where)
         force_unit, torque_unit = said["scfgfu"], said["scfgtu"]
         if known_unit(force_unit, _FORCE_UNITS) is None or known_unit(torque_unit, TORQUE_UNITS) is None:
-            raise InputError(
-                f"measures in units that cannot be converted, {force_unit!r} and {torque_unit!r}.",
-                where=where,
-                hint="Choose N and N-m on the page of the device, under Configurations.",
-            )
+            what = f"measures in units that cannot be converted, {force_unit!r} and {torque_unit!r}."
+            hint = "Choose N and N-m on the page of the device, under Configurations."
+            raise InputError(what, where=where, hint=hint)
         rate = _number(said.get("comrdtrate", ""))
         return cls(
             _counts(said, "cfgcpf", where) / to_si(force_unit, _FORCE_UNITS, where=where),
@@ -101,11 +99,9 @@ def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
             link.sendall(f"GET {PAGE} HTTP/1.0\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode("ascii"))
             raw = _received(link, deadline, where)
     except TimeoutError as problem:
-        raise InputError(
-            f"does not answer at port {port}, where its page should be, within {timeout:g} s.",
-            where=where,
-            hint="Check its power and network, and that no firewall is in between.",
-        ) from problem
+        what = f"does not answer at port {port}, where its page should be, within {timeout:g} s."
+        hint = "Check its power and network, and that no firewall is in between."
+        raise InputError(what, where=where, hint=hint) from problem
     except ConnectionRefusedError as problem:
         what = f"refuses connections to port {port}, where its page should be."
         raise InputError(what, where=where, hint=_NOT) from problem
@@ -116,17 +112,11 @@ def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
 
 
 def _foreign(why: str, where: str) -> InputError:
-    """Return the error of a device that is no Net F/T."""
     return InputError(f"is not a Net F/T: {why}.", where=where, hint=_NOT)
 
 
 def _received(link: socket.socket, deadline: float, where: str) -> bytes:
-    """Return all bytes until the server closes or the answer is complete.
-
-    Raises:
-        TimeoutError: it is not complete by the deadline [s].
-        InputError: it is too long.
-    """
+    """Return the complete answer; raise TimeoutError at the deadline [s]."""
     raw = bytearray()
     while (left := deadline - time.monotonic()) > 0:
         link.settimeout(left)
@@ -140,14 +130,14 @@ def _received(link: socket.socket, deadline: float, where: str) -> bytes:
 
 
 def _complete(raw: bytearray) -> bool:
-    """Return whether the answer has as many bytes as its header states, for a server that does not close."""
+    """Return whether the answer has as many bytes as its header states."""
     head, blank, body = bytes(raw).partition(b"\r\n\r\n")
     length = re.search(rb"(?im)^content-length:\s*(\d{1,9})\s*$", head.replace(b"\r", b""))
     return bool(blank) and length is not None and len(body) >= int(length[1])
 
 
 class _Heard(io.BytesIO):
-    """A wrapper of received bytes as the socket that `HTTPResponse` expects."""
+    """Received bytes in place of the socket that `HTTPResponse` expects."""
 
     def makefile(self, mode: str) -> io.BytesIO:
         return io.BytesIO(self.getvalue())
@@ -166,7 +156,7 @@ def _body(raw: bytes, where: str) -> bytes:
 
 
 def _elements(content: bytes, where: str) -> dict[str, str]:
-    """Return name of an element in lower case -> text of its first occurrence, printable letters only, 60 at most."""
+    """Return name in lower case -> text of its first element: printable letters, 60 at most."""
     try:
         if b"\0" in content or b"<!DOCTYPE" in content:  # entities, which may grow without end
             raise ValueError("a document type")
@@ -189,7 +179,7 @@ def _counts(said: Mapping[str, str], name: str, where: str) -> float:
 
 
 def _number(text: str) -> float:
-    """Return the number in a text, or 0 if it is not a finite number."""
+    """Return the number in a text; 0 if there is none or it is not finite."""
     try:
         value = float(text)
     except ValueError:

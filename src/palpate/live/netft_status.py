@@ -1,6 +1,6 @@
 """Decode the status word of ATI's Ethernet sensors.
 
-The bits are those of ATI's manuals 9620-05-NET FT (Net F/T) and 9610-05-Ethernet Axia (Axia); the two differ.
+The bits are those of ATI's manuals 9620-05-NET FT (Net F/T) and 9610-05-Ethernet Axia (Axia).
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class StatusWord:
         return ((status & ~self.harmless) != 0) | (status == _ERROR)
 
     def read(self, status: int) -> str:
-        """Return the meaning of a status in words, such as "watchdog, settings"; "no error" for 0."""
+        """Return the meaning of a status, such as "watchdog, settings"; "no error" for 0."""
         said = [self.bits.get(bit, f"bit {bit}") for bit in range(31) if status >> bit & 1]
         return ", ".join(said) or ("an error without details" if status else "no error")
 

@@ -1,4 +1,4 @@
-"""Combine two devices as one source: samples of a skin, each with the mean of the wrenches around its time."""
+"""Combine two devices as one source: samples of a skin, each with the mean of the wrenches around it."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ WAITS = 0.1  # s that a skin's sample waits for the wrenches around its time
 class PairedSource:
     """A source of a skin's samples with wrenches: its values, the mean wrench, and the number of readings in the mean.
 
-    A sample waits until wrenches half a step newer have come; after 0.1 s without them it is given with the wrenches
-    that have come, or NaN without any, and later wrenches are not used for it.
+    A sample waits for wrenches half a step newer, up to 0.1 s; then it is given with the wrenches that have come, or
+    NaN.
 
     Args:
         frames: the source of the skin's samples.
@@ -41,14 +41,14 @@ class PairedSource:
         self._frames, self._wrenches, self._means = frames, wrenches, means
         self.shape: tuple[int, ...] = (int(np.prod(frames.shape)) + 7,)
         self._frame, self._wrench = Batch(frames.shape), Batch((6,))
-        self._stamp, self._lost = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        self._stamp, self._lost = np.zeros((2, 0), dtype=np.int64)
         self._values = np.zeros((0, self.shape[0] - 7))
         self._since, self._heard, self._quiet = 0.0, 0.0, False
         self._said: list[str] = []
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> PairedSource:
-        """Return the `PairedSource` of a sensor that combines a skin and a force/torque sensor, not opened yet.
+        """Return the source of a sensor that combines a skin and a force/torque sensor, not opened yet.
 
         Raises:
             InputError: the [source], or its `wrench`, does not fit the sensor.
@@ -56,25 +56,33 @@ class PairedSource:
         layout, both = setup.layout(), list[Source]()
         for part, source in zip(setup.kind.parts, (stated, stated.wrench or stated), strict=True):
             sensor = setup.sensors[part]
-            alone = replace(
-                setup, kind=sensor.kind, sensors={part: sensor}, orientation=RigOrientation()
-            )  # poses come beside the pair
+            # without an orientation, because poses come beside the pair
+            alone = replace(setup, kind=sensor.kind, sensors={part: sensor}, orientation=RigOrientation())
             both.append(source_of(replace(source, wrench=None), alone))
         limits = None if layout.wrench_range is None else SampleReader(layout, Path()).recorded(layout.wrench_range)
         return cls(both[0], both[1], WrenchMeans(layout.max_gap, limits))
 
     def open(self) -> None:
-        """Connect to both devices; raise InputError if one cannot be opened."""
+        """Connect to both devices.
+
+        Raises:
+            InputError: one of them cannot be opened.
+        """
         self._wrenches.open()
         self._frames.open()
         self._heard = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch with samples and their wrenches, and return how many; wait up to `timeout` [s]."""
+        """Fill a batch with samples and their wrenches, and return how many; wait up to `timeout` [s].
+
+        Raises:
+            OSError: a device cannot be read.
+        """
         self._take(self._frames.receive(self._frame, 0.0 if len(self._stamp) else timeout))
         end = time.monotonic() + min(timeout, WAITS)
         while True:
-            self._hear()
+            if count := self._wrenches.receive(self._wrench, 0.0):
+                self._means.add(seconds(self._wrench.stamp[:count]), self._wrench.values[:count].copy())
             ready = self._means.answerable(seconds(self._stamp)) if len(self._stamp) else 0
             if ready or time.monotonic() >= end or not len(self._stamp):
                 break
@@ -84,7 +92,7 @@ class PairedSource:
         return self._given(batch, min(ready, len(batch)))
 
     def events(self) -> list[str]:
-        """Return sentences on events of both devices since the last call, and on samples without wrenches."""
+        """Return the events of both devices since the last call, and of samples without wrenches."""
         return [*drained(self._said), *self._frames.events(), *self._wrenches.events()]
 
     def close(self) -> None:
@@ -93,7 +101,6 @@ class PairedSource:
         self._wrenches.close()
 
     def _take(self, count: int) -> None:
-        """Append samples of the skin to those that wait for wrenches."""
         if not count:
             return
         if not len(self._stamp):
@@ -102,14 +109,8 @@ class PairedSource:
         self._lost = np.concatenate([self._lost, self._frame.lost[:count]])
         self._values = np.concatenate([self._values, self._frame.values[:count].reshape(count, -1)])
 
-    def _hear(self) -> None:
-        """Receive wrenches, and add them to the means."""
-        count = self._wrenches.receive(self._wrench, 0.0)
-        if count:
-            self._means.add(seconds(self._wrench.stamp[:count]), self._wrench.values[:count].copy())
-
     def _given(self, batch: Batch, count: int) -> int:
-        """Fill a batch with the first `count` waiting samples and their wrenches, and return how many."""
+        """Fill a batch with the first `count` waiting samples and their wrenches."""
         if not count:
             return 0
         time_ = seconds(self._stamp[:count])
@@ -124,7 +125,7 @@ class PairedSource:
         return count
 
     def _watch(self, found: bool) -> None:
-        """Report once that samples stay without wrenches, and once that wrenches come again."""
+        """Report once that samples stay without wrenches, or have some again."""
         now = time.monotonic()
         if found:
             if self._quiet:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FramePath, FrameTree
 from palpate.spatial.live_track import LiveTrack
 from palpate.spatial.pose import Pose
-from palpate.spatial.pose_track import PoseTrack, sound_quaternions
+from palpate.spatial.pose_track import sound_quaternions
 
 __all__ = ["LivePoses", "Posed"]
 
@@ -51,13 +50,12 @@ class Posed(NamedTuple):
 class LivePoses:
     """Poses of the sensor, which grow with each message.
 
-    Transforms of /tf are composed edge by edge: each edge is interpolated between its neighbours in time, or
-    extrapolated as by `LiveTrack`; transforms of /tf_static are constant. The age is that of the oldest edge on the
-    path; the squared errors of the edges' angles are added.
+    Transforms of /tf are composed edge by edge: each is interpolated in time, or extrapolated as by `LiveTrack`; those
+    of /tf_static are constant. The age is that of the oldest edge; the squared errors of the angles are added.
 
     Args:
         frames: base and sensor in the tree of /tf; None: messages are poses of the sensor in the base.
-        offset: [s] added to the stamps of the poses to put them on the samples' clock.
+        offset: [s] added to the stamps of the poses, to put them on the samples' clock.
         max_gap: [s] largest age of a pose, and largest gap between poses, at which it is used.
     """
 
@@ -80,7 +78,7 @@ class LivePoses:
     def add(self, messages: MessageBlock) -> None:
         """Add messages of one topic, poses or transforms; the time of sending replaces a stamp of 0.
 
-        Messages that cannot be read are ignored, which `events` reports.
+        Messages that cannot be read are ignored and reported.
         """
         if not len(messages.time):
             return
@@ -103,7 +101,7 @@ class LivePoses:
         asked = seconds(stamp - (self._origin or 0))
         quaternion, position = path.at(asked)
         age, square = np.zeros((2, len(stamp)))
-        for track in _live(path):
+        for track in (each for each in path.tracks if isinstance(each, LiveTrack)):
             older, turned = track.lag(asked)
             age = np.maximum(age, older)
             square += turned**2
@@ -113,24 +111,27 @@ class LivePoses:
 
     def events(self) -> list[str]:
         """Return the events since the last call, one sentence each: no poses, unreadable messages, a clock set back."""
-        if self._silent is not None and time.monotonic() - self._silent > SILENT and "silent" not in self._told:
-            self._told.add("silent")
-            self._pending.append(self._problem or "there are no poses yet: the sensor's orientation is not known")
-        if self._unread and "unread" not in self._told:
-            self._told.add("unread")
-            self._pending.append("some messages of poses are incomplete or of another type, and are ignored")
-        for name, track in self._named():
-            key = f"{name} {track.restarts}"
-            if track.restarts and key not in self._told:
-                self._told.add(key)
-                self._pending.append(f"the clock of the poses{name} went back; earlier poses are discarded")
+        if self._silent is not None and time.monotonic() - self._silent > SILENT:
+            self._once("silent", self._problem or "there are no poses yet: the sensor's orientation is not known")
+        if self._unread:
+            self._once("unread", "some messages of poses are incomplete or of another type, and are ignored")
+        edges = {f" of {child!r} in {parent!r}": track for (parent, child), track in self._edges.items()}
+        for name, track in {"": self._track, **edges}.items():
+            if track.restarts:
+                again = f"the clock of the poses{name} went back; earlier poses are discarded"
+                self._once(f"{name} {track.restarts}", again)
         return drained(self._pending)
+
+    def _once(self, key: str, sentence: str) -> None:
+        if key not in self._told:
+            self._told.add(key)
+            self._pending.append(sentence)
 
     def _grow(self, track: LiveTrack, stamps: Int[np.ndarray, " k"], values: Float[np.ndarray, "k 7"]) -> None:
         if self._origin is None and len(stamps):
             self._origin = int(stamps[0])
         track.add(seconds(stamps - (self._origin or 0)), values[:, 3:], values[:, :3])
-        track.forget(track.newest - self._max_gap - _KEPT)
+        track.forget(track.newest - (self._max_gap + _KEPT))
 
     def _add_transforms(self, messages: MessageBlock, topic: Topic) -> None:
         rows, sound = transforms(messages, topic, self._names)
@@ -159,7 +160,7 @@ class LivePoses:
             self._path = None
 
     def _way(self) -> FramePath | None:
-        """Return the path from base to sensor in the tree; None while the tree does not connect them."""
+        """Return the path from base to sensor in the tree; None if nothing connects them yet."""
         if self._path is None and self._frames is not None and self._tree.frames:
             try:
                 self._path = self._tree.path(*self._frames)
@@ -168,13 +169,11 @@ class LivePoses:
                 return None
             self._needed = frozenset(self._path.frames)  # of a tree: two of them that are joined are neighbours
             way = " -> ".join(self._path.frames)
-            if way not in self._told:
-                self._told.add(way)
-                self._pending.append(f"the sensor's pose is taken from {way} in the tree of /tf")
+            self._once(way, f"the sensor's pose is taken from {way} in the tree of /tf")
         return self._path
 
     def _watch(self, *, found: bool, age: float = 0.0) -> None:
-        """Note the time since which samples have no poses, and report when they have poses again."""
+        """Note since when samples have no poses, and report when they have some again."""
         if found:
             if self._silent is not None and "silent" in self._told:
                 self._pending.append("samples have poses again")
@@ -182,19 +181,7 @@ class LivePoses:
             self._silent = None
             return
         if np.isfinite(age) and age > 0:
-            self._problem = (
-                f"the newest pose is {age:.3g} s older than the samples: the sensor's orientation is not known"
-            )
+            late = f"the newest pose is {age:.3g} s older than the samples"
+            self._problem = f"{late}: the sensor's orientation is not known"
         if self._silent is None:
             self._silent = time.monotonic()
-
-    def _named(self) -> Iterator[tuple[str, LiveTrack]]:
-        """Yield each track with the words that distinguish it from others."""
-        yield "", self._track
-        for (parent, child), track in self._edges.items():
-            yield f" of {child!r} in {parent!r}", track
-
-
-def _live(path: FramePath) -> Iterator[LiveTrack]:
-    tracks: tuple[PoseTrack, ...] = path.tracks
-    return (track for track in tracks if isinstance(track, LiveTrack))

@@ -1,8 +1,9 @@
-"""Publish the contacts of a running `palpate live`, read from its ring, to ROS 2 or as JSON to a socket."""
+"""Publish the contacts of a running `palpate live` to ROS 2 or as JSON to a socket."""
 
 from __future__ import annotations
 
 import signal
+from contextlib import closing
 from math import inf
 from pathlib import Path
 from time import sleep
@@ -26,7 +27,7 @@ _HINT = "Write ros2, ros2:DOMAIN, udp:HOST:PORT or unix:PATH."
 
 @runtime_checkable
 class Publisher(Protocol):
-    """A protocol of publishers, which send contacts to listeners and never wait for them."""
+    """A publisher of contacts to listeners, for which it never waits."""
 
     def publish(self, contacts: Contacts) -> object:
         """Publish the contacts of the next samples, in order; without any, one that waited for the rate."""
@@ -46,7 +47,7 @@ class Publisher(Protocol):
 
 
 def _domain(to: str) -> int | None:
-    """Return the domain of "ros2:DOMAIN", or None for "ros2"; raise InputError if it is not valid."""
+    """Return the domain of "ros2:DOMAIN", None of "ros2", or raise InputError."""
     _, colon, number = to.partition(":")
     if not colon:
         return None
@@ -80,11 +81,11 @@ def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rat
     Args:
         to: the address, see `require_address`.
         form: description of the ring's samples and contacts.
-        source: the rig's [source], which gives domain and interface of ROS 2; None: domain 0 on this machine.
+        source: the rig's [source], with domain and interface of ROS 2; None: domain 0 on this machine.
         rate: [Hz] at most; 0: every sample.
 
     Raises:
-        InputError: the address is not valid, cyclonedds is not installed, or the domain of ROS 2 cannot be joined.
+        InputError: the address is not valid, cyclonedds is not installed, or the domain cannot be joined.
     """
     require_address(to)
     if not to.startswith("ros2"):
@@ -103,14 +104,14 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
 
     Args:
         ring: file of the ring.
-        to: address to publish to, see `require_address`.
+        to: the address, see `require_address`.
         rig: file of the rig.
         parent: id of the parent process.
         rate: [Hz] at most; 0: every sample.
 
     Raises:
         InputError: the ring cannot be opened.
-        SystemExit: with 1, if the rig or the address cannot be used; the ring stores the reason.
+        SystemExit: with 1, if rig or address cannot be used; the ring stores the reason.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     read = StreamBuffer(ring)
@@ -119,7 +120,7 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
     except InputError as problem:
         read.say(f"nothing is published to {to}: {problem}")
         raise SystemExit(1) from problem
-    try:
+    with closing(read), closing(publisher):
         next_one = read["answered"]
         while not read["stop"] and not orphaned(parent):
             slots, first = read.read(next_one, MOST)
@@ -131,6 +132,3 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
                 read.say(sentence)
             if len(slots) < MOST:
                 sleep(POLL)
-    finally:
-        publisher.close()
-        read.close()

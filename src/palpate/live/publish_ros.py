@@ -38,16 +38,14 @@ _LIFE = 500_000_000  # ns after which a viewer forgets a marker, if nobody renew
 class RosPublisher:
     """A publisher of contacts to topics of ROS 2, at a limited rate.
 
-    `/palpate/contact/pose` (PoseWithCovarianceStamped: the strongest contact, z along its outward normal; the
-    covariance is that of the point, and 0, which is "not known", in the rows of the rotation) and
-    `/palpate/contact/wrench` (WrenchStamped: its force on the body and its torque about the normal, at that point) are
-    silent while no contact is located. `/palpate/contact/contacts` (palpate_msgs/ContactArray) has every row of a
-    sample, also the row of a sample without a contact; `/palpate/contact/markers` is for viewers, 30 times a second.
-
-    A message on `/palpate/tare` (std_msgs/Empty) requests a tare.
+    `/palpate/contact/pose` (PoseWithCovarianceStamped: the strongest contact, z along its outward normal; covariance of
+    the point, and 0 for the rotation's, which is not known) and `/palpate/contact/wrench` (WrenchStamped: its force on
+    the body and its torque about the normal, at that point) are silent while no contact is located.
+    `/palpate/contact/contacts` (palpate_msgs/ContactArray) has every row of a sample; `/palpate/contact/markers` is for
+    viewers, 30 times a second. A message on `/palpate/tare` (std_msgs/Empty) requests a tare.
 
     Args:
-        frame_id: name of the frame of the contacts.
+        frame_id: frame of the contacts.
         features: names of the features that every contact has.
         rate: [Hz] of messages at most, by the contacts' times.
         domain: number of the domain.
@@ -80,7 +78,7 @@ class RosPublisher:
         self._tare = self._node.reader(TARE, "std_msgs/Empty", reliable=True, depth=10)
 
     def publish(self, contacts: Contacts) -> int:
-        """Publish those of the next samples, in order, that are due at the rate, and return their number."""
+        """Publish those of the next samples, in order, that are due, and return their number."""
         first = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[:1] - 1))
         due = self._due.of(contacts.time[first])
         ends = np.append(first[1:], len(contacts))
@@ -93,7 +91,7 @@ class RosPublisher:
         return self._tare is not None and len(self._tare.take().time) > 0
 
     def events(self) -> list[str]:
-        """Return the events since the last call, one sentence each, such as the number of dropped messages."""
+        """Return the events since the last call, one sentence each, such as dropped messages."""
         if self._dropped:
             self._said.append(f"{self._dropped} messages to ROS 2 were dropped: a reader is too slow")
             self._dropped = 0
@@ -105,7 +103,6 @@ class RosPublisher:
         self._node.close()
 
     def _publish(self, rows: Contacts) -> None:
-        """Publish the rows of one sample; pose and wrench only if a contact is located."""
         _, (everything, poses, wrenches) = self._messages.of(rows)
         self._write(_CONTACTS, self._array(everything, rows))
         strongest = int(rows.strongest()[0])
@@ -124,7 +121,7 @@ class RosPublisher:
             self._dropped += 1
 
     def _array(self, everything: np.ndarray, rows: Contacts) -> bytes:
-        """Return a ContactArray (bytes, CDR): each contact as in a file, then the features of all."""
+        """Return a ContactArray (bytes, CDR): each contact as in a file, then all features."""
         head = _payload(everything[:1])
         named = int(everything["named"][0])
         start = _HEADER + named
@@ -143,8 +140,6 @@ class RosPublisher:
 
 
 class _Due:
-    """A selector of times at least a period from each other."""
-
     def __init__(self, rate: float) -> None:
         self._period, self._next = 1.0 / rate, -np.inf
 
@@ -169,37 +164,35 @@ def markers(contacts: Contacts, stamp: int, frame_id: str) -> bytes:
     """
     shown = np.flatnonzero(contacts.answered & contacts.located & np.isfinite(contacts.force).all(axis=1))
     message = Cdr().numbers("I", 1 + 2 * len(shown))
-    nothing = np.zeros(3)
-    _marker(message.align(4).header(stamp, frame_id), "", (0, _ARROW, _DELETE_ALL), (nothing, None, nothing), _BLUE)
+    head, nothing = (stamp, frame_id), np.zeros(3)
+    _marker(message, head, "", (0, _ARROW, _DELETE_ALL), (nothing, None, nothing), _BLUE)
     for row in shown.tolist():
         identity = int(contacts.identity[row]) % 2**31
         tip, force = contacts.point[row], contacts.force[row]
         length = float(np.linalg.norm(force))
         shaft = force * (min(_LENGTH, _LONGEST / length) if length else 0.0)
         arrow = (nothing, None, np.array([0.004, 0.01, 0.0]))
-        _marker(
-            message.align(4).header(stamp, frame_id),
-            "force", (identity, _ARROW, _ADD), arrow, _ORANGE, np.stack([tip - shaft, tip]),
-        )  # fmt: skip
-        _marker(
-            message.align(4).header(stamp, frame_id),
-            "point", (identity, _SPHERE, _ADD), (tip, *_ellipsoid(contacts.covariance[row])), _BLUE,
-        )  # fmt: skip
+        ball = (tip, *_ellipsoid(contacts.covariance[row]))
+        _marker(message, head, "force", (identity, _ARROW, _ADD), arrow, _ORANGE, np.stack([tip - shaft, tip]))
+        _marker(message, head, "point", (identity, _SPHERE, _ADD), ball, _BLUE)
     return message.done()
 
 
 def _marker(
     message: Cdr,
+    head: tuple[int, str],
     space: str,
     what: tuple[int, int, int],
     where: tuple[np.ndarray, np.ndarray | None, np.ndarray],
     colour: tuple[float, ...],
     points: np.ndarray | None = None,
 ) -> None:
-    """Append a Marker without its header: id, type and action; position, quaternion and scale; colour; points."""
+    """Append a Marker: stamp [ns] and frame; id, type, action; position, quaternion, scale; colour; points."""
     position, quaternion, scale = where
     turn = (0.0, 0.0, 0.0, 1.0) if quaternion is None else tuple(quaternion.tolist())
-    message.text(space).numbers("i", *what).numbers("d", *position.tolist(), *turn, *scale.tolist())
+    message.align(4).header(*head).text(space).numbers("i", *what).numbers(
+        "d", *position.tolist(), *turn, *scale.tolist()
+    )
     message.numbers("f", *colour).numbers("i", 0).numbers("I", _LIFE).numbers("B", 0)
     message.numbers("I", 0 if points is None else len(points))
     if points is not None:
@@ -211,7 +204,7 @@ def _marker(
 
 
 def _ellipsoid(covariance: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "3"]]:
-    """Return quaternion (4,) x, y, z, w and diameters (3,) [m] of the 95 % ellipsoid; a small ball if it is unknown."""
+    """Return quaternion (4,) x, y, z, w and diameters (3,) [m] of the 95 % ellipsoid; a small ball if unknown."""
     if not np.isfinite(covariance).all():
         return np.array([0.0, 0.0, 0.0, 1.0]), np.full(3, _SMALLEST)
     variance, axes = np.linalg.eigh(covariance)
@@ -221,5 +214,4 @@ def _ellipsoid(covariance: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, 
 
 
 def _payload(record: np.ndarray) -> bytes:
-    """Return the message in a record of an MCAP file as bytes."""
     return record.tobytes()[MESSAGE.itemsize :]

@@ -30,12 +30,15 @@ def receive(
 
     Args:
         rig: file of a rig with a [source].
-        ring: file to make, or to continue if an earlier process was killed.
+        ring: file to make, or to continue after an earlier process.
         sensor: name of the sensor's table, if there are several.
         parent: id of the parent process.
-        trouble: receives the error (UTF-8) that ends this process, if the rig or the device cannot be used.
+        trouble: receives the text (UTF-8) of a `PalpateError`, which ends this process.
         realtime: request real-time priority, unless samples can wait.
-        recorded: the ring is recorded, and samples that can wait do so.
+        recorded: the ring is recorded; samples that can wait do so.
+
+    Raises:
+        OSError: the device cannot be read.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     try:
@@ -45,7 +48,8 @@ def receive(
             live.into(opened)
             if realtime and not live.patient:
                 opened.say(_hurried())
-            _steady()
+            gc.collect()
+            gc.freeze()  # what exists now is not collected, which would pause the loop
             _loop(live, opened, parent)
     except PalpateError as problem:
         trouble.send_bytes(str(problem).encode())
@@ -76,17 +80,14 @@ def _say(live: Live, ring: StreamBuffer) -> None:
 
 
 def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
-    """Return the existing ring, or a new one, whose file appears only when it is complete."""
+    """Return the existing ring, or a new one, whose file appears when it is complete."""
     if path.exists():
         ring = StreamBuffer(path)
         if ring.form != form:
-            raise InputError(
-                "is from another rig or sensor.", where=str(path), hint="Remove it, or run `palpate recover`."
-            )
-        lost = ring["received"] - ring["answered"]
-        if lost:  # received by one that was killed before it had answered
-            for _ in range(lost):
-                ring.answer(np.zeros((0, form.width)), np.zeros(1, dtype=np.int64), known=False)
+            hint = "Remove it, or run `palpate recover`."
+            raise InputError("is from another rig or sensor.", where=str(path), hint=hint)
+        for _ in range(ring["received"] - ring["answered"]):  # received by one that was killed before it had answered
+            ring.answer(np.zeros((0, form.width)), np.zeros(1, dtype=np.int64), known=False)
         return ring
     beside = path.with_name(f"{path.name}.new")
     made = StreamBuffer.make(beside, form, IMAGES if form.images else SIZE)
@@ -97,7 +98,7 @@ def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
 
 
 def _hurried() -> str:
-    """Request real-time priority and memory that is not paged out, and return the sentence on what was granted."""
+    """Request real-time priority and locked memory, and return a sentence on the outcome."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except (AttributeError, PermissionError):
@@ -107,9 +108,3 @@ def _hurried() -> str:
         )
     locked = ctypes.CDLL(None).mlockall(_LOCK_NOW_AND_LATER) == 0
     return f"real-time priority {PRIORITY} (SCHED_FIFO){', memory locked' if locked else ''}"
-
-
-def _steady() -> None:
-    """Exempt existing objects from garbage collection, so that it does not pause the loop for them."""
-    gc.collect()
-    gc.freeze()

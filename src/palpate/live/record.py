@@ -1,7 +1,6 @@
-"""Record the samples, contacts and events of a ring as MCAP files, each of which can be opened without the others.
+"""Record a ring as MCAP files, each of which can be opened without the others.
 
-The recorder is a separate process. After a kill and a restart it continues where its file ends, as long as the ring
-still has the samples after it; `palpate.live.recover` does the same after all processes were killed.
+After a kill, a new recorder continues where the file ends, if the ring still has the samples after it.
 """
 
 from __future__ import annotations
@@ -10,22 +9,17 @@ import fcntl
 import os
 import signal
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import ParamSpec
-
-import numpy as np
 
 from palpate.errors import InputError
-from palpate.files.atomic import PART, part, writing
+from palpate.files.atomic import part, writing
 from palpate.live.record_file import RecordFile, grown, named, place
 from palpate.live.record_messages import RecordMessages, event, record_topics
 from palpate.live.stream_buffer import READERS, StreamBuffer
 
 __all__ = ["RING", "Recorder", "only_one", "record", "require_record", "ring_of"]
-
-Given = ParamSpec("Given")
 
 RING = ".ring"
 POLL = 0.02  # s between looks at the ring
@@ -33,25 +27,25 @@ SPAN = 0.25  # s of a chunk: a loss of power may cost so much beyond the last sy
 CHUNK = 2048  # samples of a chunk, at most
 BYTES = 1 << 23  # of slots of a chunk, at most
 SYNC = 1.0  # s between syncs
-QUIET, SILENT, GRACE = (
-    0.3,
-    1.5,
-    5.0,
-)  # s without a change after which a ring has ended, with all answered or not; at most
+QUIET, SILENT = 0.3, 1.5  # s without a change after which a ring has ended, with all answered or not
+GRACE = 5.0  # s to wait for that, at most
 
 
 def ring_of(output: Path) -> Path:
-    """Return the path of the ring that belongs to a record: OUTPUT.ring."""
-    growing = part(output)
-    return growing.with_name(f"{growing.name.removesuffix(PART)}{RING}")
+    """Return the path of the ring of a record: OUTPUT.ring.
+
+    Raises:
+        InputError: the path cannot be resolved, such as links in a circle.
+    """
+    return part(output).with_suffix(RING)
 
 
 def require_record(output: Path) -> None:
-    """Check that a record can begin, before any work is done.
+    """Check that a record can begin.
 
     Raises:
-        InputError: the name does not end in .mcap, an earlier run was cut short, or several files of an earlier record
-            exist.
+        InputError: the name does not end in .mcap, an earlier run was cut short, or OUTPUT belongs to an earlier record
+            of several files.
     """
     if output.suffix.lower() != ".mcap":
         raise InputError(f"a record cannot end in {output.suffix!r}.", where=str(output), hint="Use .mcap.")
@@ -60,25 +54,22 @@ def require_record(output: Path) -> None:
         raise InputError("an earlier recording was interrupted.", where=str(output), hint=hint)
     if named(output, 1).exists():
         hint = "Remove all files of that record, or name another output."
-        raise InputError(
-            f"belongs to an earlier record of several files: {named(output, 1)} exists.", where=str(output), hint=hint
-        )
+        what = f"belongs to an earlier record of several files: {named(output, 1)} exists."
+        raise InputError(what, where=str(output), hint=hint)
 
 
 def record(ring: Path, output: Path, split: float, parent: int) -> None:
     """Record a ring until it says stop, or the parent is gone and no more samples come; the target of a process.
 
-    If the record cannot be written (another process writes it, or OUTPUT.part is another file), the reason is stored in
-    the ring, and the process exits with 1.
-
     Args:
         ring: file of the ring.
-        output: MCAP file; it grows as OUTPUT.part.
+        output: MCAP file, which grows as OUTPUT.part.
         split: bytes after which another file is begun: run.1.mcap, run.2.mcap, ...
         parent: id of the parent process.
 
     Raises:
         InputError: the ring cannot be opened.
+        SystemExit: with 1, if another process writes the record or OUTPUT.part is another file; the ring stores why.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     opened = StreamBuffer(ring)
@@ -97,10 +88,11 @@ def record(ring: Path, output: Path, split: float, parent: int) -> None:
 
 @contextmanager
 def only_one(ring: Path) -> Generator[None]:
-    """Lock a ring so that only this process writes its record; the system releases the lock if the process dies.
+    """Lock a ring, so that only this process writes its record, until the block or the process ends.
 
     Raises:
         InputError: another process has the lock.
+        OSError: the ring cannot be opened.
     """
     with ring.open("rb") as held:
         try:
@@ -111,11 +103,7 @@ def only_one(ring: Path) -> Generator[None]:
 
 
 class Recorder:
-    """A recorder that writes a ring's samples to files, in order, and continues the file of a recorder that was killed.
-
-    Numbers in the ring's head let it continue after a kill at any point: "file" is the index of the current file, which
-    begins with sample "began", after "noted" sentences in earlier files; "recorded" is the number of the next sample,
-    "missed" the number of samples that came too fast and are in no file, "bytes" the size of all files.
+    """A writer of a ring's samples to files, which continues the file of a recorder that was killed.
 
     Args:
         ring: the ring, which no other recorder reads.
@@ -125,12 +113,16 @@ class Recorder:
     Attributes:
         next: number of the next sample to write.
         file: the file that grows; None before there is something to write, and once the disk is full.
-        full: whether the disk is full.
+        full: whether recording has ended, because a file could not be written.
 
     Raises:
         InputError: the file to continue is no record, or has other topics.
+        OSError: the file to continue cannot be opened.
     """
 
+    # Numbers in the ring's head let another recorder continue after a kill at any point: the current file has the index
+    # "file", and begins with sample "began" after "noted" sentences in earlier files; "recorded" is the next sample,
+    # "missed" the number of samples in no file, "bytes" the size of all files.
     def __init__(self, ring: StreamBuffer, output: Path, split: float) -> None:
         self._ring, self._output, self._split = ring, output, split
         self._topics, self._messages = record_topics(ring.form), RecordMessages(ring.form)
@@ -148,7 +140,11 @@ class Recorder:
             self._opened()
 
     def step(self) -> None:
-        """Write answered samples if they fill a chunk or have waited for 0.25 s, and sentences; sync once a second."""
+        """Write sentences, and answered samples that fill a chunk or have waited for 0.25 s; sync once a second.
+
+        Raises:
+            InputError: OUTPUT.part is another file.
+        """
         ring, now = self._ring, time.monotonic()
         waiting = self._until() - self.next
         if waiting >= self._most or (waiting and now - self._written >= SPAN):
@@ -158,19 +154,25 @@ class Recorder:
             self._sentences()
         if now - self._synced >= SYNC and self.file is not None:
             self._synced = now
-            self._guarded(self.file.sync)
+            with self._guarded():
+                self.file.sync()
 
     def finish(self) -> None:
-        """Write everything that was received, and end the file."""
+        """Write everything that was received, and end and rename the file.
+
+        Raises:
+            InputError: OUTPUT.part is another file.
+        """
         self._samples(self._ring["received"])
         self._sentences()
-        if self.file is None and not self._ring["file"] and not self.full:
-            self._guarded(self._opened)  # a record without a sample still has a file
-        if self.file is not None:
-            self._guarded(self._end, self.file)
+        with self._guarded():
+            if self.file is None and not self._ring["file"] and not self.full:
+                self._opened()  # a record without a sample still has a file
+            if self.file is not None:
+                self._end(self.file)
 
     def _until(self) -> int:
-        """Return the number after the last sample to write: answered, or soon to be overwritten in the ring."""
+        """Return the number after the last sample to write: answered, or soon overwritten in the ring."""
         ring = self._ring
         return max(ring["answered"], ring["received"] - len(ring.slots) // 2)
 
@@ -178,32 +180,30 @@ class Recorder:
         ring = self._ring
         while self.next < end and not self.full:
             slots, first = ring.read(self.next, min(self._most, end - self.next), "received")
-            if first > self.next:
-                self._lapped(first - self.next)
+            if lost := first - self.next:
+                ring["missed"] += lost
+                ring.say(f"{lost} samples from sample {self.next} on are not recorded, because the disk was too slow")
             self.next = first
-            if len(slots) and self._guarded(self._append, slots, first):
-                self.next = first + len(slots)
+            if len(slots):
+                with self._guarded():
+                    self._opened().append(*self._messages.of(slots, first))
+                    self.next = first + len(slots)
                 self._grown()
         if self.full:
             self.next = end
 
-    def _append(self, slots: np.ndarray, first: int) -> None:
-        self._opened().append(*self._messages.of(slots, first))
-
     def _sentences(self) -> None:
         said, end = self._ring.events(self._noted)
         for number, (stamp, text) in enumerate(said, end - len(said) + 1):
-            self._guarded(self._append_sentence, stamp, text, number)
+            if not self.full:
+                with self._guarded():
+                    raw, view = event(stamp, text, number)
+                    self._opened().append(raw, [view])
         self._noted = end
         self._grown()
 
-    def _append_sentence(self, stamp: int, text: str, number: int) -> None:
-        if not self.full:
-            raw, view = event(stamp, text, number)
-            self._opened().append(raw, [view])
-
     def _opened(self) -> RecordFile:
-        """Return the current file, which is begun or continued if it is not open."""
+        """Return the current file; begin or continue it if it is not open."""
         if self.file is None:
             ring = self._ring
             self.file = RecordFile(named(self._output, ring["file"]), self._topics, ring["received"])
@@ -211,13 +211,8 @@ class Recorder:
             self._noted = max(self._noted, self.file.span.noted)
         return self.file
 
-    def _lapped(self, count: int) -> None:
-        ring = self._ring
-        ring["missed"] += count
-        ring.say(f"{count} samples from sample {self.next} on are not recorded, because the disk was too slow")
-
     def _grown(self) -> None:
-        """Store the progress in the ring, and end the file if it has reached the size at which files are split."""
+        """Store the progress in the ring, and end the file if it is large enough to be split."""
         ring = self._ring
         if self.full:
             return
@@ -225,10 +220,11 @@ class Recorder:
         if self.file is not None:
             ring["bytes"] = self._before + self.file.size
             if self.file.size >= self._split:
-                self._guarded(self._end, self.file)
+                with self._guarded():
+                    self._end(self.file)
 
     def _end(self, file: RecordFile) -> None:
-        """End a file and give it its name; later samples begin another file."""
+        """End a file and give it its name."""
         ring = self._ring
         self.next -= file.end()
         ring["recorded"] = ring["began"] = self.next
@@ -239,14 +235,13 @@ class Recorder:
         self._before += _size(file.path)
         ring["bytes"] = self._before
 
-    def _guarded(self, act: Callable[Given, object], *args: Given.args, **kwargs: Given.kwargs) -> bool:
-        """Call a function and return whether it succeeded; an OSError, as of a full disk, ends the record."""
+    @contextmanager
+    def _guarded(self) -> Generator[None]:
+        """End the record at an OSError in the block, such as a full disk."""
         try:
-            act(*args, **kwargs)
+            yield
         except OSError as problem:
             self._give_up(problem)
-            return False
-        return True
 
     def _give_up(self, problem: OSError) -> None:
         self.full, self._ring["recording"], file = True, 0, self.file
@@ -262,14 +257,12 @@ class Recorder:
 
 
 class _Quiet:
-    """A check whether a ring still changes, for the end of a record."""
-
     def __init__(self, ring: StreamBuffer) -> None:
         self._ring, self._state = ring, (0, 0, 0)
         self._began = self._changed = 0.0
 
     def ended(self) -> bool:
-        """Return whether the ring has not changed for long enough; call it repeatedly once an end was requested."""
+        """Return whether the ring has not changed for long enough."""
         ring, now = self._ring, time.monotonic()
         state = ring["received"], ring["answered"], ring["alive"]
         self._began = self._began or now

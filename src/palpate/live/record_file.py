@@ -30,9 +30,13 @@ def named(output: Path, which: int) -> Path:
 
 
 def grown(output: Path) -> list[int]:
-    """Return a list of the indices of a record's unfinished files (OUTPUT.part) in increasing order."""
+    """Return the indices of a record's unfinished files (OUTPUT.part), in increasing order.
+
+    Raises:
+        InputError: the path cannot be resolved, such as links in a circle.
+    """
     found = [0] if part(output).exists() else []
-    target = part(output).with_name(part(output).name.removesuffix(PART))
+    target = part(output).with_suffix("")
     pattern = re.compile(re.escape(target.stem) + r"\.([1-9]\d*)" + re.escape(target.suffix + PART))
     with suppress(OSError):
         matches = [pattern.fullmatch(file.name) for file in target.parent.iterdir()]
@@ -46,7 +50,7 @@ class Span(NamedTuple):
     Attributes:
         first: number of the first sample.
         end: number after the last sample.
-        samples: number of samples in the file; less than `end - first` if some are missing.
+        samples: number of samples in the file, without missing ones.
         noted: number of the last sentence; 0 if there is none.
     """
 
@@ -57,11 +61,11 @@ class Span(NamedTuple):
 
 
 def span_of(found: Regained, latest: int) -> Span:
-    """Return the range of samples in a file as a `Span`; its first three numbers are 0 if there is no sample.
+    """Return the range of samples in a file; its first three numbers are 0 if there is no sample.
 
     Args:
         found: the complete part of the file.
-        latest: number after the last sample of the stream, which resolves the file's numbers modulo 2**32.
+        latest: number after the last sample of the stream; the file's are modulo 2^32.
     """
     noted = found.sequences[EVENTS].most if EVENTS in found.sequences else 0
     count = sum(chunk.counts[READINGS - 1] for chunk in found.writer.chunks)
@@ -76,13 +80,13 @@ class RecordFile:
     """A growing file OUTPUT.part, begun or continued; an incomplete chunk at its end is cut off.
 
     Args:
-        path: path of the file once it is ended, OUTPUT.
-        topics: topics of the file; None: those that the existing file has.
+        path: path of the ended file, OUTPUT.
+        topics: topics of the file; None: those of the existing file.
         latest: number after the last sample of the stream.
 
     Attributes:
         path: as given.
-        span: the range of samples that the file held when it was opened.
+        span: the range of samples when it was opened.
 
     Raises:
         InputError: the existing file is no record, or has other topics.
@@ -122,10 +126,10 @@ class RecordFile:
 
         Args:
             records: bytes of all its messages.
-            messages: views of the same bytes, one array of rows for each channel.
+            messages: views of these bytes, an array of rows for each channel.
 
         Raises:
-            OSError: the disk is full; earlier chunks are still complete once the file is ended.
+            OSError: the disk is full; earlier chunks stay complete.
         """
         raw, chunk = self._writer.chunk(records, messages)
         self._size = self._writer.size  # an earlier incomplete chunk is overwritten
@@ -133,17 +137,18 @@ class RecordFile:
         self._writer.chunks.append(chunk)
 
     def sync(self) -> None:
-        """Wait until all data so far are on the disk; raise OSError if they cannot be written."""
+        """Wait until all data so far are on the disk.
+
+        Raises:
+            OSError: they cannot be written.
+        """
         os.fdatasync(self._file)
 
     def end(self) -> int:
-        """Write the records that end the file; if the disk is full, the last chunks are removed to make room.
-
-        Returns:
-            The number of samples removed.
+        """Write the end of the file, and return how many samples were removed to make room on a full disk.
 
         Raises:
-            OSError: there is no room even without chunks.
+            OSError: there is no room even without samples.
         """
         given = 0
         while True:
@@ -162,7 +167,7 @@ class RecordFile:
         """Close the ended file and rename OUTPUT.part to OUTPUT.
 
         Raises:
-            OSError: the file cannot be renamed.
+            OSError: it cannot be renamed.
         """
         self.close()
         place(self.path)
@@ -181,7 +186,7 @@ class RecordFile:
 
 
 def _require_small(growing: Path, topics: tuple[WrittenTopic, ...] | None) -> None:
-    """Raise InputError if a file with an unreadable head would be overwritten, unless it is only an incomplete head."""
+    """Raise InputError if an existing file that cannot be read is more than an incomplete head."""
     if growing.exists() and (topics is None or growing.stat().st_size > _HEAD):
         raise InputError("is not a file of `palpate live`, or contains no complete data.", where=str(growing))
 
@@ -190,10 +195,10 @@ def place(path: Path) -> None:
     """Rename OUTPUT.part to OUTPUT, and wait until the new name is on the disk.
 
     Raises:
-        OSError: the file cannot be renamed.
+        OSError: it cannot be renamed.
     """
     growing = part(path)
-    target = growing.with_name(growing.name.removesuffix(PART))
+    target = growing.with_suffix("")
     growing.replace(target)
     folder = os.open(target.parent, os.O_RDONLY)
     try:

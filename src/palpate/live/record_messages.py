@@ -1,4 +1,4 @@
-"""Make the messages of a live record: readings as a log of the same rig has them, their contacts, and events."""
+"""Make the messages of a live record: readings, contacts and events."""
 
 from __future__ import annotations
 
@@ -7,20 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Int
 
-from palpate.files.contacts.mcap import (
-    LATEST,
-    POSE_FIELDS,
-    POSE_STAMPED,
-    STAMPED,
-    VECTOR,
-    WRENCH_FIELDS,
-    WRENCH_STAMPED,
-    ContactMessages,
-    topics,
-)
+from palpate.files.contacts.mcap import LATEST, POSE_FIELDS, WRENCH_FIELDS, ContactMessages, topics
 from palpate.files.logs.topics import LIVE, LIVE_ACCELERATION, LIVE_POSE
 from palpate.files.mcap.rows import ChannelRows, Fields, made, stamped
 from palpate.files.mcap.writer import WrittenTopic
+from palpate.live.ros_types import definition
 from palpate.live.stream_buffer import SlotForm
 
 __all__ = ["EVENTS", "READINGS", "event", "record_topics"]
@@ -41,51 +32,31 @@ string file
 string function
 uint32 line
 """
-_TIME = f"{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-_ARRAY = f"""std_msgs/MultiArrayLayout layout
-float64[] data
-{"=" * 80}
-MSG: std_msgs/MultiArrayLayout
-std_msgs/MultiArrayDimension[] dim
-uint32 data_offset
-{"=" * 80}
-MSG: std_msgs/MultiArrayDimension
-string label
-uint32 size
-uint32 stride
-"""
-_IMAGE = f"""std_msgs/Header header
-uint32 height
-uint32 width
-string encoding
-uint8 is_bigendian
-uint32 step
-uint8[] data
-{STAMPED}"""
-_VECTOR_STAMPED = f"std_msgs/Header header\ngeometry_msgs/Vector3 vector\n{STAMPED}{VECTOR}"
 
 
 def record_topics(form: SlotForm) -> tuple[WrittenTopic, ...]:
-    """Return the `WrittenTopic`s of a record: contacts, readings, events; with poses also poses and accelerations."""
+    """Return the topics of a record: contacts, readings, events, and with poses also poses and accelerations."""
     if form.images:
-        readings = WrittenTopic(form.topic or f"{LIVE}image", "sensor_msgs/msg/Image", _IMAGE)
+        name, kind = "image", "sensor_msgs/Image"
     elif form.wrenches:
-        readings = WrittenTopic(form.topic or f"{LIVE}wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED)
+        name, kind = "wrench", "geometry_msgs/WrenchStamped"
     else:
-        readings = WrittenTopic(form.topic or f"{LIVE}readings", "std_msgs/msg/Float64MultiArray", _ARRAY)
-    poses = (
-        WrittenTopic(LIVE_POSE, "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
-        WrittenTopic(LIVE_ACCELERATION, "geometry_msgs/msg/Vector3Stamped", _VECTOR_STAMPED),
-    )
-    events = WrittenTopic(f"{LIVE}events", "rcl_interfaces/msg/Log", f"{_LOG}{_TIME}")
-    return (*topics(form.features), readings, events, *(poses if form.poses else ()))
+        name, kind = "readings", "std_msgs/Float64MultiArray"
+    readings = _topic(form.topic or f"{LIVE}{name}", kind)
+    log = f"{_LOG}{'=' * 80}\nMSG: builtin_interfaces/Time\n{definition('builtin_interfaces/Time')}"
+    events = WrittenTopic(f"{LIVE}events", "rcl_interfaces/msg/Log", log)
+    poses = {LIVE_POSE: "geometry_msgs/PoseStamped", LIVE_ACCELERATION: "geometry_msgs/Vector3Stamped"}
+    return (*topics(form.features), readings, events, *(_topic(*each) for each in poses.items() if form.poses))
+
+
+def _topic(name: str, kind: str) -> WrittenTopic:
+    return WrittenTopic(name, kind.replace("/", "/msg/"), definition(kind))
 
 
 class RecordMessages:
     """An encoder of a ring's slots as MCAP messages.
 
-    The sequence number of a reading is the number of its sample, that of a sentence its number from 1 (modulo 2**32); a
-    recorder continues a record by them. A sentence on lost samples is made from the samples and has the number 0.
+    Sequence numbers are those of samples and sentences, modulo 2^32; a sentence on lost samples has the number 0.
 
     Args:
         form: description of the ring's samples and contacts.
@@ -98,11 +69,11 @@ class RecordMessages:
         self._acceleration = ChannelRows(ACCELERATION, *stamped(_SENSOR, (("vector", "<f8", (3,)),)))
 
     def of(self, slots: np.ndarray, first: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the bytes of all messages of some samples (uint8), and a list of structured views, one a channel.
+        """Return the bytes (uint8) of all messages of some samples, and a structured view of them for each channel.
 
         Args:
             slots: (n,) slots of the ring, in order.
-            first: number of the sample in the first slot.
+            first: number of the first sample.
         """
         contacts = self._form.contacts(slots)
         times = slots["stamp"].clip(0, LATEST)
@@ -126,78 +97,70 @@ class RecordMessages:
 
 
 def event(stamp: int, sentence: str, number: int, level: int = _INFO) -> tuple[np.ndarray, np.ndarray]:
-    """Return the message of a sentence as bytes, uint8, and a view of them as a structured array (1,).
+    """Return the message of a sentence as bytes (uint8), and a structured view of them, (1,).
 
     Args:
         stamp: [ns] time of the sentence.
         sentence: the sentence.
-        number: number of the sentence, from 1; 0 if it has none.
-        level: level as in rcl_interfaces/Log: 20 for information, 30 for a warning.
+        number: its number from 1, or 0.
+        level: level of rcl_interfaces/Log: 20 for information, 30 for a warning.
     """
-    text = sentence.encode() + b"\0"
-    fields: Fields = (
-        ("sec", "<i4", ()),
-        ("nanosec", "<u4", ()),
-        ("level", "u1", ()),
-        *_text("name", b"palpate live\0"),
-        *_text("msg", text),
-        *_text("file", b"\0"),
-        *_text("function", b"\0"),
-        ("line", "<u4", ()),
-    )
-    common = {"level": level, **_said("name", b"palpate live\0"), **_said("msg", text)}
-    common |= {**_said("file", b"\0"), **_said("function", b"\0")}
-    raw, views = made([ChannelRows(EVENTS, fields, common)], [np.array([stamp], dtype=np.int64)])
+    texts, said = _texts({"name": "palpate live", "msg": sentence, "file": "", "function": ""})
+    fields: Fields = (("sec", "<i4", ()), ("nanosec", "<u4", ()), ("level", "u1", ()), *texts, ("line", "<u4", ()))
+    raw, views = made([ChannelRows(EVENTS, fields, {"level": level, **said})], [np.array([stamp], dtype=np.int64)])
     views[0]["sequence"] = number % 2**32
     return raw, views[0]
 
 
 def _missing(lost: Int[np.ndarray, " n"], gaps: Int[np.ndarray, " k"], first: int) -> str:
-    """Return the sentence on lost samples, such as "3 samples are missing before sample 1200"."""
+    """Return a sentence, such as "3 samples are missing before sample 1200"."""
     count, here = int(lost.sum()), first + int(gaps[0])
     where = f"before sample {here}" if len(gaps) == 1 else f"at {len(gaps)} places from sample {here} on"
     return f"{count} {'sample is' if count == 1 else 'samples are'} missing {where}"
 
 
-def _text(name: str, text: bytes) -> Fields:
-    return (f"{name} length", "<u4", ()), (name, f"S{len(text)}", ())
-
-
-def _said(name: str, text: bytes) -> Mapping[str, object]:
-    return {f"{name} length": len(text), name: text}
+def _texts(texts: Mapping[str, str]) -> tuple[Fields, Mapping[str, object]]:
+    """Return the fields of strings, each after its length, and their values."""
+    fields: Fields = ()
+    values = dict[str, object]()
+    for name, text in texts.items():
+        raw = text.encode() + b"\0"
+        fields = (*fields, (f"{name} length", "<u4", ()), (name, f"S{len(raw)}", ()))
+        values |= {f"{name} length": len(raw), name: raw}
+    return fields, values
 
 
 def _fields(form: SlotForm) -> tuple[Fields, Mapping[str, object]]:
-    """Return the fields of a message of readings, and the values that all such messages share."""
+    """Return the fields of a message of readings, and the values that all share."""
     if form.wrenches:
         return stamped(_SENSOR, WRENCH_FIELDS)
     size = int(np.prod(form.shape))
     if not form.images:
         return _array(form.shape, size)
     height, width, *channels = form.shape
-    encoding = b"bgr8\0" if channels else b"mono8\0"
+    encoding, said = _texts({"pixels": "bgr8" if channels else "mono8"})
     fields, common = stamped(
         _SENSOR,
         (
             ("height", "<u4", ()),
             ("width", "<u4", ()),
-            *_text("pixels", encoding),
+            *encoding,
             ("is_bigendian", "u1", ()),
             ("step", "<u4", ()),
             ("size", "<u4", ()),
             ("data", "u1", (size,)),
         ),
     )
-    held = {"height": height, "width": width, "step": size // height, "size": size}
-    return fields, {**common, **held, **_said("pixels", encoding)}
+    return fields, {**common, **said, "height": height, "width": width, "step": size // height, "size": size}
 
 
 def _array(shape: tuple[int, ...], size: int) -> tuple[Fields, Mapping[str, object]]:
-    """Return the fields of a Float64MultiArray (label, size, stride of each axis; numbers), and its constant values."""
-    names = [b"row\0", b"column\0"] if len(shape) == 2 else [b"axis%d\0" % k for k in range(len(shape))]
+    """Return the fields of a Float64MultiArray, and the values that all share."""
+    names = ["row", "column"] if len(shape) == 2 else [f"axis{k}" for k in range(len(shape))]
     fields: Fields = (("dimensions", "<u4", ()),)
     common: dict[str, object] = {"dimensions": len(shape), "count": size}
     for k, (name, length) in enumerate(zip(names, shape, strict=True)):
-        fields = (*fields, *_text(f"label {k}", name), (f"size {k}", "<u4", ()), (f"stride {k}", "<u4", ()))
-        common |= {**_said(f"label {k}", name), f"size {k}": length, f"stride {k}": int(np.prod(shape[k:]))}
+        label, said = _texts({f"label {k}": name})
+        fields = (*fields, *label, (f"size {k}", "<u4", ()), (f"stride {k}", "<u4", ()))
+        common |= {**said, f"size {k}": length, f"stride {k}": int(np.prod(shape[k:]))}
     return (*fields, ("offset", "<u4", ()), ("count", "<u4", ()), ("data", "<f8", (size,))), common

@@ -1,10 +1,9 @@
-"""Recover a live record after all processes were killed, from its unfinished file and the ring."""
+"""Recover a live record from its unfinished file and the ring."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +24,10 @@ _READ = 4096  # slots at a time
 def recover(output: Path) -> str:
     """Complete OUTPUT from OUTPUT.part and OUTPUT.ring, and remove the ring.
 
-    Samples that were received but not answered become readings without contacts. It can be run again if it was killed;
-    a complete OUTPUT stays as it is.
+    Samples without contacts become readings alone. A complete OUTPUT stays as it is.
 
     Returns:
-        A sentence on the number of samples in the record and in the ring, and the number missing.
+        A sentence on the numbers of samples in the record, in the ring, and missing.
 
     Raises:
         InputError: the record is being written, no file has that name, the ring is damaged, or the disk is full.
@@ -43,21 +41,19 @@ def recover(output: Path) -> str:
             return "; ".join(_alone(named(output, which)) for which in unfinished)
     if output.exists():
         return f"{output.name} is complete: there is nothing to recover"
-    raise InputError(
-        "has nothing to recover.", where=str(output), hint="Name the file that `palpate live` recorded to."
-    )
+    hint = "Name the file that `palpate live` recorded to."
+    raise InputError("has nothing to recover.", where=str(output), hint=hint)
 
 
 def cut_short(file: Path) -> str:
     """Return a sentence on the samples of an unfinished live record, in its file and ring; "" if there is no ring.
-
-    No file is changed.
 
     Args:
         file: OUTPUT, OUTPUT.part or OUTPUT.ring.
 
     Raises:
         InputError: the ring cannot be opened, or is damaged.
+        OSError: the file cannot be read.
     """
     output = file.with_suffix("") if file.suffix in (PART, RING) else file
     if output.suffix.lower() != ".mcap":
@@ -65,7 +61,7 @@ def cut_short(file: Path) -> str:
     path, unfinished = ring_of(output), grown(output)
     if not path.exists():
         return ""
-    with _opened(path) as ring:
+    with closing(StreamBuffer(path)) as ring:
         last = named(output, unfinished[-1]) if unfinished else None
         found = regained(part(last)) if last is not None else None
         span = span_of(found, ring["received"]) if found is not None else None
@@ -80,7 +76,7 @@ def cut_short(file: Path) -> str:
 
 
 def _from_ring(path: Path, output: Path) -> str:
-    with _opened(path) as ring:
+    with closing(StreamBuffer(path)) as ring:
         if _alive(ring):
             hint = "End `palpate live`, or wait two seconds after it was killed."
             raise InputError("is still being written.", where=str(output), hint=hint)
@@ -105,15 +101,7 @@ def _from_ring(path: Path, output: Path) -> str:
 
 
 def _cut_unsound(ring: StreamBuffer, first: int) -> int:
-    """End the ring before the first slot that does not hold its sample, as after a loss of power.
-
-    Args:
-        ring: the ring, some pages of which may not have reached the disk.
-        first: number of the sample to continue with.
-
-    Returns:
-        The number of samples cut off.
-    """
+    """End the ring before the first slot that does not hold its sample, and return the number of samples cut off."""
     at, received = first, ring["received"]
     while at < received:
         slots, at = ring.read(at, _READ, "received")
@@ -126,7 +114,7 @@ def _cut_unsound(ring: StreamBuffer, first: int) -> int:
 
 
 def _alone(path: Path) -> str:
-    """End and rename an unfinished file without a ring, and return a sentence on its number of samples."""
+    """Complete an unfinished file without a ring, and return a sentence on its samples."""
     file = RecordFile(path, None, 0)
     file.end()
     file.place()
@@ -135,12 +123,3 @@ def _alone(path: Path) -> str:
 
 def _alive(ring: StreamBuffer) -> bool:
     return time.time_ns() - ring["alive"] < ALIVE
-
-
-@contextmanager
-def _opened(path: Path) -> Generator[StreamBuffer]:
-    ring = StreamBuffer(path)
-    try:
-        yield ring
-    finally:
-        ring.close()

@@ -1,4 +1,4 @@
-"""Replay a log as a source of live samples, at its recorded times or as fast as samples are taken."""
+"""Replay a log as a source of live samples."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ def bare(layout: LogLayout) -> LogLayout:
 def values_of(recording: Recording) -> np.ndarray:
     """Return the readings of a recording, (n, ...), in its units: wrenches (n, 6), force first; or its array or images.
 
-    Of an array with wrenches, each row holds the flat array, the wrench, and, if recorded, the number of readings in
-    the mean of the wrench.
+    Of an array with wrenches, a row holds the flat array, the wrench, and, if recorded, the readings in its mean.
     """
     channels = recording.channels
     beside = (FORCE, TORQUE, ORIENTATION, POSITION, ACCELERATION, AVERAGED)
@@ -46,7 +45,7 @@ def values_of(recording: Recording) -> np.ndarray:
 
 
 class Replay:
-    """A log as a `Source`, which gives its samples at their times.
+    """A log as a `Source`.
 
     Stamps are the log's times; samples whose times are missing, repeat or run backwards come at once.
 
@@ -57,7 +56,7 @@ class Replay:
         loop: begin again at the end, with times that continue.
 
     Attributes:
-        ended: whether the log is at its end and no more samples come.
+        ended: whether the log is at its end.
         patient: whether samples wait until they are received (speed 0).
 
     Raises:
@@ -150,7 +149,6 @@ class Replay:
         return iter(open_log(self.path, self._layout).blocks())
 
     def _samples(self) -> Iterator[Recording]:
-        """Yield blocks of the log; with `loop` again and again, with times that continue."""
         shift, last = 0.0, np.nan
         while True:
             fresh = True

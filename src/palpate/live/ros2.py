@@ -1,4 +1,4 @@
-"""Read live samples from a topic of ROS 2, and the sensor's pose from others; no installation of ROS is needed."""
+"""Read live samples, and the sensor's pose, from topics of ROS 2."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import time
 from dataclasses import replace
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Int
@@ -23,10 +22,8 @@ from palpate.live.dds import DEPTH, DdsNode, DdsReader, ros_name
 from palpate.live.ros_poses import RosPoses, published, wanted
 from palpate.live.source import SILENT, Batch, drained
 from palpate.opencv import opencv
-
-if TYPE_CHECKING:
-    from palpate.setup.setup import Setup
-    from palpate.setup.source import RigSource
+from palpate.setup.setup import Setup
+from palpate.setup.source import RigSource
 
 __all__ = ["RosTopics"]
 
@@ -41,10 +38,10 @@ _PLAIN = 0x100  # the bytes 0 and 1: CDR, little-endian
 class RosTopics:
     """A topic of ROS 2 as a `Source`: wrenches, arrays or images, as the rig's sensor reads them.
 
-    Times are the stamps of the headers; without headers, or with stamps of 0, the times of sending.
+    Times are the stamps of the headers; without them, or with stamps of 0, the times of sending.
 
     Args:
-        layout: layout of a log of the same rig, which may name the topic and gives the shape of a sample.
+        layout: layout of a log of the same rig, which may name the topic.
         node: node in the domain, which is opened and closed with the source.
         poses: reader of the sensor's poses; None: the rig names none.
         patience: [s] to wait for topics to be announced, and for the first image.
@@ -78,8 +75,7 @@ class RosTopics:
         """Return the `RosTopics` of a rig's sensor, in the domain that its [source] names, not opened yet.
 
         Raises:
-            InputError: the rig takes poses from joint states, which are not read live, or the sensor reads several
-                arrays.
+            InputError: the rig takes poses from joint states, or the sensor reads several arrays.
         """
         node = DdsNode(stated.domain, stated.interface)
         poses = RosPoses(setup.orientation, node) if wanted(setup.orientation) else None
@@ -90,7 +86,7 @@ class RosTopics:
 
         Raises:
             InputError: cyclonedds or, for images, OpenCV is not installed, the domain cannot be joined, nobody
-                publishes the named topic, it has another type, none or several topics fit, or no image came.
+                publishes the topic, it has another type, several topics fit, or no image came.
         """
         if said := self._node.open():
             self._said.append(said)
@@ -102,7 +98,7 @@ class RosTopics:
         self._heard = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch with waiting samples and the sensor's poses at their times, and return how many samples came.
+        """Fill a batch with waiting samples and the sensor's poses; return how many samples came.
 
         Wait up to `timeout` [s] for the first.
         """
@@ -128,7 +124,8 @@ class RosTopics:
 
     def events(self) -> list[str]:
         """Return the events of topic and poses since the last call, one sentence each."""
-        return drained(self._said) + ([] if self._poses is None else self._poses.events())
+        said = drained(self._said)
+        return said if self._poses is None else [*said, *self._poses.events()]
 
     def close(self) -> None:
         """Leave the domain; may be called again."""
@@ -138,7 +135,6 @@ class RosTopics:
         self._node.close()
 
     def _begin(self) -> None:
-        """Find the topic, and listen to it and to the poses."""
         self.topic = self._chosen()
         if self.topic.count > 1:
             self._said.append(f"{self.topic.count} nodes publish {self.topic.name!r}: their samples are mixed")
@@ -175,7 +171,7 @@ class RosTopics:
         return choose(contents, alone)["main"]
 
     def _first_image(self, reader: DdsReader) -> None:
-        """Wait for the first image, whose size is that of all; raise InputError if none comes."""
+        """Wait for the first image, which gives the size of all, or raise InputError."""
         deadline = time.monotonic() + self._patience
         cv2 = opencv()
         while (left := deadline - time.monotonic()) > 0:
@@ -184,14 +180,12 @@ class RosTopics:
                     if (image := message.image(cv2)) is not None:
                         self.shape = image.shape
                         return
-        raise InputError(
-            f"no readable image came on {self.topic.name!r} within {self._patience:g} s.",
-            where=self._node.where,
-            hint="Check that the camera is running: the size of its images is needed to begin.",
-        )
+        what = f"no readable image came on {self.topic.name!r} within {self._patience:g} s."
+        hint = "Check that the camera is running: the size of its images is needed to begin."
+        raise InputError(what, where=self._node.where, hint=hint)
 
     def _decoded(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (stamps of headers [ns], times of sending [ns], values) of the messages that can be read."""
+        """Return (stamps of headers [ns], times of sending [ns], values) of readable messages."""
         if self._layout.images is not None:
             stamps, values, sound = self._images(messages)
         elif self._alike is not None and (quick := self._alike.read(messages)) is not None:
@@ -223,7 +217,7 @@ class RosTopics:
     def _timed(
         self, stamp: Int[np.ndarray, " n"], sent: Int[np.ndarray, " n"], values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (times [ns], values); a first stamp of 0 waits for the next, and if that is 0 too none are used."""
+        """Return (times [ns], values); a first stamp of 0 waits for the next one."""
         if self._stamped is None:
             if self._held is not None:
                 both = zip(self._held, (stamp, sent, values), strict=True)
@@ -241,7 +235,6 @@ class RosTopics:
         self._said.append(f"messages of {self.topic.name!r} have no stamps: the times at which they were sent are used")
 
     def _listen(self) -> None:
-        """Report once that no messages come."""
         if self._reader is not None and not self._quiet and time.monotonic() - self._heard > SILENT:
             self._quiet = True
             who = self._reader.publishers
@@ -256,7 +249,7 @@ class RosTopics:
         self._heard = now
 
     def _jumped(self, stamp: int) -> float:
-        """Return the jump [s] of the stamps against this machine's clock; 0.0 if it is at most `_JUMP`."""
+        """Return the jump [s] of the stamps against this machine's clock; 0.0 if it is small."""
         now = time.monotonic_ns()
         before, then = self._last or (stamp, now)
         self._last = stamp, now
@@ -265,26 +258,16 @@ class RosTopics:
 
 
 class _Alike:
-    """A quick decoder of wrenches that differ from a first one in stamp and numbers only.
-
-    Args:
-        message: bytes that begin with a valid message.
-    """
+    """A quick decoder of wrenches that differ from a first message in stamp and numbers only."""
 
     def __init__(self, message: bytes) -> None:
         self._named = int.from_bytes(message[12:16], "little")
-        start = 16 + self._named + -(12 + self._named) % 8
-        self._layout = np.dtype(
-            {
-                "names": ["form", "sec", "nanosec", "named", "values"],
-                "formats": ["<u2", "<i4", "<u4", "<u4", ("<f8", 6)],
-                "offsets": [0, 4, 8, 12, start],
-                "itemsize": start + 48,
-            }
-        )
+        frame = f"V{self._named + -(12 + self._named) % 8}"  # its name, and the gap before the numbers
+        head = [("form", "<u2"), ("options", "<u2"), ("sec", "<i4"), ("nanosec", "<u4"), ("named", "<u4")]
+        self._layout = np.dtype([*head, ("frame", frame), ("values", "<f8", 6)])
 
     def read(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return stamps (n,) [ns] and values (n, 6); None if a message differs from the first in more than these."""
+        """Return stamps (n,) [ns] and values (n, 6); None if a message differs otherwise."""
         if not (messages.length == self._layout.itemsize).all():
             return None
         rows = np.frombuffer(messages.data, dtype=self._layout)

@@ -16,12 +16,10 @@ _FRAME = "sensor"  # that headers name
 class RosDevice:
     """A simulated driver of WrenchStamped, Image or Float64MultiArray; see `palpate.live.device.Device`.
 
-    Headers name the frame "sensor".
-
     Args:
         topic: topic to publish.
         shape: shape of one sample: (6,) for a wrench, (height, width, 3) for an image, any other for an array.
-        domain: number of the domain; the network interface is loopback.
+        domain: number of the domain, on this machine.
     """
 
     def __init__(self, topic: str = "/wrench", shape: tuple[int, ...] = (6,), domain: int = 0) -> None:
@@ -52,7 +50,7 @@ class RosDevice:
         """Publish samples, and return how many were sent; 0 if nobody listens.
 
         Args:
-            stamp: (n,) [ns] stamps of the headers; arrays have no header.
+            stamp: (n,) [ns] stamps of the headers; arrays have none.
             values: (n, k), the numbers of a sample in one row.
         """
         if self._writer is None or not self._writer.readers:

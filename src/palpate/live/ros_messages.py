@@ -16,13 +16,13 @@ _HEAD = b"\0\1\0\0"  # plain, little-endian
 
 
 class Cdr:
-    """A writer of one message from front to back; numbers are aligned to their size, from the fifth byte on."""
+    """A writer of one message from front to back, with numbers aligned to their size."""
 
     def __init__(self) -> None:
         self._data = bytearray(_HEAD)
 
     def align(self, size: int) -> Cdr:
-        """Append zeros up to a multiple of `size` bytes after the first four, and return the writer."""
+        """Append zeros up to a multiple of `size` bytes, and return the writer."""
         self._data += bytes(-(len(self._data) - len(_HEAD)) % size)
         return self
 
@@ -66,7 +66,7 @@ def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarra
     Args:
         frame_id: name of the frame.
         stamp: (n,) [ns] of each message.
-        values: (n, k) in the order of the message; a wrench has its force first.
+        values: (n, k) in the order of the message, such as force first.
     """
     head = np.frombuffer(Cdr().header(0, frame_id).align(8).done(), dtype=np.uint8)
     rows = np.empty((len(stamp), len(head) + 8 * values.shape[1]), dtype=np.uint8)

@@ -20,7 +20,6 @@ from palpate.setup.tables import RigOrientation
 
 __all__ = ["RosPoses"]
 
-_TREE = (("/tf", False), ("/tf_static", True))
 _STATIC = 1000  # messages of transforms that a reader keeps
 
 
@@ -28,7 +27,7 @@ class RosPoses:
     """A reader of the topic of poses, or of /tf and /tf_static, that a rig's [orientation] names.
 
     Args:
-        orientation: the [orientation], which names a topic, or base and sensor.
+        orientation: the [orientation], with a topic, or base and sensor.
         node: node in the domain, which its owner opens and closes.
         patience: [s] to wait for the topic to be announced.
 
@@ -52,7 +51,7 @@ class RosPoses:
             source: the rig's [source], whose domain is joined; None: domain 0 on this machine.
 
         Raises:
-            InputError: the rig takes poses from joint states, which are not read live.
+            InputError: the rig takes poses from joint states.
         """
         if not wanted(orientation):
             return None
@@ -72,7 +71,7 @@ class RosPoses:
         if self._table.frames() is not None:
             self._readers = [
                 self._node.reader(name, "tf2_msgs/TFMessage", reliable=True, latched=latched, depth=_STATIC)
-                for name, latched in _TREE
+                for name, latched in (("/tf", False), ("/tf_static", True))
             ]
             return
         try:

@@ -1,4 +1,4 @@
-"""Convert message types of ROS 2 to types of DDS: their names and their members."""
+"""Define message types of ROS 2, for DDS and for logs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from palpate.errors import InputError
 
-__all__ = ["DEFINITIONS", "Raw", "dds_type_name", "idl_type", "ros_type_name"]
+__all__ = ["DEFINITIONS", "Raw", "definition", "idl_type", "ros_type_name"]
 
 _NUMBERS = ("Float64", "Float32", "UInt8", "Int8", "UInt16", "Int16", "UInt32", "Int32")
 _STAMPED = "std_msgs/Header header, "
@@ -23,6 +23,7 @@ DEFINITIONS: Mapping[str, str] = {
     **{f"std_msgs/{name}MultiArray": f"std_msgs/MultiArrayLayout layout, {name.lower()}[] data" for name in _NUMBERS},
     "geometry_msgs/Point": "float64 x, float64 y, float64 z",
     "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
+    "geometry_msgs/Vector3Stamped": f"{_STAMPED}geometry_msgs/Vector3 vector",
     "geometry_msgs/Quaternion": "float64 x, float64 y, float64 z, float64 w",
     "geometry_msgs/Wrench": "geometry_msgs/Vector3 force, geometry_msgs/Vector3 torque",
     "geometry_msgs/WrenchStamped": f"{_STAMPED}geometry_msgs/Wrench wrench",
@@ -57,30 +58,41 @@ DEFINITIONS: Mapping[str, str] = {
 
 
 class Raw:
-    """The bytes of one message for cyclonedds, which sets `sample_info` of a received one, with the time of sending."""
+    """The bytes of one message for cyclonedds, which sets `sample_info` of a received one: the time of sending."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
         self.sample_info: Any = None
 
 
-def dds_type_name(kind: str) -> str:
-    """Return the name of a type in DDS: "geometry_msgs/Wrench" -> "geometry_msgs::msg::dds_::Wrench_"."""
-    package, _, name = kind.partition("/")
-    return f"{package}::msg::dds_::{name}_"
+def definition(kind: str) -> str:
+    """Return the definition of a message type and of the types in it, as logs have it.
+
+    Raises:
+        KeyError: the type is none of `DEFINITIONS`.
+    """
+    parts = [f"MSG: {each}\n" + DEFINITIONS[each].replace(", ", "\n") + "\n" for each in _kinds(kind)]
+    return f"{'=' * 80}\n".join(parts).partition("\n")[2]
+
+
+def _kinds(kind: str) -> list[str]:
+    """Return a message type and those in it, each once."""
+    members = (member.split(" ")[0].partition("[")[0] for member in DEFINITIONS[kind].split(", "))
+    return list(dict.fromkeys([kind, *(each for name in members if "/" in name for each in _kinds(name))]))
 
 
 def ros_type_name(name: str) -> str:
-    """Return the name of a DDS type in ROS, the inverse of `dds_type_name`; another form stays as it is."""
+    """Return the name in ROS of a type of DDS: "geometry_msgs::msg::dds_::Wrench_" -> "geometry_msgs/Wrench".
+
+    Another form stays as it is.
+    """
     package, between, last = name.partition("::msg::dds_::")
     return f"{package}/{last.removesuffix('_')}" if between else name
 
 
 @cache
 def idl_type(kind: str) -> Any:
-    """Return the class by which cyclonedds knows a message type, made from a `Raw`: messages stay bytes.
-
-    cyclonedds checks received messages against the members, and announces these on the network.
+    """Return the class by which cyclonedds knows a message type; its messages stay bytes, as in `Raw`.
 
     Raises:
         InputError: the type is none of `DEFINITIONS`.
@@ -91,7 +103,8 @@ def idl_type(kind: str) -> Any:
     if kind not in DEFINITIONS:
         raise InputError(f"messages of {kind} cannot be read or written.", where="ROS 2")
     members = {name: _member(what) for what, name in (each.split(" ") for each in DEFINITIONS[kind].split(", "))}
-    made: Any = make_idl_struct(f"{kind.split('/')[1]}_", dds_type_name(kind), members, dataclassify=False)
+    package, _, name = kind.partition("/")
+    made: Any = make_idl_struct(f"{name}_", f"{package}::msg::dds_::{name}_", members, dataclassify=False)
     made.__init__ = Raw.__init__
     made.serialize = _serialize
     made.deserialize = made.deserialize_key = classmethod(_deserialize)  # a key comes when a publisher leaves

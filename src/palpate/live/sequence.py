@@ -1,8 +1,6 @@
-"""Find missing, late and repeated samples and restarts of a Net F/T by the two counters of each sample."""
+"""Find missing, late and repeated samples and restarts of a Net F/T by its two counters."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Int
@@ -15,17 +13,17 @@ _FASTEST = 20_000.0  # Hz: no Net F/T counts faster, so a larger jump is no loss
 
 
 class SequenceCounters:
-    """A reader of both counters, modulo 2^32, over any number of blocks.
+    """A reader of both counters of samples, modulo 2^32.
 
-    `rdt` counts the samples sent since sending was started, `ft` the samples measured since the device was started:
-    each step of `rdt` is the same number of steps of `ft`.
+    `rdt` counts those sent since sending was started, `ft` those measured since the device was started: each step of
+    `rdt` is the same number of steps of `ft`.
 
     Attributes:
         gaps, missing: number of gaps, and of samples missing in them.
-        late: number of samples that were counted missing and arrived later.
+        late: number of samples counted as missing that arrived later.
         repeated: number of samples dropped because they arrived twice.
         restarts: number of restarts of `rdt`.
-        unknown: number of restarts of both counters, after which the number of missing samples is unknown.
+        unknown: number of restarts of both, after which the number of missing samples is unknown.
     """
 
     def __init__(self) -> None:
@@ -45,9 +43,9 @@ class SequenceCounters:
         """Follow the counters through a block of samples, and return the indices of those to keep; None: all.
 
         Args:
-            rdt: counter of sent samples, for each sample in order of arrival; not empty.
-            ft: counter of measured samples, for each.
-            stamp: [ns] arrival of each.
+            rdt: counter of sent samples, in order of arrival; not empty.
+            ft: counter of measured samples.
+            stamp: [ns] of arrival.
             lost: filled from its start with the number of samples missing before each that is kept.
         """
         last, first, count = self._last, rdt[0], len(rdt)
@@ -58,19 +56,16 @@ class SequenceCounters:
             self._expected = False
             lost[:count] = 0
             return None
-        kept = list(self._each(rdt, ft, stamp))
+        kept = [
+            (k, before)
+            for k, newest in enumerate(zip(rdt, ft, stamp, strict=True))
+            if (before := self._one(*newest)) is not None
+        ]
         lost[: len(kept)] = [before for _, before in kept]
         return [k for k, _ in kept]
 
-    def _each(self, rdt: list[int], ft: list[int], stamp: list[int]) -> Iterator[tuple[int, int]]:
-        """Yield (index, number of samples missing before it) of each sample to keep."""
-        for k, newest in enumerate(zip(rdt, ft, stamp, strict=True)):
-            before = self._one(*newest)
-            if before is not None:
-                yield k, before
-
     def _one(self, rdt: int, ft: int, stamp: int) -> int | None:
-        """Return the number of samples missing before one; None: it is a repeated sample."""
+        """Return the number of samples missing before one; None if it is repeated."""
         if self._last is None:
             return self._newest(rdt, ft, stamp, 0)
         step, seconds = _signed(rdt - self._last[0]), (stamp - self._last[2]) * 1e-9
@@ -105,12 +100,11 @@ class SequenceCounters:
         return before
 
     def _learn(self, rdt: int, ft: int, later_rdt: int, later_ft: int) -> None:
-        """Learn the number of steps of `ft` for one step of `rdt`."""
         steps = (later_rdt - rdt) % _ROUND
         if steps and (advance := _signed(later_ft - ft)) > 0:
             self._ratio = max(1, round(advance / steps))
 
 
 def _signed(step: int) -> int:
-    """Return a step modulo 2^32 as a signed number, from -2^31 to 2^31 - 1."""
+    """Return a step modulo 2^32 as a number from -2^31 to 2^31 - 1."""
     return (step + _ROUND // 2) % _ROUND - _ROUND // 2

@@ -1,10 +1,8 @@
-"""Read a sensor on a serial port: frames with COBS and CRC-32 (`palpate.live.cobs`), or lines (`palpate.live.lines`).
+"""Read a sensor on a serial port: frames (`palpate.live.cobs`) or lines (`palpate.live.lines`).
 
-A port does not tell when bytes arrived. The last sample of a read is stamped with the computer's clock right after the
-read. Earlier samples of the read are stamped backwards from there, one period apart: the period of the rig's `rate`, or
-the time that their bytes take at `baud`; but never before the last stamp, so that stamps do not decrease. If the clock
-goes back, stamps continue with this period. The latency of a read depends on kernel and adapter: FTDI's wait for 16 ms
-by default.
+The last sample of a read is stamped with the computer's clock right after it, earlier ones backwards from there, a
+period apart: that of the rig's `rate`, or the time that the bytes take at `baud`. Stamps do not decrease, even if the
+clock goes back. FTDI's adapters delay a read by up to 16 ms by default.
 """
 
 from __future__ import annotations
@@ -14,22 +12,24 @@ import os
 import select
 import time
 from collections import deque
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from numpy.typing import DTypeLike
 
 from palpate.errors import InputError, not_loaded
-from palpate.live.source import SILENT, Batch
+from palpate.live.lines import LineFrames
+from palpate.live.source import SILENT, Batch, drained
+from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 
 if TYPE_CHECKING:
     from serial import Serial
 
-    from palpate.setup.setup import Setup
+    from palpate.live.cobs import CobsFrames
 
-__all__ = ["Framing", "SerialPort"]
+__all__ = ["SerialPort"]
 
 _READ, _PIECES = 65536, 16  # bytes, and how often they are taken at once: more than the kernel holds
 _BEHIND = 100_000_000  # ns: smallest step back of the clock that is reported
@@ -42,46 +42,15 @@ _BUSY = (errno.EAGAIN, errno.EBUSY)
 _NO_PORT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
 
 
-@runtime_checkable
-class Framing(Protocol):
-    """A protocol of decoders that turn bytes, fed in any pieces, into samples."""
-
-    def feed(self, data: bytes) -> None:
-        """Append bytes as they were read from the port."""
-        ...
-
-    def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Decode samples from the bytes fed so far, as many as the arrays have room for, and return their number.
-
-        Args:
-            values: (n, k), filled from the first row on.
-            lost: (n,), filled with the number of samples missing before each; 0 where that is not known.
-        """
-        ...
-
-    def waiting(self) -> int:
-        """Return the number of samples fed and not decoded yet."""
-        ...
-
-    def forget(self) -> None:
-        """Discard the bytes fed so far, as after a broken connection."""
-        ...
-
-    def faults(self) -> list[str]:
-        """Return a list of texts on the faults since the last call; [] without any."""
-        ...
-
-    def awaited(self) -> str:
-        """Return the reason why the bytes received gave no sample, as text for a message."""
-        ...
-
-
 class SerialPort:
     """A sensor on a serial port, as a `Source`.
 
     Args:
         stated: the rig's [source].
         shape: shape of one sample.
+
+    Raises:
+        InputError: `columns` do not fit, or frames need the package cobs, which is not installed.
     """
 
     dtype: DTypeLike = np.float64
@@ -108,33 +77,30 @@ class SerialPort:
         """Return the `SerialPort` that a rig's [source] names, not opened yet.
 
         Raises:
-            InputError: the sensor has neither a wrench nor one array as its reading, or `columns` do not fit.
+            InputError: the sensor reads neither wrenches nor one array, `columns` do not fit, or frames need the
+                package cobs, which is not installed.
         """
         layout = setup.layout()
         if layout.wrench is not None:
             return cls(stated, (6,))
         if layout.images is not None or len(layout.arrays) != 1:
-            raise InputError(
-                f"{setup.kind.called} cannot come over a serial port.", where="source.kind", hint="Use another kind."
-            )
+            what = f"{setup.kind.called} cannot come over a serial port."
+            raise InputError(what, where="source.kind", hint="Use another kind.")
         return cls(stated, layout.arrays[0].shape)
 
     def open(self) -> None:
         """Open the port for this process only.
 
         Raises:
-            InputError: pyserial is missing, the port does not exist, is in use, is no serial port or may not be opened,
-                or it does not support the baud rate.
+            InputError: pyserial is not installed, the port does not exist, is in use, is no serial port or may not be
+                opened, or the baud rate is not supported.
         """
         self.close()
         self._port = self._opened()
         self._begin(time.monotonic())
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch and return how many samples came; wait up to `timeout` [s] for the first.
-
-        The next call gives samples that had no room, before it reads again.
-        """
+        """Fill a batch and return how many samples came; wait up to `timeout` [s] for the first."""
         end = time.monotonic() + timeout
         if count := self._take(batch):
             return count
@@ -151,14 +117,12 @@ class SerialPort:
                 return 0
 
     def events(self) -> list[str]:
-        """Return the events since the last call, one sentence each; damage is reported once a second at most."""
+        """Return the events since the last call, one sentence each; faults of frames once a second at most."""
         now = time.monotonic()
         if self._sound and now - self._fault >= _OFTEN and (faults := self._frames.faults()):
             self._say(f"{'; '.join(faults)}.")
             self._sound, self._fault = False, now
-        sentences = list(self._said)
-        self._said.clear()
-        return sentences
+        return drained(self._said)
 
     def close(self) -> None:
         """Close the port; may be called again."""
@@ -167,7 +131,6 @@ class SerialPort:
             self._port = None
 
     def _take(self, batch: Batch) -> int:
-        """Fill a batch with decoded samples and their stamps, and return how many."""
         count = self._frames.take(batch.values.reshape(len(batch), -1), batch.lost)
         if count == 0:
             return 0
@@ -182,7 +145,7 @@ class SerialPort:
         return count
 
     def _spread(self, stamp: Int[np.ndarray, " n"], total: int) -> None:
-        """Fill the stamps [ns] of the next samples of a read that has `total` samples remaining."""
+        """Fill the stamps [ns] of the next of the `total` samples of a read."""
         if self._behind:
             self._arrived = self._stamp + round(total * self._period)
         step = min(round(self._period), (self._arrived - self._stamp) // total)
@@ -190,7 +153,6 @@ class SerialPort:
         self._stamp = int(stamp[-1])
 
     def _read(self, port: Serial) -> None:
-        """Read all waiting bytes; close the port if it has vanished."""
         pieces: list[bytes] = []
         gone = ""
         try:
@@ -220,7 +182,7 @@ class SerialPort:
         return now
 
     def _return(self, left: float) -> None:
-        """Wait up to `left` [s] for the next attempt to open a vanished port, and make the attempt if it is due."""
+        """Wait for the next attempt to open a vanished port, up to `left` [s], and make it."""
         time.sleep(max(0.0, min(left, self._tried + _AGAIN - time.monotonic())))
         now = time.monotonic()
         if now < self._tried + _AGAIN:
@@ -255,11 +217,6 @@ class SerialPort:
         self._said.append(f"{self._stated.address}: {what}")
 
     def _opened(self) -> Serial:
-        """Return the port, opened for this process only.
-
-        Raises:
-            InputError: pyserial is missing, or the port cannot be opened.
-        """
         try:
             import termios
 
@@ -272,31 +229,25 @@ class SerialPort:
             raise _explained(problem, self._stated) from problem
 
 
-def _frames(stated: RigSource, count: int) -> Framing:
-    """Return the decoder for a rig's framing.
-
-    Raises:
-        InputError: `columns` are given for frames, or their number is wrong.
-    """
+def _frames(stated: RigSource, count: int) -> CobsFrames | LineFrames:
+    """Return the decoder for a framing; raise InputError if `columns` do not fit."""
     if stated.framing == "cobs":
         if stated.columns is not None:
-            raise InputError(
-                "applies only to lines.", where="source.columns", hint='Remove it, or write framing = "lines".'
-            )
-        from palpate.live.cobs import CobsFrames
-
+            hint = 'Remove it, or write framing = "lines".'
+            raise InputError("applies only to lines.", where="source.columns", hint=hint)
+        try:
+            from palpate.live.cobs import CobsFrames
+        except ImportError as problem:
+            raise not_loaded(problem, "frames on a serial port need cobs", "live") from problem
         return CobsFrames(count)
     if stated.columns is not None and len(stated.columns) != count:
-        raise InputError(
-            f"names {len(stated.columns)} numbers of a line, but the sensor has {count}.", where="source.columns"
-        )
-    from palpate.live.lines import LineFrames
-
+        what = f"names {len(stated.columns)} numbers of a line, but the sensor has {count}."
+        raise InputError(what, where="source.columns")
     return LineFrames(count, stated.columns)
 
 
 def _explained(problem: Exception, stated: RigSource) -> InputError:
-    """Return the error that explains why a port cannot be opened."""
+    """Return the error of a port that cannot be opened."""
     number, where = getattr(problem, "errno", None), stated.address
     if number in _NO_PORT:
         return InputError("the port does not exist.", where=where, hint=_ports())

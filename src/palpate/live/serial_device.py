@@ -14,12 +14,12 @@ __all__ = ["SerialDevice"]
 
 
 class SerialDevice:
-    """A simulated serial sensor, see `palpate.live.device.Device`; its counter also counts samples that nobody reads.
+    """A simulated serial sensor; see `palpate.live.device.Device`.
 
-    The kernel stores some kB that the listener has not read yet; samples that do not fit are dropped as complete units.
+    Its counter also counts samples that nobody reads or for which the kernel has no room.
 
     Args:
-        framing: "cobs", with numbers as f32, or "lines"; see `palpate.live.cobs` and `.lines`.
+        framing: "cobs", with numbers as f32, or "lines".
 
     Attributes:
         dropped: number of samples dropped for lack of room.
@@ -45,9 +45,8 @@ class SerialDevice:
 
             self._line, other = os.openpty()
         except (OSError, ImportError, AttributeError) as problem:
-            raise InputError(
-                f"a pseudo-terminal cannot be opened ({problem}).", hint="Choose another device."
-            ) from problem
+            what = f"a pseudo-terminal cannot be opened ({problem})."
+            raise InputError(what, hint="Choose another device.") from problem
         tty.setraw(other)
         name = os.ttyname(other)
         os.close(other)  # so that the kernel reports whether somebody else has it open
@@ -58,7 +57,7 @@ class SerialDevice:
         """Send samples without waiting, and return how many there was room for; 0 if nobody listens.
 
         Args:
-            stamp: ignored, because neither frames nor lines have stamps.
+            stamp: ignored.
             values: (n, k), a row for each sample.
         """
         data, ends = self._encoded(values)
@@ -90,7 +89,7 @@ class SerialDevice:
         return encoded(values, self._counter, "f4")
 
     def _listened(self, line: int) -> bool:
-        """Return whether the other end is open; a new listener gets the end of a frame first."""
+        """Return whether somebody listens; a new listener first gets the end of a frame."""
         poll = select.poll()
         poll.register(line, select.POLLOUT)
         heard = not any(event & select.POLLHUP for _, event in poll.poll(0))
@@ -101,7 +100,7 @@ class SerialDevice:
 
 
 def _written(line: int, data: bytes) -> int:
-    """Write data without waiting, and return the number of bytes for which there was room."""
+    """Write without waiting, and return the number of bytes."""
     written = 0
     while written < len(data):
         try:

@@ -1,19 +1,17 @@
-"""Sources of live samples: their protocol, the batch that they fill, and the source that a rig states."""
+"""Sources of live samples: their protocol, the batch that they fill, and the source of a rig."""
 
 from __future__ import annotations
 
 from collections.abc import MutableSequence
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int
 from numpy.typing import DTypeLike
 
 from palpate.calls import by_name
-
-if TYPE_CHECKING:
-    from palpate.setup.setup import Setup
-    from palpate.setup.source import RigSource
+from palpate.setup.setup import Setup
+from palpate.setup.source import RigSource
 
 __all__ = ["BATCH", "SOURCES", "Batch", "Source", "drained", "source_of"]
 
@@ -34,12 +32,12 @@ class Batch:
     """Arrays for samples, which a source fills again in each call.
 
     Attributes:
-        stamp: (size,) int64 [ns] since 1970: time of each sample by its message or log, else its arrival.
-        arrived: int64 [ns] since 1970: arrival of each sample; None: `stamp` is the arrival.
-        lost: (size,) int64 number of samples missing just before each, by the device's counter; 0 without a counter.
+        stamp: (size,) int64 [ns] since 1970: time of each sample by its message or log, else of its arrival.
+        arrived: int64 [ns] since 1970: arrival of each sample; None: it is `stamp`.
+        lost: (size,) int64 number of samples missing just before each, by the device's counter.
         values: (size, *shape) as in a log of the same rig: a wrench force first, in the rig's units and axes.
         orientation: (size, 4) quaternion x, y, z, w of the sensor in the base; NaN if unknown.
-        turned: (size,) [rad] rms error of the orientation because of its age; 0: it is up to date.
+        turned: (size,) [rad] rms error of the orientation because of its age.
         position: (size, 3) [m] of the sensor in the base; NaN if unknown.
         acceleration: (size, 3) of the sensor in its own frame, in the rig's unit; NaN if unknown.
     """
@@ -62,8 +60,6 @@ class Batch:
 class Source(Protocol):
     """A source of live samples: a device, or a log in place of one.
 
-    `open` connects, and `receive` restores a lost connection.
-
     Attributes:
         shape: shape of one sample: (6,) for a wrench.
         dtype: type of its numbers: float64, or uint8 for images.
@@ -85,8 +81,11 @@ class Source(Protocol):
     def receive(self, batch: Batch, timeout: float) -> int:
         """Fill a batch with waiting samples and return their number; wait up to `timeout` [s] for the first.
 
-        Returns:
-            The number of samples; 0 if none came, as while a lost connection is not restored.
+        It is 0 if none came, as while a lost connection is not restored.
+
+        Raises:
+            InputError: a replayed log cannot be read.
+            OSError: the device cannot be read.
         """
         ...
 
@@ -107,7 +106,7 @@ def source_of(stated: RigSource, setup: Setup) -> Source:
         setup: the link and its sensors; a combined sensor gets a source that pairs the samples of its parts.
 
     Raises:
-        InputError: the source does not fit the sensor, or cannot be made as the table states.
+        InputError: the source does not fit the sensor, or cannot be made.
     """
     paired = setup.kind.parts and stated.kind != "replay"
     return by_name("palpate.live.paired_source.PairedSource" if paired else SOURCES[stated.kind]).of(stated, setup)

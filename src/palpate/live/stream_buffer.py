@@ -1,12 +1,7 @@
 """The ring: a mapped file that passes samples and their contacts from one writer to any number of readers.
 
-The writer never waits for a reader: a reader that is too slow is lapped, and detects it. A sample is in the file as
-soon as it is received ("received"), its contacts a moment later ("answered"). The file outlives every process, so
-received samples survive any `kill -9`; `palpate.live.record` reads them.
-
-The head takes 64 KiB: numbers that processes share, each in a separate cache line and written by one process, except
-for "asked" (for tares) and "recording"; a description as JSON; the last sentences on events. The slots follow it, all
-of one structured type.
+The writer never waits: a reader that is too slow is lapped, and detects it. A sample is in the file as soon as it is
+received, its contacts a moment later. The file outlives every process.
 """
 
 from __future__ import annotations
@@ -36,6 +31,8 @@ from palpate.live.source import Batch
 
 __all__ = ["READERS", "StreamBuffer", "latencies"]
 
+# The head holds numbers that processes share, each in its own cache line and written by one process, except for "asked"
+# (for tares) and "recording"; a description as JSON; the last sentences on events. The slots follow.
 MAGIC, VERSION = b"PALPRING", 1
 HEAD = 1 << 16  # bytes before the slots
 LINE = 64  # bytes of a cache line
@@ -49,7 +46,7 @@ _JSON, _SAID = 4096, 24576  # where the description and the sentences begin
 SENTENCES, SENTENCE = 128, 320  # kept, and bytes of each
 SIZE = 1 << 26  # bytes of slots, as a rule
 LEAST = 512  # slots
-READERS = 2  # value of "stop" that ends readers; the writer ends at 1 before
+READERS = 2  # value of "stop" that ends the recorder; all others end at 1 before
 MARGIN = 1024  # slots: the largest batch
 LATE = 60.0  # s: between two clocks, and no latency
 _NONE = np.zeros((0, 0))
@@ -57,7 +54,7 @@ _NONE = np.zeros((0, 0))
 
 @dataclass(frozen=True)
 class SlotForm:
-    """Description of the samples and contacts in a ring, for processes that open it.
+    """Description of the samples and contacts in a ring.
 
     Attributes:
         sensor: name of the sensor's kind.
@@ -67,9 +64,9 @@ class SlotForm:
         width: number of values in a row of contacts.
         max_contacts: largest number of rows of one sample.
         frame: frame of the contacts.
-        rig: file of the rig that the stream was made from.
+        rig: file of the rig.
         poses: whether a pose comes with each sample.
-        topic: topic that the rig reads a log of these readings from; "": the only one of its kind.
+        topic: topic of these readings in a log; "": the only one of its kind.
         wrenches: whether readings are wrenches only.
     """
 
@@ -86,7 +83,7 @@ class SlotForm:
     wrenches: bool = False
 
     def slot(self) -> np.dtype[np.void]:
-        """Return the structured NumPy dtype of a slot, which holds one sample and its contacts."""
+        """Return the structured dtype of a slot, which holds one sample and its contacts."""
         return np.dtype(
             [
                 ("number", "<i8"),  # of the sample, from 1: a page of the file that was not written has another
@@ -106,7 +103,7 @@ class SlotForm:
         )
 
     def contacts(self, slots: np.ndarray) -> Contacts:
-        """Return the `Contacts` in slots, in order; samples that are not answered have no row."""
+        """Return the `Contacts` in slots (n,), in order; samples that are not answered have no row."""
         rows, sample, times = slots["contacts"], slots["number"] - 1, seconds(slots["stamp"])
         counts = slots["rows"] * (slots["ready"] > 0)
         if (counts == 1).all():  # as a rule
@@ -119,7 +116,7 @@ class SlotForm:
 def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
     """Return the latency [s] from arrival to contacts of each answered slot, (k,).
 
-    It is empty if the median is negative or above 60 s, because arrival was stamped by another clock.
+    It is empty if arrival was stamped by another clock: the median is negative, or 60 s and above.
     """
     waited = 1e-9 * (slots["ready"] - slots["arrived"])[slots["ready"] > 0]
     return waited if len(waited) and 0.0 <= np.median(waited) < LATE else waited[:0]
@@ -128,9 +125,16 @@ def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
 class StreamBuffer:
     """A ring in a mapped file, opened by its writer or by a reader.
 
+    Numbers of the head are read and written by name: `ring["received"]` samples are stored, `ring["answered"]` of them
+    have their contacts; `ring["stop"] = 1` ends its processes, the recorder only at 2.
+
+    Args:
+        path: the file, which exists.
+
     Attributes:
-        path: path of the file.
+        path: as given.
         form: description of its samples and contacts.
+        slots: (size,) of the dtype `form.slot()`, the mapped samples; copy them with `read`.
 
     Raises:
         InputError: the file cannot be opened, is no ring, is damaged, or is of another version.
@@ -149,9 +153,8 @@ class StreamBuffer:
         begin = len(_WORDS) * LINE
         self._words = np.frombuffer(self._map, "<i8", begin // 8, LINE).reshape(-1, LINE // 8)
         if self["version"] != VERSION:
-            raise InputError(
-                "was written by another version of Palpate.", where=str(path), hint="Read it with that version."
-            )
+            hint = "Read it with that version."
+            raise InputError("was written by another version of Palpate.", where=str(path), hint=hint)
         self.form = _described(self._map, path)
         slot, count = self.form.slot(), self["slots"]
         if count < LEAST or HEAD + count * slot.itemsize > size:
@@ -162,7 +165,7 @@ class StreamBuffer:
 
     @classmethod
     def make(cls, path: Path, form: SlotForm, size: int = SIZE) -> StreamBuffer:
-        """Make a new ring with `size` bytes of slots, at least 512 slots, and return it as an open `StreamBuffer`.
+        """Make a new ring with `size` bytes of slots, at least 512 slots, and open it.
 
         The disk allocates all bytes now, because a mapped file cannot report a full disk later.
 
@@ -188,51 +191,45 @@ class StreamBuffer:
         return cls(path)
 
     def __getitem__(self, word: str) -> int:
-        """Return a number of the head, which processes share, by its name."""
+        """Return a number of the head by its name.
+
+        Raises:
+            KeyError: the head has no such number.
+        """
         return int(self._words[_PLACE[word], 0])
 
     def __setitem__(self, word: str, value: int) -> None:
         self._words[_PLACE[word], 0] = value
 
     def close(self) -> None:
-        """Unmap the file, which stays on the disk."""
+        """Unmap the file, which stays on the disk.
+
+        Raises:
+            BufferError: an array of the file is still in use.
+        """
         del self._words, self.slots, self._memory, self._sentences
         self._map.close()
 
     @cached_property
     def _loops(self) -> ModuleType:
-        """Compiled loops of the writer, imported when first used so that readers need not load them."""
+        """Compiled loops of the writer, which readers need not load."""
         from palpate.live import _stream
 
         return _stream
 
     def take_in(self, batch: Batch, count: int, unsteady: Float[np.ndarray, " n"]) -> int:
-        """Store the first `count` samples of a batch as received; only for the writer.
+        """Store the first `count` samples of a batch, and return the number of the first; for the writer.
 
         Args:
             batch: arrays that a source has filled.
             count: number of samples.
-            unsteady: (n,) [m/s^2] standard deviation, along each axis, of the acceleration's error; used with poses.
-
-        Returns:
-            The number of the first sample.
+            unsteady: (n,) [m/s^2] standard deviation of the acceleration's error along each axis; used with poses.
         """
-        first, form, arrived = self["received"], self.form, batch.stamp if batch.arrived is None else batch.arrived
-        values = batch.values.reshape(len(batch), -1)
-        self._loops.take_in(
-            self._memory,
-            first,
-            count,
-            batch.stamp,
-            arrived,
-            batch.lost,
-            _NONE if form.images else values,
-            form.poses,
-            batch.orientation,
-            batch.position,
-            batch.acceleration,
-            unsteady,
-        )
+        first, form = self["received"], self.form
+        when = batch.stamp, batch.stamp if batch.arrived is None else batch.arrived
+        values = _NONE if form.images else batch.values.reshape(len(batch), -1)
+        poses = form.poses, batch.orientation, batch.position, batch.acceleration, unsteady
+        self._loops.take_in(self._memory, first, count, *when, batch.lost, values, *poses)
         if form.images:
             for here, part in self._parts(first, count):
                 self.slots["values"][here] = batch.values[part]
@@ -242,10 +239,15 @@ class StreamBuffer:
     def answer(
         self, rows: Float[np.ndarray, "rows width"], counts: Int[np.ndarray, " n"], *, known: bool = True
     ) -> None:
-        """Store the next samples' contacts, `counts` rows each, or mark them as not answered; only for the writer.
+        """Store the contacts of the next samples; for the writer.
+
+        Args:
+            rows: (m, width) contacts of all samples.
+            counts: (n,) number of rows of each sample.
+            known: False marks the samples as not answered.
 
         Raises:
-            ValueError: a sample has more rows than a slot has room for.
+            ValueError: a sample has more rows than a slot with room for several.
         """
         if self.form.max_contacts > 1 and counts.max(initial=0) > self.form.max_contacts:
             raise ValueError(f"a sample has {counts.max()} rows, and there is room for {self.form.max_contacts}")
@@ -254,19 +256,27 @@ class StreamBuffer:
         self["answered"] = first + len(counts)
 
     def say(self, sentence: str) -> None:
-        """Store a sentence with its time for all readers of the ring; any process may call this, one at a time."""
+        """Store a sentence with its time for all readers; any process may call this.
+
+        Raises:
+            OSError: the file cannot be opened or locked.
+        """
         with self._alone():
             self._keep(sentence)
 
     def ask_tare(self, by: str) -> None:
-        """Request a tare from the writer, and store a sentence that names `by`; any process may call this."""
+        """Request a tare from the writer, and store a sentence that names `by`; any process may call this.
+
+        Raises:
+            OSError: the file cannot be opened or locked.
+        """
         with self._alone():
             self._keep(f"tare requested by {by}")
             self["asked"] += 1
 
     @contextmanager
     def _alone(self) -> Generator[None]:
-        """Lock the sentences and the requests against other processes and threads."""
+        """Lock sentences and requests against other processes and threads."""
         with self._talking, self.path.open("r+b") as file:  # threads of a process share the file's lock
             fcntl.lockf(file, fcntl.LOCK_EX, 1, _SAID)  # released when the file is closed or the process is killed
             yield
@@ -278,17 +288,17 @@ class StreamBuffer:
         self["said"] = count + 1
 
     def events(self, since: int) -> tuple[list[tuple[int, str]], int]:
-        """Return (stamp [ns], sentence) pairs from number `since` on, at most 128, and the number to go on from."""
+        """Return (stamp [ns], sentence) pairs from number `since` on, the last 128 at most, and the next number."""
         count = self["said"]
         kept = [self._sentences[k % SENTENCES] for k in range(max(since, count - SENTENCES), count)]
         return [(int(each["stamp"]), bytes(each["text"]).decode(errors="replace")) for each in kept], count
 
     def read(self, first: int, most: int, word: str = "answered") -> tuple[np.ndarray, int]:
-        """Return a copy of slots, (n,) structured, and the first's number, above `first` if this reader was lapped.
+        """Return a copy of slots, (n,) structured, and the first's number, above `first` if that was overwritten.
 
         Args:
             first: number of the sample to continue with.
-            most: number of slots at most.
+            most: number of slots, at most.
             word: number of the head to read up to: "answered" or "received".
         """
         while True:
@@ -300,7 +310,6 @@ class StreamBuffer:
                 return parts[0] if len(parts) == 1 else np.concatenate([self.slots[:0], *parts]), first
 
     def _oldest(self) -> int:
-        """Return the number of the oldest sample that the writer's next batch does not overwrite."""
         return max(0, self["received"] - self.safe)
 
     @property
@@ -309,7 +318,7 @@ class StreamBuffer:
         return len(self.slots) - min(MARGIN, len(self.slots) // 2)
 
     def _parts(self, first: int, count: int) -> Sequence[tuple[slice, slice]]:
-        """Return (slice of the slots, slice of the samples) of each contiguous part of `count` samples from `first`."""
+        """Return (slots, samples) as slices for each contiguous part of `count` samples."""
         begin = first % len(self.slots)
         room = len(self.slots) - begin
         if count <= room:

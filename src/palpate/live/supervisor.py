@@ -25,7 +25,10 @@ class Worker:
     Args:
         name: name in sentences.
         target: the function, importable.
-        arguments: arguments of the function.
+        arguments: its arguments.
+        process: the process; None before the first start.
+        given_up: whether it is not started again.
+        died: times [s] of its last deaths, by `time.monotonic`.
     """
 
     name: str
@@ -36,7 +39,7 @@ class Worker:
     died: list[float] = field(default_factory=list[float])
 
     def start(self) -> None:
-        """Start the function in a new process, which shares nothing with this one but the arguments."""
+        """Start the function in a new process."""
         made = get_context("spawn").Process(target=self.target, args=self.arguments, name=f"palpate {self.name}")
         made.start()
         self.process = made
@@ -51,17 +54,17 @@ class WorkerSupervisor:
     """A supervisor that restarts workers and reports each restart in the ring.
 
     Args:
-        workers: the writer of the ring, which is ended first, and then its readers.
+        workers: the writer of the ring, and then its readers.
     """
 
     def __init__(self, workers: list[Worker]) -> None:
         self.workers = workers
 
     def watch(self, ring: StreamBuffer) -> None:
-        """Restart workers that have died; call this a few times a second.
+        """Restart workers that have died, up to 5 times within 30 s; call this a few times a second.
 
         Raises:
-            InputError: the writer died more than 5 times within 30 s, and no more samples come without it.
+            InputError: the writer died more often.
         """
         now = time.monotonic()
         for worker in [each for each in self.workers if not (each.alive or each.given_up)]:
@@ -79,9 +82,9 @@ class WorkerSupervisor:
             ring.say(f"the {worker.name} {why}, and was started again")
 
     def stop(self, ring: StreamBuffer | None) -> list[str]:
-        """End all workers in order, the writer first, and return a list with a sentence on each that was killed.
+        """End all workers, the writer first, and return a sentence on each that had to be killed.
 
-        Without a ring nothing has begun: workers are ended without waiting, and no sentences are returned.
+        Without a ring, when nothing has begun, end them at once and return [].
         """
         said: list[str] = []
         for level, workers in ((1, self.workers[:1]), (READERS, self.workers[1:])):
@@ -93,7 +96,7 @@ class WorkerSupervisor:
 
 
 def _ended(worker: Worker, end: float) -> str:
-    """Wait for a process until `end` [s], then kill it; return a sentence if it was killed, else ""."""
+    """Wait for a process until `end` [s], then kill it, and return a sentence on that; else ""."""
     process = worker.process
     if process is None:
         return ""

@@ -1,8 +1,8 @@
 """A fisheye camera, and its view of the plane of a ring of markers.
 
 A ray at the angle theta from the optical axis lands at f theta_d from the principal point, with
-theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) [Kannala and Brandt 2006], as OpenCV's
-`cv2.fisheye` has it. x_c points along the image's rows, y_c down its columns, z_c out of the lens.
+theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) [Kannala and Brandt 2006], as in OpenCV's
+`cv2.fisheye`. x_c points along the image's rows, y_c down its columns, z_c out of the lens.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ class Fisheye:
 
     @classmethod
     def equidistant(cls, width: int = 640, height: int = 480) -> Fisheye:
-        """Return a `Fisheye` whose image spans 180 degrees along its longer side: a start for an unknown camera."""
+        """Return a `Fisheye` whose image spans 180 degrees along its longer side."""
         f = max(width, height) / np.pi
         return cls(f, f, (width - 1) / 2, (height - 1) / 2, width=width, height=height)
 
     @cached_property
     def reach(self) -> float:
-        """Largest theta [rad] up to which theta_d rises, at most pi: no ray from beyond it has a pixel."""
+        """Largest theta [rad] that has a pixel, at most pi."""
         slope = np.polynomial.Polynomial([1.0, 0.0, 3 * self.k1, 0.0, 5 * self.k2, 0.0, 7 * self.k3, 0.0, 9 * self.k4])
         roots = slope.roots()
         turns = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
@@ -76,7 +76,7 @@ class Fisheye:
 
     def project(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
         """Return the pixels (*batch, 2) of points in the camera's frame [m]; NaN where theta exceeds `reach`."""
-        x, y, z = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
+        x, y, z = np.moveaxis(points, -1, 0)
         r = np.asarray(np.hypot(x, y))
         theta = np.asarray(np.arctan2(r, z))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -85,16 +85,13 @@ class Fisheye:
         return np.stack([self.fx * scale * x + self.cx, self.fy * scale * y + self.cy], axis=-1)
 
     def rays(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return unit directions (*batch, 3) in the camera's frame of the rays through pixels; NaN outside the lens."""
+        """Return unit directions (*batch, 3), in the camera's frame, of the rays through pixels; NaN beyond `reach`."""
         return self._seen(pixels)[0]
 
     def rays_with_slope(
         self, pixels: Float[np.ndarray, "*batch 2"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 2"]]:
-        """Return unit directions (*batch, 3) of rays through pixels, NaN outside the lens, and their derivatives.
-
-        The derivatives by the pixel are (*batch, 3, 2) [1/px].
-        """
+        """Return `rays` (*batch, 3) and their derivatives by the pixel (*batch, 3, 2) [1/px]."""
         rays, plane, bent, theta, ratio = self._seen(pixels)
         slope = 1.0 / self._bent(theta)[1]
         near = bent < 1e-9
@@ -104,11 +101,11 @@ class Fisheye:
         turned = np.concatenate([across, np.zeros((*across.shape[:-1], 1))], axis=-1)
         matrix = (slope[..., None] * along)[..., :, None] * unit[..., None, :]
         matrix += (ratio[..., None] * turned)[..., :, None] * across[..., None, :]
-        return rays, matrix / self._focal
+        return rays, matrix / (self.fx, self.fy)
 
     def _seen(self, pixels: Float[np.ndarray, "*batch 2"]) -> tuple[np.ndarray, ...]:
-        """Return rays, pixels over the focal lengths, their radius theta_d, theta, and sin(theta) over that radius."""
-        plane = (np.asarray(pixels, dtype=np.float64) - self._middle) / self._focal
+        """Return rays, pixels over the focal lengths, their radius theta_d, theta, and sin(theta) over theta_d."""
+        plane = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
         bent = np.asarray(np.sqrt(plane[..., 0] * plane[..., 0] + plane[..., 1] * plane[..., 1]))
         theta = self._angle(bent)
         near = bent < 1e-9  # there sin(theta) / bent is 1 to the last bit
@@ -118,23 +115,10 @@ class Fisheye:
         return rays, plane, bent, theta, ratio
 
     @cached_property
-    def _focal(self) -> Float[np.ndarray, "2"]:
-        return np.array([self.fx, self.fy])
-
-    @cached_property
-    def _middle(self) -> Float[np.ndarray, "2"]:
-        return np.array([self.cx, self.cy])
-
-    @cached_property
-    def _widest(self) -> float:
-        """The largest theta_d."""
-        return float(self._bent(np.asarray(self.reach))[0])
-
-    @cached_property
     def numbers(self) -> Float[np.ndarray, " 10"]:
-        """Numbers (10,) of the lens for compiled loops: fx, fy, cx, cy, k1 to k4, the largest theta and its theta_d."""
-        bends = (self.k1, self.k2, self.k3, self.k4)
-        return frozen(np.array([self.fx, self.fy, self.cx, self.cy, *bends, self.reach, self._widest]))
+        """Numbers (10,) of the lens: fx, fy, cx, cy, k1 to k4, the largest theta and its theta_d."""
+        bends, widest = (self.k1, self.k2, self.k3, self.k4), float(self._bent(np.asarray(self.reach))[0])
+        return frozen([self.fx, self.fy, self.cx, self.cy, *bends, self.reach, widest])
 
     def _bent(self, theta: Float[np.ndarray, "*batch"]) -> tuple[Float[np.ndarray, "*batch"], ...]:
         """Return theta_d and its derivative by theta."""
@@ -150,27 +134,27 @@ class Fisheye:
         flat = np.ascontiguousarray(bent).reshape(-1)
         theta, low, high = np.empty((3, len(flat)))
         angles(flat, self.numbers[4:8], self.reach, STEPS, theta, low, high)
-        return np.where(bent <= self._widest, theta.reshape(bent.shape), np.nan)
+        return np.where(bent <= self.numbers[9], theta.reshape(bent.shape), np.nan)
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class RingView(Value):
-    """A camera's view of a ring of markers, and the markers' places at rest.
+    """A camera's view of rings of markers, and the markers' places at rest.
 
-    The ring's frame: origin in the ring's centre, z along the barrel's axis towards the camera, angles about z from x.
-    Further rings of as many markers may stand above and below it: the markers are given ring by ring.
+    The ring's frame: origin in the first ring's centre, z along the barrel's axis towards the camera, angles about z
+    from x.
 
     Args:
         camera: the lens.
         pose: T_ring_camera.
-        radius: of the ring of markers [m].
-        angles: (m,) of the markers at rest [rad].
-        rings: (r,) heights of the rings of markers [m]; the first is 0.
+        radius: of the rings of markers [m].
+        angles: (m,) of the markers at rest [rad], ring by ring, the same number in each.
+        rings: (r,) heights of the rings [m]; the first is 0.
 
     Raises:
-        InputError: a radius that is not positive, fewer than three angles or NaN among them, a camera in the ring's
-            plane, or a ring that is not in front of the camera.
+        InputError: a radius that is not positive, fewer than three angles or NaN among them, angles that cannot be
+            divided among the rings, a first height that is not 0, a camera in the ring's plane, or a ring behind it.
     """
 
     camera: Fisheye
@@ -200,12 +184,12 @@ class RingView(Value):
 
     @cached_property
     def rest(self) -> Float[np.ndarray, "m 2"]:
-        """Places of the markers at rest in the ring's plane, (m, 2) [m]."""
+        """Places x, y of the markers at rest, (m, 2) [m]."""
         return frozen(self.radius * np.stack([np.cos(self.angles), np.sin(self.angles)], axis=-1))
 
     @cached_property
     def ring(self) -> Int[np.ndarray, " m"]:
-        """Ring of each marker, (m,), an index into `rings`."""
+        """Index (m,) of each marker's ring in `rings`."""
         return np.repeat(np.arange(len(self.rings)), len(self.angles) // len(self.rings))
 
     @cached_property
@@ -213,19 +197,14 @@ class RingView(Value):
         """Height of each marker at rest, (m,) [m]."""
         return frozen(self.rings[self.ring])
 
-    @cached_property
-    def _back(self) -> Pose:
-        return self.pose.inverse()
-
     def to_plane(
         self, pixels: Float[np.ndarray, "*batch 2"], heights: Float[np.ndarray, " k"] = _GROUND
     ) -> Float[np.ndarray, "*batch 2"]:
-        """Return points (*batch, 2) [m] of planes z = height that are seen at pixels; NaN where a ray misses its plane.
+        """Return points x, y (*batch, 2) [m] of planes z = height seen at pixels; NaN where a ray misses its plane.
 
         Args:
             pixels: (*batch, 2).
-            heights: (k,) of the planes [m], for one pixel after the other, over and over: `heights` of all markers'
-                pixels.
+            heights: (k,) of the planes [m], for one pixel after the other, over and over.
         """
         from palpate.optical._fisheye import to_plane  # compiled: loaded when first needed
 
@@ -235,42 +214,43 @@ class RingView(Value):
 
     @cached_property
     def numbers(self) -> tuple[Float[np.ndarray, " 10"], Float[np.ndarray, " 12"]]:
-        """Tuple of the lens (10,) and its pose (12,), rotation row by row, translation [m], for the compiled loop."""
+        """Lens (10,) and pose (12,): the pose's rotation row by row, then its translation [m]."""
         return self.camera.numbers, np.concatenate([self.pose.rotation.reshape(-1), self.pose.translation])
-
-    def _length(self, ray: Float[np.ndarray, "*batch 3"], height: ArrayLike) -> Float[np.ndarray, "*batch 1"]:
-        """Return the distance along a ray to the plane z = height; NaN where the plane is behind."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            length = (height - self.pose.translation[2]) / ray[..., 2]
-            return np.where(length > 0, length, np.nan)[..., None]
 
     def to_plane_with_slope(
         self, pixels: Float[np.ndarray, "*batch 2"], height: ArrayLike = 0.0
     ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2 2"]]:
-        """Return points (*batch, 2) [m] of the plane z = height [m] seen at pixels, and their derivative by the pixel.
+        """Return points x, y (*batch, 2) [m] of planes z = height seen at pixels, and their derivatives by the pixel.
 
-        The derivative is (*batch, 2, 2) [m/px]; both are NaN where a ray misses the plane.
+        The derivatives are (*batch, 2, 2) [m/px]; both are NaN where a ray misses its plane.
+
+        Args:
+            pixels: (*batch, 2).
+            height: of the planes [m], one or (*batch,).
         """
         rays, slope = self.camera.rays_with_slope(pixels)
         ray, turn = self.pose.rotate(rays), self.pose.rotation @ slope
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = ray[..., :2] / ray[..., 2:]
+            length = (height - self.pose.translation[2]) / ray[..., 2]
+        length = np.where(length > 0, length, np.nan)[..., None]  # NaN where the plane is behind
         matrix = turn[..., :2, :] - ratio[..., None] * turn[..., 2:, :]
-        length = self._length(ray, height)
         return self.pose.translation[:2] + length * ray[..., :2], length[..., None] * matrix
 
     def from_plane(
         self, points: Float[np.ndarray, "*batch 2"], height: ArrayLike = 0.0
     ) -> Float[np.ndarray, "*batch 2"]:
-        """Return pixels (*batch, 2) of points (x, y) [m] at z = `height` [m] of the ring's frame; NaN out of view."""
-        points = np.asarray(points, dtype=np.float64)
+        """Return pixels (*batch, 2) of points x, y [m] at z = `height` [m] of the ring's frame; NaN out of view."""
         high = np.broadcast_to(np.asarray(height)[..., None], (*points.shape[:-1], 1))
-        whole = np.concatenate([points, high], axis=-1)
-        return self.camera.project(self._back.apply(whole))
+        return self.camera.project(self.pose.inverse().apply(np.concatenate([points, high], axis=-1)))
 
 
 def flat_pixels(pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "n 2"]:
-    """Return pixels one after the other, (n, 2), read-only, so that loops are compiled once for every input."""
+    """Return pixels one after the other, (n, 2), as a read-only float64 array for compiled loops.
+
+    Raises:
+        InputError: `pixels` is not an array (*batch, 2) of real numbers.
+    """
     flat = shaped(pixels, (..., 2), "pixels").reshape(-1, 2).view()
     flat.flags.writeable = False
     return flat

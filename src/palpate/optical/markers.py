@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from palpate.errors import InputError
 from palpate.opencv import opencv
 from palpate.optical.fisheye import RingView
-from palpate.optical.marker_labels import USUAL_LIMITS, LabelLimits, label_ring, owed
+from palpate.optical.marker_labels import AREA_RATIO, label_ring, owed
 from palpate.spatial._arrays import Value, frozen, require_out, shaped
 from palpate.spatial.arguments import takes_arrays
 
@@ -26,6 +26,7 @@ _LEAST_CONTRAST = 8.0  # of 255: markers that differ less from the skin are none
 _LIT = 0.002  # share of a frame's bytes: where fewer are lit, it is black but for hot pixels
 _LEAST_AREA = 6.0  # px: a marker is 5 px large or larger
 _AWAY = 3  # frames: from then on a missing marker may be anywhere, and must be seen twice
+_FROZEN_AFTER = 5  # images in a row that repeat the one before them to the last bit
 _LOOK = 10  # frames: while a marker is missing, the whole frame is searched that often
 _EVERY = 32  # rows: one in so many is sampled to detect a black image and a frozen camera
 _LONGEST = 12.0  # px: a step that a marker is expected to go on with
@@ -39,7 +40,7 @@ class FrameProblem(IntEnum):
     OK = 0
     LOST = 1  # fewer than 60 % of the markers are found
     BLACK = 2
-    FROZEN = 3  # the same as the frames before it, to the last bit
+    FROZEN = 3  # the fifth in a row, or a later one, that repeats the one before it to the last bit
     WRONG_SIZE = 4
 
 
@@ -51,13 +52,14 @@ class MarkerColour:
         score: of a pixel, 0 to 255: "red", "green", "blue" (that channel less a share of the others), "bright"
             (grey) or "dark" (255 less grey).
         threshold: share of the way from the skin's score to the markers' above which a pixel may be of a marker.
-        coverage: share of the image that markers cover: it gives the markers' score, in any light.
-        background: side of the square [px] whose mean is subtracted first, 0: none; for uneven light.
-        others: share of each of the other channels that is subtracted from a colour, in sixteenths: 8 removes all
-            grey, less leaves less noise.
+        coverage: share of the image that markers cover; the markers' score follows from it.
+        background: side of the square [px] whose mean is subtracted first, for uneven light; 0: none.
+        others: sixteenths of each of the other channels that are subtracted from a colour: 8 removes all grey, less
+            leaves less noise.
 
     Raises:
-        InputError: an unknown score, a share outside its range, or a negative background.
+        InputError: an unknown score, a share that is not between 0 and 1, a negative background, or `others` that are
+            not 0 to 8.
     """
 
     score: str = "red"
@@ -81,7 +83,7 @@ class MarkerColour:
 
     @property
     def weights(self) -> Int[np.ndarray, " 4"]:
-        """Weights (4,) of blue, green, red and 1, in sixteenths: their sum is the score."""
+        """Weights (4,) of blue, green, red and 1, in sixteenths, whose sum is the score."""
         if self.score == "bright":
             return np.array([*_GREY, 0], dtype=np.int32)
         if self.score == "dark":
@@ -92,16 +94,16 @@ class MarkerColour:
 
 
 @takes_arrays
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False)
 class Blobs(Value):
     """Blobs that look like markers.
 
     Attributes:
         pixels: (k, 2) centroids x, y, weighted by the score above half of the blob's.
-        areas: (k,) pixels above half of the blob's score.
+        areas: (k,) number of pixels above half of the blob's score.
         spreads: (k, 2, 2) second moments [px^2].
-        peaks: (k,) score above the skin's, the mean of the pixels above half of the largest.
-        cut: (k,) touches the image's edge.
+        peaks: (k,) mean score, above the skin's, of the pixels above half of the largest.
+        cut: (k,) True where a blob touches the image's edge.
     """
 
     pixels: Float[np.ndarray, "k 2"]
@@ -110,16 +112,11 @@ class Blobs(Value):
     peaks: Float[np.ndarray, " k"]
     cut: Bool[np.ndarray, " k"]
 
-    def __init__(
-        self, pixels: np.ndarray, areas: np.ndarray, spreads: np.ndarray, peaks: np.ndarray, cut: np.ndarray
-    ) -> None:
-        object.__setattr__(self, "pixels", frozen(pixels, tail=(2,)))
-        object.__setattr__(self, "areas", frozen(areas))
-        object.__setattr__(self, "spreads", frozen(spreads, tail=(2, 2)))
-        object.__setattr__(self, "peaks", frozen(peaks))
-        cut = np.array(cut, dtype=bool)
-        cut.flags.writeable = False
-        object.__setattr__(self, "cut", cut)
+    def __post_init__(self) -> None:
+        for name, tail in {"pixels": (2,), "areas": (), "spreads": (2, 2), "peaks": ()}.items():
+            object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
+        object.__setattr__(self, "cut", self.cut.copy())
+        self.cut.flags.writeable = False
 
     def __getitem__(self, which: np.ndarray) -> Blobs:
         return Blobs(self.pixels[which], self.areas[which], self.spreads[which], self.peaks[which], self.cut[which])
@@ -129,11 +126,11 @@ class Blobs(Value):
 
 
 @takes_arrays
-def find_blobs(image: Image, colour: MarkerColour, *, least_area: float = _LEAST_AREA) -> Blobs:
-    """Find all blobs of an image (h, w, 3) that have the markers' colour, as `Blobs`; empty where nothing stands out.
+def find_blobs(image: Image, colour: MarkerColour) -> Blobs:
+    """Find all `Blobs` of the markers' colour in an image (h, w, 3) uint8; blobs of fewer than 6 px are omitted.
 
-    The threshold is relative to this image's own scores: the skin's is their median, the markers' the score that the
-    brightest half of `coverage` reaches. Blobs of fewer than `least_area` [px] are omitted.
+    The threshold is relative to the image's scores: the skin's is their median, the markers' the score that the
+    brightest half of `coverage` reaches.
 
     Raises:
         InputError: OpenCV is not installed.
@@ -141,25 +138,20 @@ def find_blobs(image: Image, colour: MarkerColour, *, least_area: float = _LEAST
     score, base, top = _scored(image, colour)
     if top - base < _LEAST_CONTRAST:
         return _no_blobs()
-    return _blobs(score, base, base + colour.threshold * (top - base), least_area)
+    return _blobs(score, base, base + colour.threshold * (top - base))
 
 
 @takes_arrays
-def find_colour(image: Image, count: int | None = None, *, background: int = 0) -> MarkerColour:
-    """Find the `MarkerColour` in an unloaded image: the score whose blobs are `count`, or else the most alike.
-
-    Args:
-        image: (h, w, 3) uint8, without contact.
-        count: of the markers; None: not known.
-        background: see `MarkerColour`.
+def find_colour(image: Image, count: int) -> MarkerColour:
+    """Find the `MarkerColour` in an image (h, w, 3) uint8 of `count` markers without contact.
 
     Raises:
-        InputError: no score separates `count` blobs (five, if unknown) of one kind from the rest, or OpenCV is missing.
+        InputError: no score distinguishes `count` blobs of one kind from the rest, or OpenCV is missing.
     """
     best, merit, seen = None, -np.inf, 0
     for score in SCORES:
         for coverage in 1e-3 * 2.0 ** np.arange(7):
-            colour = MarkerColour(score, 0.5, float(coverage), background)
+            colour = MarkerColour(score, 0.5, float(coverage))
             blobs = find_blobs(image, colour)
             alike = _alike(blobs)
             kept, n = blobs[alike], int(alike.sum())
@@ -167,20 +159,21 @@ def find_colour(image: Image, count: int | None = None, *, background: int = 0) 
                 continue
             uneven = float(np.std(np.log(kept.areas))) + (len(blobs) - n) / n
             contrast = float(np.median(kept.peaks)) / 255
-            this = contrast - uneven + (0.1 * np.log(n) if count is None else -10 * abs(n - count) / count)
+            this = contrast - uneven - 10 * abs(n - count) / count
             if this > merit:
                 best, merit, seen = (score, float(kept.areas.sum()) / image[..., 0].size), this, n
-    if best is None or (count is not None and seen != count):
-        wanted = "markers" if count is None else f"{count} markers"
+    if best is None or seen != count:
         hint = "State the colour, or use a sharper, evenly lit frame in which nothing touches the skin."
-        raise InputError(f"no colour distinguishes {wanted} from the skin; the best one finds {seen}.", hint=hint)
-    return _quietest(image, MarkerColour(best[0], 0.5, min(best[1], 0.5), background), seen)
+        raise InputError(
+            f"no colour distinguishes {count} markers from the skin; the best one finds {seen}.", hint=hint
+        )
+    return _quietest(image, MarkerColour(best[0], 0.5, min(best[1], 0.5)), seen)
 
 
 def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
-    """Return the colour with the share of the other channels that gives most contrast for its noise, and all markers.
+    """Return the colour with all markers and the most contrast for its noise.
 
-    Noise is the usual difference of pixels 8 apart, which have blotches of a cheap camera between them.
+    Noise is the usual difference of pixels 8 apart: a cheap camera's blotches are smaller.
     """
     best, merit = colour, -np.inf
     for others in (3, 4, 6, 8) if colour.score in ("red", "green", "blue") else ():
@@ -196,7 +189,7 @@ def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
 
 
 def _read(image: np.ndarray) -> np.ndarray:
-    """Return the same pixels, contiguous and read-only, so that loops are compiled once for every input."""
+    """Return the pixels, contiguous and read-only, so that loops are compiled once."""
     if type(image) is not np.ndarray or image.dtype != _PIXEL:
         image = shaped(image, (...,), "image", _PIXEL)
     view = np.ascontiguousarray(image).view()
@@ -205,15 +198,13 @@ def _read(image: np.ndarray) -> np.ndarray:
 
 
 def _alike(blobs: Blobs) -> Bool[np.ndarray, " k"]:
-    """Return which blobs have an area within a factor of 2.5 of the usual, and are not cut by the image's edge."""
-    if not len(blobs):
-        return np.zeros(0, dtype=bool)
-    usual = np.median(blobs.areas)
+    """Return which blobs are of usual area, and not cut by the image's edge."""
+    usual = np.median(blobs.areas) if len(blobs) else 0.0
     return (blobs.areas < 2.5 * usual) & (blobs.areas > usual / 2.5) & ~blobs.cut
 
 
 def _scored(image: Image, colour: MarkerColour) -> tuple[UInt8[np.ndarray, "h w"], float, float]:
-    """Return the score of every pixel (h, w), the skin's and the markers'."""
+    """Return the score of every pixel (h, w), of the skin and of the markers."""
     from palpate.optical._markers import score_image  # here: compiled loops load when first needed
 
     score, histogram = np.empty(image.shape[:2], np.uint8), np.empty(256, np.int64)
@@ -227,7 +218,7 @@ def _scored(image: Image, colour: MarkerColour) -> tuple[UInt8[np.ndarray, "h w"
     return score, float(np.searchsorted(below, 0.5)), top
 
 
-def _blobs(score: UInt8[np.ndarray, "h w"], base: float, threshold: float, least_area: float) -> Blobs:
+def _blobs(score: UInt8[np.ndarray, "h w"], base: float, threshold: float) -> Blobs:
     from palpate.optical._markers import blob_sums
 
     cv2 = opencv()
@@ -235,7 +226,7 @@ def _blobs(score: UInt8[np.ndarray, "h w"], base: float, threshold: float, least
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(mask, connectivity=4, ltype=cv2.CV_32S)
     levels, sums = np.zeros(count), np.zeros((count, 7))
     blob_sums(score, labels, boxes, base, levels, sums)
-    kept = np.flatnonzero(sums[:, 0] >= least_area)
+    kept = np.flatnonzero(sums[:, 0] >= _LEAST_AREA)
     if not len(kept):
         return _no_blobs()
     n, w, sx, sy, sxx, sxy, syy = sums[kept].T
@@ -247,11 +238,11 @@ def _blobs(score: UInt8[np.ndarray, "h w"], base: float, threshold: float, least
 
 
 def _no_blobs() -> Blobs:
-    return Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0))
+    return Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0, dtype=bool))
 
 
 def _pairs(ring: Int[np.ndarray, " m"], gaps: Float[np.ndarray, "m m"]) -> Int[np.ndarray, "p 2"]:
-    """Return pairs of markers whose windows might share a blob: ring neighbours, and the nearest of other rings."""
+    """Return pairs of markers whose windows might share a blob."""
     m, each = len(ring), np.count_nonzero(ring == 0)
     first = np.arange(m)
     pairs = np.stack([first, ring * each + (first + 1) % each], axis=1)
@@ -262,27 +253,23 @@ def _pairs(ring: Int[np.ndarray, " m"], gaps: Float[np.ndarray, "m m"]) -> Int[n
 
 
 class MarkerTracker:
-    """Tracker of a ring's markers, image by image, in windows about their expected places, else in the entire image.
+    """Tracker of a ring's markers, image by image, in windows about their expected places.
 
-    The entire image is searched, and labelled, wherever a window does not show what it should: a marker lost or of
-    another area or shape, cut by its window's rim, or the same for two windows. The result depends on the image and
-    on the images since `reset`, and on nothing else.
+    The entire image is searched where a marker is lost, of another area or shape, cut by its window's rim, or the same
+    for two windows.
 
     Args:
         view: where the camera sees the ring.
         colour: of the markers.
         pixels: (m, 2) at rest, marker by marker.
         areas: (m,) [px] at rest.
-        spreads: (m,) trace of the second moments at rest [px^2]; None: as of discs.
-        frozen_after: images in a row that repeat the one before them to the last bit, from which on a camera is frozen.
-        limits: of labels.
 
     Attributes:
         frame: problem of the last image.
-        searched: the last image was searched entirely.
+        searched: whether the last image was searched entirely.
 
     Raises:
-        InputError: another number of pixels, areas or spreads than of the view's markers.
+        InputError: the number of pixels or areas is not that of the view's markers.
     """
 
     @takes_arrays
@@ -292,34 +279,29 @@ class MarkerTracker:
         colour: MarkerColour,
         pixels: Float[np.ndarray, "m 2"],
         areas: Float[np.ndarray, " m"],
-        *,
-        spreads: Float[np.ndarray, " m"] | None = None,
-        frozen_after: int = 5,
-        limits: LabelLimits = USUAL_LIMITS,
     ) -> None:
         m = len(view.angles)
-        self.view, self.colour, self.limits, self.frozen_after = view, colour, limits, frozen_after
+        self.view, self.colour = view, colour
         self._rest, self._areas = frozen(pixels, tail=(2,)), frozen(areas)
-        self._spreads = self._areas * _DISC if spreads is None else frozen(spreads)
-        if not len(self._rest) == len(self._areas) == len(self._spreads) == m:
-            raise InputError(f"pixels, areas and spreads must each have one row for each of the {m} markers.")
+        if len(self._areas) != m:
+            raise InputError(f"pixels and areas must each have one row for each of the {m} markers.")
         self._weights, self._plane = colour.weights, view.to_plane(self._rest, view.heights)
         gaps = np.linalg.norm(self._rest[:, None] - self._rest[None], axis=-1) + np.diag(np.full(m, np.inf))
-        self._gap = gaps.min(axis=1)
-        radius = 1.6 * np.sqrt(self._spreads) + 1.5
-        reach = np.clip(0.45 * (self._gap - radius), 4.0, 10.0)
+        gap, spreads = gaps.min(axis=1), self._areas * _DISC
+        radius = 1.6 * np.sqrt(spreads) + 1.5
+        reach = np.clip(0.45 * (gap - radius), 4.0, 10.0)
         self._halves = np.ceil(radius + reach).astype(np.int64)
-        self._alone = self._gap > self._halves + radius  # no neighbour reaches into its window:
-        self._alone &= len(view.rings) == 1  # of another ring one may, where the skin is pressed
-        size_rest = np.stack([self._areas, self._spreads], axis=-1)
-        self._known = self._halves, size_rest, self._alone, self._gap, _pairs(view.ring, gaps)
+        alone = gap > self._halves + radius  # no neighbour reaches into its window:
+        alone &= len(view.rings) == 1  # of another ring one may, where the skin is pressed
+        sizes = np.stack([self._areas, spreads], axis=-1)
+        self._known = self._halves, sizes, alone, gap, _pairs(view.ring, gaps)
         self._out = np.zeros((m, 7))
         camera = view.camera
         self._sample = np.zeros((len(range(_EVERY // 2, camera.height, _EVERY)), 3 * camera.width), dtype=np.uint8)
         self.reset()
 
     def reset(self) -> None:
-        """Forget every image: the next one is searched entirely, and starts a new stretch."""
+        """Forget every image: the next one is searched entirely."""
         m = len(self._areas)
         self.frame, self.searched = FrameProblem.OK, False
         self._last, self._step, self._expected = self._rest.copy(), np.zeros((m, 2)), np.zeros((m, 2))
@@ -329,10 +311,12 @@ class MarkerTracker:
         self._fresh, self._sampled, self._same, self._since = True, False, 0, 0
 
     def track(self, image: np.ndarray, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
-        """Write every marker's pixels x, y into `out` (m, 2), NaN where not found; return bools (m,), True where found.
+        """Write the pixels x, y of every marker of an image into `out` (m, 2), NaN where not found.
+
+        Return a mask (m,) of the markers found, and set `frame` and `searched`.
 
         Raises:
-            InputError: OpenCV is not installed.
+            InputError: `out` is not a writable float64 array (m, 2), `image` cannot be uint8, or OpenCV is missing.
         """
         require_out(out, (len(self._areas), 2))
         image, self.searched = _read(image), False
@@ -345,14 +329,15 @@ class MarkerTracker:
         else:
             self.searched = True
             found = self._search(image)
-            self._remember(found)
+            self._seen, self._count, self._since = found, int(np.count_nonzero(found)), 0
+            self._age, self._fresh = np.where(found, 0, self._age + 1), not self._count
             out[:] = np.where(found[:, None], self._last, np.nan)
         if self.frame == FrameProblem.OK and self._count < 0.6 * len(self._seen):
             self.frame = FrameProblem.LOST
         return self._seen.copy()
 
     def _health(self, image: np.ndarray) -> FrameProblem:
-        """Return the problem of an image, from every `_EVERY`th row: a live camera's noise never repeats in 15 rows."""
+        """Return the problem of an image, from every `_EVERY`th row."""
         camera = self.view.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
             return FrameProblem.WRONG_SIZE
@@ -363,7 +348,7 @@ class MarkerTracker:
         self._sampled = True
         if lit < _LIT * self._sample.size:
             return FrameProblem.BLACK
-        return FrameProblem.FROZEN if self._same >= self.frozen_after else FrameProblem.OK
+        return FrameProblem.FROZEN if self._same >= _FROZEN_AFTER else FrameProblem.OK
 
     def _guess(self) -> None:
         """Expect missing markers where their neighbours' displacement puts them."""
@@ -375,16 +360,6 @@ class MarkerTracker:
                 said = np.interp(gone, there, moved[:, axis], period=np.count_nonzero(own)) if len(there) else 0.0
                 self._expected[gone, axis] = self._rest[gone, axis] + said
 
-    def _ahead(self) -> Float[np.ndarray, "m 2"]:
-        """Return the places of the markers if their last step goes on, (m, 2) [px]."""
-        return self._last + np.minimum(np.maximum(self._step, -_LONGEST), _LONGEST)
-
-    def _measure(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 7"]:
-        from palpate.optical._markers import measure_windows  # here: compiled loops load when first needed
-
-        measure_windows(image, self._weights, expected, self._halves, self._out)
-        return self._out
-
     def _follow(self, image: Image, out: Float[np.ndarray, "m 2"]) -> bool:
         """Measure the markers in their windows, and return True if no window is ambiguous."""
         from palpate.optical._markers import follow
@@ -394,60 +369,59 @@ class MarkerTracker:
             return False
         if not whole:
             self._guess()
-        limits = float(self.limits.size), _LEAST_CONTRAST, _LONGEST
+        limits = AREA_RATIO, _LEAST_CONTRAST, _LONGEST
         kept = self._seen, self._expected, self._last, self._step, self._size, self._age
         return follow(image, self._weights, self._known, limits, self._out, *kept, out)
 
     def _search(self, image: Image) -> Bool[np.ndarray, " m"]:
-        """Find the markers in the entire image by their labels, measure each in its window, return which are found."""
+        """Find the markers in the entire image, and return which are found."""
+        from palpate.optical._markers import measure_windows, plausible  # here: compiled loops load when first needed
+
         blobs = find_blobs(image, self.colour)
         blobs = blobs[~blobs.cut & np.isfinite(self.view.to_plane(blobs.pixels)).all(axis=-1)]
-        known = (self._age < _AWAY)[:, None]
-        expected = np.where(known, self.view.to_plane(self._ahead(), self.view.heights), np.nan)
+        known, ahead = (self._age < _AWAY)[:, None], self._last + np.clip(self._step, -_LONGEST, _LONGEST)
+        expected = np.where(known, self.view.to_plane(ahead, self.view.heights), np.nan)
         labels = self._labels(blobs, expected)
         found = labels >= 0
         if not found.any():
             return found
         wanted = np.where(found[:, None], blobs.pixels[labels], np.nan)
-        got = self._measure(image, wanted)
+        got, fits = self._out, np.empty(len(found), dtype=bool)
+        measure_windows(image, self._weights, wanted, self._halves, got)
         away = np.hypot(*(got[:, :2] - wanted).T)
         found &= (got[:, 6] == 0.0) & (away < 1.0)
-        found &= self._like_markers(got, found)
+        plausible(got, self._known[1], found, AREA_RATIO, _LEAST_CONTRAST, fits)
+        found &= fits
         found &= self._confirmed(got, found)
-        self._take(got, found)
+        again = found & self._seen
+        self._step = np.where(again[:, None], got[:, :2] - self._last, 0.0)
+        self._last = np.where(found[:, None], got[:, :2], self._last)
+        self._size = np.where(found, got[:, 2], self._size)
         return found
 
     def _labels(self, blobs: Blobs, expected: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, " m"]:
-        """Return the blob of every marker, -1: missing; ring by ring, from the one nearest to the camera on."""
+        """Return the blob of every marker, -1: missing, from the ring nearest to the camera on."""
         labels, free = np.full(len(self._areas), -1), np.arange(len(blobs))
         order: list[int] = np.argsort(-self.view.rings).tolist()
         for ring, behind in zip(order, [*order[1:], None], strict=True):
             own, left = self.view.ring == ring, blobs[free]
-            price = None if behind is None else owed(*self._before(left, behind), self.limits)
-            before = self._before(left, ring)
-            found = label_ring(*before, expected=expected[own], price=price, limits=self.limits)
+            price = None if behind is None else owed(*self._before(left, behind))
+            found = label_ring(*self._before(left, ring), expected=expected[own], price=price)
             if len(free):
                 labels[own] = np.where(found >= 0, free[found], -1)
             free = np.setdiff1d(free, labels)
         return labels
 
     def _before(self, blobs: Blobs, ring: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return places and areas of blobs, taken for a ring's, and of its markers at rest."""
+        """Return places and areas of blobs, seen in a ring's plane, and of its markers at rest."""
         own = self.view.ring == ring
         places = self.view.to_plane(blobs.pixels, self.view.rings[ring : ring + 1])
         return places, blobs.areas, self._plane[own], self._areas[own]
 
-    def _like_markers(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
-        from palpate.optical._markers import plausible
-
-        fits = np.empty(len(found), dtype=bool)
-        plausible(got, self._known[1], found, float(self.limits.size), _LEAST_CONTRAST, fits)
-        return fits
-
     def _confirmed(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
         """Return which markers are accepted: a missing one only twice in the same place, as a stray blob rarely is.
 
-        In a first image this holds too for a marker away from rest whose neighbours in the ring are not found.
+        In a first image this holds for a marker away from rest without neighbours, too.
         """
         back = found & (self._age >= _AWAY)
         if self._fresh:
@@ -462,15 +436,3 @@ class MarkerTracker:
             own = np.flatnonzero(self.view.ring == ring)
             alone[own] = ~(np.roll(found[own], 1) | np.roll(found[own], -1))
         return alone & (np.hypot(*(got[:, :2] - self._rest).T) > _AGAIN)
-
-    def _take(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> None:
-        again = found & self._seen
-        self._step = np.where(again[:, None], got[:, :2] - self._last, 0.0)
-        self._last = np.where(found[:, None], got[:, :2], self._last)
-        self._size = np.where(found, got[:, 2], self._size)
-
-    def _remember(self, found: Bool[np.ndarray, " m"]) -> None:
-        self._seen, self._count = found.copy(), int(np.count_nonzero(found))
-        self._age = np.where(found, 0, self._age + 1)
-        self._since = 0
-        self._fresh = not self._count

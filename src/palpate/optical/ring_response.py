@@ -23,7 +23,7 @@ def ring_basis(angle: Float[np.ndarray, "*batch"], order: int) -> Float[np.ndarr
 
 
 def _slope(order: int) -> Float[np.ndarray, "terms terms"]:
-    """Return the matrix that takes coefficients of `ring_basis` to those of the derivative."""
+    """Return the matrix from coefficients of `ring_basis` to those of its derivative."""
     matrix = np.zeros((2 * order + 1, 2 * order + 1))
     for k in range(1, order + 1):
         matrix[2 * k, 2 * k - 1], matrix[2 * k - 1, 2 * k] = -k, k
@@ -37,27 +37,27 @@ class RingResponse(Value):
 
         u = F (v0 + z v1 + z^2 v2 + t s),    v, s: functions of delta and phi, periodic in both.
 
-    F is the radial force, z the contact's width: the depth per newton, (depth / F - mean) / standard deviation, which
-    is larger for a narrow tip than for a plate, and t = shear / F. In an elastic skin u is linear in the pressure, and
-    the pressure of a contact is F times a shape of one number, so that several contacts add up. phi enters in addition
-    to delta because no skin is equally thick all round. Every ring of markers has its own functions.
+    F is the radial force, z the contact's width, (depth / F - mean) / standard deviation, larger for a narrow tip than
+    for a plate, and t = shear / F. Several contacts add up.
 
     Attributes:
         coefficients: (b, 2 r, 2 K + 1, 2 M + 1) [m/N] of v0, v1, v2 and, where shear was calibrated, s; outwards and
             along rising angles, ring by ring; in `ring_basis` of delta and of phi.
-        width: (2,) [m/N] mean and standard deviation of depth / F in the calibration.
-        misfit: (2 r, B) [m/N] rms residual of the model, outwards and along, ring by ring, of markers in B equal
-            parts of a turn from the contact on.
-        spread: (2,) [rad], share of the force: standard deviations of angle and of force on presses left out of the
-            fit, in addition to the noise of the pixels.
-        largest: (2,) [m], [N] depth and force up to which it was calibrated.
-        usual: (3,) mean and standard deviation of the width z, and standard deviation of t, of the calibration's
-            presses: the prior of a contact.
+        width: (2,) mean and standard deviation of depth / F [m/N] in the calibration.
+        misfit: (2 r, B) rms residual [m/N], outwards and along, ring by ring, of markers in B equal parts of a turn
+            from the contact on.
+        spread: (2,) standard deviations of angle [rad] and of force, as a share of it, on presses left out of the fit,
+            beyond the noise of the pixels.
+        largest: (2,) depth [m] and force [N] up to which it was calibrated.
+        usual: (3,) mean and standard deviation of z, and standard deviation of t, of the calibration's presses.
         grip: t up to which it was calibrated; 0: none is known.
-        dragged: (3,) of the calibration's presses, the share that was dragged, and standard deviations of t of those
-            that were not, and of those that were; share 0: all are of one kind, that of `usual`.
-        left_out: (4,) of presses left out of the fit, the rms error of the angle and the expected one [rad], and the
-            same of the force, as shares of it; NaN: not known.
+        dragged: (3,) share of presses that were dragged, and standard deviations of t of the others and of those;
+            share 0: all are of one kind.
+        left_out: (4,) rms error and expected error of the angle [rad], then of the force, as shares of it, on presses
+            left out of the fit; NaN: not known.
+
+    Raises:
+        InputError: an array has another shape, a deviation that must be positive is not, or `grip` is negative.
     """
 
     coefficients: Float[np.ndarray, "b e k m"]
@@ -106,9 +106,9 @@ class RingResponse(Value):
         return self.coefficients.shape[2] // 2, self.coefficients.shape[3] // 2
 
     def at(self, delta: Float[np.ndarray, " n"], phi: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n e b"]:
-        """Return the functions v0, v1, v2 and, if shear was calibrated, s at n pairs of angles, (n, 2 r, b) [m/N].
+        """Return v0, v1, v2 and, if shear was calibrated, s at n pairs of angles, (n, 2 r, b) [m/N].
 
-        The second axis is outwards and along rising angles, ring by ring; the third has the b = 3 or 4 functions.
+        The second axis is outwards and along rising angles, ring by ring.
 
         Args:
             delta: (n,) [rad] the marker's angle less the contact's.
@@ -118,11 +118,10 @@ class RingResponse(Value):
         return np.einsum("bckm,nk,nm->ncb", self.coefficients, of_delta, of_phi, optimize=True)
 
     def skin(self, outer: float, inner: float) -> Float[np.ndarray, "2 b k m"]:
-        """Return coefficients (2, b, 2 K + 1, 2 M + 1) of the outer skin's movement along rising angles, and slope.
+        """Return coefficients (2, b, 2 K + 1, 2 M + 1) [m/N] of the outer skin's movement along the ring, and slope.
 
-        The markers are on the inner side; across the wall the skin keeps straight and upright [Kirchhoff and Love]:
-        u_outer = u (1 + t / r) - t / r dw / dtheta, w the markers' movement outwards, whose derivative by the angle is
-        the slope, t the thickness, r the inner radius. For the first ring, both in [m/N].
+        The slope is dw / dtheta, w the markers' movement outwards. With the thickness t and the inner radius r, the
+        outer skin moves by u_outer = u (1 + t / r) - t / r dw / dtheta [Kirchhoff and Love]. For the first ring.
 
         Args:
             outer: radius [m] of the skin's outer surface.
@@ -135,9 +134,13 @@ class RingResponse(Value):
     def tables(
         self, markers: Float[np.ndarray, " m"], count: int
     ) -> tuple[Float[np.ndarray, "a n b"], Float[np.ndarray, "a n b"]]:
-        """Return `at` and its derivative by phi, of markers at angles [rad], for contacts at `count` angles all round.
+        """Return `at` and its derivative by phi, (count, 2 m, b) each, for contacts at `count` angles all round.
 
-        Markers ring by ring, as many in each; marker by marker, outwards and along: (count, 2 m, b) each.
+        The second axis is outwards and along, marker by marker.
+
+        Args:
+            markers: (m,) [rad] of the markers, ring by ring, the same number in each.
+            count: number of angles.
 
         Raises:
             InputError: `count` is less than 1.

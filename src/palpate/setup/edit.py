@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -40,9 +40,8 @@ def update_pose(
 ) -> None:
     """Copy a rig with the surface's pose and its covariance set; comments, order and all other values stay.
 
-    A surface in dotted keys or an inline table is rewritten as a [surface] at the end, without its comments.
-
-    Relative paths of the mesh and of sensors' files are rewritten if `target` is in another folder.
+    A surface in dotted keys or an inline table becomes a [surface] at the end, without its comments. Relative paths are
+    rewritten if `target` is in another folder.
 
     Args:
         source: the rig to read.
@@ -56,14 +55,16 @@ def update_pose(
         InputError: `source` cannot be read, has no surface or cannot be edited in its form, or `target` cannot be
             written.
     """
-    wanted = load_toml(source)
+    wanted, pair = load_toml(source), ("pose", "pose_covariance")
     if not isinstance(wanted.get("surface"), dict):
         raise InputError("a rig needs a [surface].", where=str(source))
-    wanted["surface"]["pose"] = {"xyz": pose.translation.tolist(), "quaternion_xyzw": pose.quaternion().tolist()}
-    wanted["surface"]["pose_covariance"] = np.asarray(covariance).tolist()
+    surface = {key: value for key, value in wanted["surface"].items() if key not in pair}
+    surface["pose"] = {"xyz": pose.translation.tolist(), "quaternion_xyzw": pose.quaternion().tolist()}
+    surface["pose_covariance"] = np.asarray(covariance).tolist()
+    comments = {"pose": comment, "pose_covariance": _COVARIANCE}
     if placement is not None:
-        wanted["surface"]["placement"] = float(placement)
-    _write(source, target, wanted, (_in_place, _surface_anew), comment, "surface")
+        surface["placement"], comments["placement"] = float(placement), _PLACEMENT
+    _write(source, target, wanted | {"surface": surface}, "surface", comments)
 
 
 def update_offset(source: Path, target: Path, offset: float, *, comment: str = "") -> None:
@@ -81,10 +82,8 @@ def update_offset(source: Path, target: Path, offset: float, *, comment: str = "
         InputError: `source` cannot be read or edited in its form, or `target` cannot be written.
     """
     wanted = load_toml(source)
-    if not isinstance(wanted.setdefault("orientation", {}), dict):
-        raise InputError("[orientation] must be a table.", where=str(source))
-    wanted["orientation"]["offset"] = offset
-    _write(source, target, wanted, (_offset_in_place,), comment, "orientation")
+    _table(wanted, "orientation", source)["offset"] = offset
+    _write(source, target, wanted, "orientation", {"offset": comment})
 
 
 def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments: Mapping[str, str]) -> None:
@@ -102,128 +101,79 @@ def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments:
         InputError: `source` cannot be read or edited in its form, or `target` cannot be written.
     """
     wanted = load_toml(source)
-    if not isinstance(wanted.setdefault("drift", {}), dict):
-        raise InputError("[drift] must be a table.", where=str(source))
-    kept = {key: value for key, value in wanted["drift"].items() if key not in _FOUND}
-    wanted["drift"] = {**kept, **drift}
-
-    def in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str | None:
-        return _drift_in_place(text, wanted, {key: printable(said) for key, said in comments.items()})
-
-    _write(source, target, wanted, (in_place, _drift_anew), "", "drift")
+    kept = {key: value for key, value in _table(wanted, "drift", source).items() if key not in _FOUND}
+    _write(source, target, wanted | {"drift": {**kept, **drift}}, "drift", comments)
 
 
-_Edit = Callable[[str, Mapping[str, Any], str], str | None]
+def _table(rig: dict[str, Any], name: str, source: Path) -> dict[str, Any]:
+    """Return a table of a rig, added to it if it is missing; raise InputError if it is no table."""
+    if not isinstance(table := rig.setdefault(name, {}), dict):
+        raise InputError(f"[{name}] must be a table.", where=str(source))
+    return cast("dict[str, Any]", table)
 
 
-def _write(
-    source: Path, target: Path, wanted: dict[str, Any], edits: Sequence[_Edit], comment: str, table: str
-) -> None:
-    """Write the first edit of the text that parses as `wanted`, with relative paths moved; raise InputError if none."""
+def _write(source: Path, target: Path, wanted: dict[str, Any], name: str, comments: Mapping[str, str]) -> None:
+    """Write the rig with the table `name` of `wanted` and with relative paths moved.
+
+    Raises:
+        InputError: no edit of the text of `source` reads as `wanted`.
+    """
     if source.resolve().parent != target.resolve().parent:
-        for name, key in _paths(wanted):
-            _rebase(wanted.get(name, {}), key, source, target)
-    before = source.read_text(encoding="utf-8-sig")
-    for edit in edits:
+        for table, key in _paths(wanted):
+            _rebase(wanted.get(table, {}), key, source, target)
+    before, said = source.read_text(encoding="utf-8-sig"), {key: printable(text) for key, text in comments.items()}
+    for edit in (_in_place, _anew):
         try:
-            text = edit(before, wanted, printable(comment))
+            text = edit(before, wanted, name, said)
         except TOMLKitError:  # a form of TOML that this edit cannot handle
             continue
-        if text is not None and _reads_as(text, wanted):
+        if _reads_as(text, wanted):
             return write_text(target, text)
     raise InputError(
-        f"the result cannot be written into [{table}] in the form that it has.",
+        f"the result cannot be written into [{name}] in the form that it has.",
         where=str(source),
-        hint=f"Write [{table}] as one table.",
+        hint=f"Write [{name}] as one table.",
     )
 
 
-def _offset_in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str:
+def _in_place(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str]) -> str:
+    """Return the text with the changed values of the table replaced; "" if its form does not allow that."""
     document: Any = tomlkit.parse(text)
-    if "orientation" not in document:
-        document["orientation"] = tomlkit.table()
-    table = document["orientation"]
-    _replace(
-        table,
-        "offset",
-        tomlkit.float_(repr(wanted["orientation"]["offset"])),
-        comment if isinstance(table, Table) else "",
-    )
-    _move_paths(document, wanted)
-    return tomlkit.dumps(document)
-
-
-def _drift_in_place(text: str, wanted: Mapping[str, Any], comments: Mapping[str, str]) -> str | None:
-    document: Any = tomlkit.parse(text)
-    if "drift" not in document:
-        document["drift"] = tomlkit.table()
-    table, stated = document["drift"], wanted["drift"]
-    if not isinstance(table, Table | InlineTable):  # dotted keys among others
-        return None
+    if name not in document:
+        document[name] = tomlkit.table()
+    table, stated = document[name], wanted[name]
+    plain = isinstance(table, Table)
+    if not plain and (name == "surface" or not isinstance(table, InlineTable)):  # dotted keys among others
+        return ""
     for key in [key for key in table if key not in stated]:
         table.remove(key)
     for key, value in stated.items():
-        if key not in table or table[key] != value:
-            _replace(table, key, _item(value), comments.get(key, "") if isinstance(table, Table) else "")
+        if key in comments or key not in table or table[key] != value:
+            _replace(table, key, _item(value), comments.get(key, "") if plain else "")
     _move_paths(document, wanted)
     return tomlkit.dumps(document)
 
 
-def _drift_anew(text: str, wanted: Mapping[str, Any], comment: str) -> str:
-    """Return the text with the [drift] moved to its end, for a drift in dotted keys."""
+def _anew(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str]) -> str:
+    """Return the text with the table moved to its end, for a table in dotted keys or an inline table."""
     document: Any = tomlkit.parse(text)
-    document.remove("drift")
+    document.remove(name)
     _move_paths(document, wanted)
-    table = tomlkit.table()
-    for key, value in wanted["drift"].items():
-        table.add(key, _item(value))
-    fresh = tomlkit.document()
-    fresh.add("drift", table)
+    fresh, table = tomlkit.document(), tomlkit.table()
+    for key, value in wanted[name].items():
+        item = _item(value)
+        table.add(key, item.comment(comments[key]) if comments.get(key) else item)
+    fresh.add(name, table)
     return f"{tomlkit.dumps(document).strip()}\n\n{tomlkit.dumps(fresh)}".lstrip()
 
 
-def _item(value: object) -> Item:
+def _item(value: Any) -> Item:
+    """Return a value as TOML: a table inline, a matrix with one row per line."""
     if isinstance(value, dict):
-        return _inline(cast("dict[str, Any]", value))
-    return tomlkit.float_(repr(value)) if isinstance(value, float) else tomlkit.item(value)
-
-
-def _in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str | None:
-    """Return the text with the surface's old values replaced; None if [surface] is not one plain table."""
-    document: Any = tomlkit.parse(text)
-    surface = document["surface"]
-    if not isinstance(surface, Table):
-        return None
-    _replace(surface, "pose", _inline(wanted["surface"]["pose"]), comment)
-    _replace(surface, "pose_covariance", toml_array(wanted["surface"]["pose_covariance"]), _COVARIANCE)
-    if "placement" in wanted["surface"]:
-        _replace(surface, "placement", tomlkit.float_(repr(wanted["surface"]["placement"])), _PLACEMENT)
-    _move_paths(document, wanted)
-    return tomlkit.dumps(document)
-
-
-def _surface_anew(text: str, wanted: Mapping[str, Any], comment: str) -> str:
-    """Return the text with the surface as a [surface] at its end, for a surface in dotted keys or an inline table."""
-    document: Any = tomlkit.parse(text)
-    document.remove("surface")
-    surface = tomlkit.table()
-    for key, value in wanted["surface"].items():
-        if key not in ("pose", "pose_covariance"):
-            surface.add(key, _inline(cast("dict[str, Any]", value)) if isinstance(value, dict) else value)
-    pose = _inline(wanted["surface"]["pose"])
-    surface.add("pose", pose.comment(comment) if comment else pose)
-    surface.add("pose_covariance", toml_array(wanted["surface"]["pose_covariance"]).comment(_COVARIANCE))
-    _move_paths(document, wanted)
-    rest = tomlkit.dumps(document).strip()
-    fresh = tomlkit.document()
-    fresh.add("surface", surface)
-    return f"{rest}\n\n{tomlkit.dumps(fresh)}".lstrip()
-
-
-def _inline(table: Mapping[str, Any]) -> Item:
-    item = tomlkit.inline_table()
-    item.update(table)
-    return item
+        item = tomlkit.inline_table()
+        item.update(cast("dict[str, Any]", value))
+        return item
+    return toml_array(value) if np.ndim(value) == 2 else tomlkit.item(value)
 
 
 def _reads_as(text: str, wanted: Mapping[str, Any]) -> bool:

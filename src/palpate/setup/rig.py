@@ -10,7 +10,6 @@ from typing import Any, Protocol, runtime_checkable
 
 from palpate.calls import called_as
 from palpate.contact.estimator import ContactEstimator
-from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError
 from palpate.files.logs.layout import LogLayout
 from palpate.files.models import load_toml
@@ -19,11 +18,9 @@ from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
 from palpate.setup.drift import RigDrift
 from palpate.setup.kinds import ASSUMED, KINDS
 from palpate.setup.link import Link
-from palpate.setup.pokes import RigPokes
-from palpate.setup.setup import NamedSensor, SensorKind, Setup
+from palpate.setup.setup import NamedSensor, SensorKind, Setup, SharedTables
 from palpate.setup.source import RigSource
 from palpate.setup.surface import OF_ANY_MESH, RigSurface
-from palpate.setup.tables import RigAcceleration, RigEstimate, RigFilter, RigOrientation, RigTime
 from palpate.signals.recording import FORCE, Recording
 from palpate.spatial.pose import Pose
 
@@ -48,29 +45,21 @@ class StartedLog(Protocol):
 
 @called_as('palpate.load_rig("rig.toml")', estimator='palpate.load_rig("rig.toml").estimator(rate=200.0)')
 @dataclass(frozen=True)
-class Rig:
+class Rig(SharedTables):
     """A rig file as values, one attribute for each table.
 
     Attributes:
         surface: the surface that is touched; None if a skin alone is the body.
         sensors: name of a sensor's table -> its values, as the dataclass of `palpate.setup.kinds.KINDS`.
+        source: source of live samples; None: the rig is for logs.
+        folder: the folder where relative paths start.
         time, orientation, acceleration, filter, estimate, contacts: the other tables.
         drift: drift of the bias of a sensor of wrenches; None: it is not followed.
         pokes: pokes of a skin, from which its taxels are located; None: there are none.
-        source: source of live samples; None: the rig is for logs.
-        folder: the folder where relative paths start.
     """
 
     surface: RigSurface | None = None
     sensors: Mapping[str, Any] = field(default_factory=lambda: {})
-    time: RigTime = field(default_factory=RigTime)
-    orientation: RigOrientation = field(default_factory=RigOrientation)
-    acceleration: RigAcceleration = field(default_factory=RigAcceleration)
-    filter: RigFilter = field(default_factory=RigFilter)
-    estimate: RigEstimate = field(default_factory=RigEstimate)
-    contacts: TaxelSettings = field(default_factory=TaxelSettings)
-    drift: RigDrift | None = None
-    pokes: RigPokes | None = None
     source: RigSource | None = None
     folder: Path = field(default_factory=Path)
 
@@ -89,14 +78,12 @@ class Rig:
         """Return the rig with the table of one sensor added or replaced."""
         return replace(self, sensors={**self.sensors, name: table})
 
-    def with_topic(self, name: str | None, sensor: str | None = None) -> Rig:
-        """Return the rig with the topic of one sensor's readings replaced; the rig itself if `name` is None.
+    def with_topic(self, name: str, sensor: str | None = None) -> Rig:
+        """Return the rig with the topic of one sensor's readings replaced.
 
         Raises:
             InputError: the rig has no sensor of this name, or several and none is named, or the sensor is combined.
         """
-        if name is None:
-            return self
         kind = self.kind(sensor)
         if kind.parts:
             tables = " and ".join(f"[{part}]" for part in kind.parts)
@@ -125,13 +112,15 @@ class Rig:
         return named[sensor]
 
     def files(self) -> dict[str, Path]:
-        """Return a dict, key -> path, of the files that the rig names; a key begins with its table ("skin.layout")."""
-        setup, pokes = self.resolve(), RigPokes() if self.pokes is None else self.pokes
-        named = {f"pokes.{key}": path for key, path in pokes.files(self.folder).items()}
-        for kind in self.kinds:
-            if kind.name in setup.sensors:
-                named |= {f"{kind.name}.{key}": path for key, path in setup.sensor_files([kind.name]).items()}
-        return {**setup.link_files(), **named}
+        """Return a dict, key -> path, of the files that the rig names; a key begins with its table ("skin.layout").
+
+        Keys of the surface ("mesh", "urdf") and of the arm ("kinematics") have no table.
+        """
+        setup, pokes = self.resolve(), {} if self.pokes is None else self.pokes.files(self.folder)
+        kinds = [kind.name for kind in self.kinds if kind.name in setup.sensors]
+        named = {"pokes": pokes, **{kind: setup.sensor_files(kind) for kind in kinds}}
+        of_tables = {f"{table}.{key}": path for table, files in named.items() for key, path in files.items()}
+        return setup.link_files() | of_tables
 
     def stream(self) -> RigSource:
         """Return the [source] of live samples, a `RigSource`.
@@ -158,8 +147,8 @@ class Rig:
         kind = kinds[0] if sensor is None else self.kind(sensor if isinstance(sensor, str) else sensor.name)
         stated = {each.name: self.sensors.get(each.name) or each.table() for each in kinds}
         sensors = {name: NamedSensor(KINDS[name], table, link) for name, table in {**stated, **self.sensors}.items()}
-        shared = {each.name for each in fields(Setup)} & {each.name for each in fields(self)} - {"sensors"}
-        return Setup(kind, sensors, link, head=head, **{name: getattr(self, name) for name in shared})
+        shared = {each.name: getattr(self, each.name) for each in fields(SharedTables)}
+        return Setup(kind, sensors, link, head, **shared)
 
     def mount(self) -> Pose:
         """Return T_sensor_surface, the surface's `Pose` in the sensor's frame; the identity without a surface."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +23,7 @@ from palpate.setup.tables import RigAcceleration, RigEstimate, RigFilter, RigOri
 from palpate.signals.drift import Drift
 from palpate.signals.recording import CELLS, Recording
 
-__all__ = ["NamedSensor", "SensorKind", "SensorSection", "Setup", "seen_first"]
+__all__ = ["NamedSensor", "SensorKind", "SensorSection", "Setup", "SharedTables", "seen_first"]
 
 
 class SensorSection:
@@ -48,13 +48,7 @@ Section = TypeVar("Section", bound=SensorSection)
 
 @dataclass(frozen=True)
 class NamedSensor:
-    """A sensor on the link, with its table in the rig.
-
-    Attributes:
-        kind: the kind of sensor.
-        table: the sensor's table in the rig.
-        link: the link that the sensor is on.
-    """
+    """A sensor on a link, with its table in the rig."""
 
     kind: SensorKind
     table: Any
@@ -66,14 +60,11 @@ class NamedSensor:
         return self.table if self.kind.section is None else self.kind.section(self.table, self.link)
 
 
-@dataclass(frozen=True)
-class Setup:
-    """A link and the sensors on it, as values.
+@dataclass(frozen=True, kw_only=True)
+class SharedTables:
+    """The tables of a rig that are not a sensor's.
 
     Attributes:
-        kind: kind of the sensor whose samples are answered; it may combine several sensors.
-        sensors: name -> sensor on the link.
-        link: the surface that is touched, and its pose in the sensors' frame.
         time: the time's column in a log.
         orientation: the source of poses.
         acceleration: the source of accelerations.
@@ -82,12 +73,8 @@ class Setup:
         contacts: settings by which contacts of taxels are found.
         drift: drift of a sensor's bias; None: it is not followed.
         pokes: pokes of a skin, from which its taxels are located; None: there are none.
-        head: the start of the log; None: a live loop.
     """
 
-    kind: SensorKind
-    sensors: Mapping[str, NamedSensor]
-    link: Link
     time: RigTime = field(default_factory=RigTime)
     orientation: RigOrientation = field(default_factory=RigOrientation)
     acceleration: RigAcceleration = field(default_factory=RigAcceleration)
@@ -96,6 +83,22 @@ class Setup:
     contacts: TaxelSettings = field(default_factory=TaxelSettings)
     drift: RigDrift | None = None
     pokes: RigPokes | None = None
+
+
+@dataclass(frozen=True)
+class Setup(SharedTables):
+    """A link and the sensors on it, as values, with the rig's `SharedTables`.
+
+    Attributes:
+        kind: kind of the sensor whose samples are answered; it may combine several sensors.
+        sensors: name -> sensor on the link.
+        link: the surface that is touched, and its pose in the sensors' frame.
+        head: the start of the log; None: a live loop.
+    """
+
+    kind: SensorKind
+    sensors: Mapping[str, NamedSensor]
+    link: Link
     head: Recording | None = None
 
     def of(self, section: type[Section]) -> Section:
@@ -153,7 +156,7 @@ class Setup:
 
     def files(self) -> dict[str, Path]:
         """Return a dict, key -> path, of the files of the surface, arm and answering sensor that the rig names."""
-        return self.link_files() | self.sensor_files((self.kind.name, *self.kind.parts))
+        return self.link_files() | self.sensor_files(self.kind.name, *self.kind.parts)
 
     def link_files(self) -> dict[str, Path]:
         """Return a dict, key -> path, of the files of the surface and of the arm that the rig names."""
@@ -161,11 +164,12 @@ class Setup:
         arm = self.orientation.urdf
         return named if arm is None else {**named, "kinematics": self.link.folder / arm}
 
-    def sensor_files(self, names: Iterable[str]) -> dict[str, Path]:
+    def sensor_files(self, *names: str) -> dict[str, Path]:
         """Return a dict, key -> path, of the files that the tables of the named sensors name."""
-        sensors = [self.sensors[name] for name in names]
-        stated = {key: getattr(sensor.table, key) for sensor in sensors for key in sensor.kind.paths}
-        return {key: self.link.folder / path for key, path in stated.items() if path is not None}
+        stated = (
+            (key, getattr(self.sensors[name].table, key)) for name in names for key in self.sensors[name].kind.paths
+        )
+        return {key: self.link.folder / path for key, path in stated if path is not None}
 
     def answering(self, kind: SensorKind) -> Setup:
         """Return the setup with `kind` as the sensor whose samples are answered."""

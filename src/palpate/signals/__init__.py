@@ -2,18 +2,6 @@
 
 from palpate.signals.filters import Butterworth, Kalman
 from palpate.signals.payload import Payload
-from palpate.signals.recording import CELLS, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, VOLTAGE, Recording
+from palpate.signals.recording import FORCE, ORIENTATION, TORQUE, Recording
 
-__all__ = [
-    "CELLS",
-    "FORCE",
-    "IMAGE",
-    "ORIENTATION",
-    "POSITION",
-    "TORQUE",
-    "VOLTAGE",
-    "Butterworth",
-    "Kalman",
-    "Payload",
-    "Recording",
-]
+__all__ = ["FORCE", "ORIENTATION", "TORQUE", "Butterworth", "Kalman", "Payload", "Recording"]

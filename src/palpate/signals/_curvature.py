@@ -1,8 +1,7 @@
 """Compute second derivatives of sampled paths, and their noise, with a parabola through the parts of a window.
 
-The window is cut into nine parts; the path is averaged over each, and a parabola goes through the nine averages by
-least squares [Savitzky and Golay 1964]. Where rows repeat or interpolate slower poses, parts are made longer than the
-period of the poses.
+The path is averaged over nine parts of the window, and a parabola goes through the averages by least squares
+[Savitzky and Golay 1964]. Parts are longer than the period of slower poses that rows repeat or interpolate.
 """
 
 from __future__ import annotations
@@ -115,7 +114,7 @@ def curvature(
 def _parabola(
     time: np.ndarray, path: np.ndarray, part: int, step: float
 ) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, " m"]]:
-    """Return value and noise at the centres of all complete windows; NaN where rows are missing or uneven."""
+    """Return value and noise at the centres of all windows; NaN where rows are missing or uneven."""
     span = PARTS * part - 1
     bad = ~(np.isfinite(path).all(axis=1) & np.isfinite(time))
     clean = np.where(bad[:, None], 0.0, path)
@@ -136,7 +135,7 @@ def _parabola(
 
 
 def _nearest(whole: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Return for each row the nearest row where `whole` is set; the row itself where it is set nowhere."""
+    """Return for each row the nearest row in `whole`, or the row itself if there is none."""
     rows = np.arange(len(whole))
     if not whole.any():
         return rows
@@ -149,8 +148,7 @@ def _nearest(whole: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 def part_of(period: float, settings: WindowSettings, scale: float = 1.0, periods: float = 2.0) -> tuple[int, float]:
     """Return the rows of a part, odd, and the factor of the noise, 1 or more.
 
-    With fewer than two periods of interpolated poses in a part, the parabola fits some of their noise; the factor makes
-    up for that.
+    With fewer than two periods of interpolated poses in a part, the parabola fits some of their noise.
 
     Args:
         period: rows from pose to pose, from `pose_period`.
@@ -181,7 +179,7 @@ def pose_period(poses: Float[np.ndarray, "n 8"], settings: WindowSettings) -> fl
 
 
 def _period(kinked: Int[np.ndarray, " k"]) -> float:
-    """Return the rows from pose to pose, 0 where too few show. A kink between rows shows in both, but counts once."""
+    """Return the rows from pose to pose; a kink between rows shows in both, but counts once."""
     steps = np.diff(kinked, prepend=-2, append=kinked[-1:] + 2) if len(kinked) else kinked
     pairs = (steps[1:-1] == 1) & (steps[:-2] != 1) & (steps[2:] != 1)
     poses = kinked[np.append(True, ~pairs)] if len(kinked) > 1 else kinked
@@ -189,7 +187,7 @@ def _period(kinked: Int[np.ndarray, " k"]) -> float:
 
 
 def _turns(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "m 3"]:
-    """Return the rotation vectors in the base from each row to the next, (n - 1, 3) [rad]."""
+    """Return the rotation vectors [rad], in the base, from each row to the next."""
     unit = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
     v, w, u, s = unit[:-1, :3], unit[:-1, 3:], unit[1:, :3], unit[1:, 3:]
     vector = w * u - s * v - np.cross(u, v)

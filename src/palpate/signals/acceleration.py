@@ -83,7 +83,7 @@ def turned_from_gravity(
 
 
 def _length(values: Float[np.ndarray, "n 3"]) -> tuple[float, bool]:
-    """Return the median length, and whether it is nearly the same all the time, as only gravity's is."""
+    """Return the median length, and whether it is as steady as gravity's."""
     lengths = np.linalg.norm(values, axis=1)
     lengths = lengths[np.isfinite(lengths)]
     if not len(lengths):

@@ -24,7 +24,7 @@ def correlation_time(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
     summed to the first T where rho(2t) + rho(2t + 1) is not positive [Geyer 1992].
 
     Args:
-        values: (n, k) residuals; a column that never changes has 1.
+        values: (n, k) residuals; a constant column has 1.
     """
     count = len(values)
     if count < 4:

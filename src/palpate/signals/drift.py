@@ -32,8 +32,8 @@ class Drift(Value):
         thermal_deviation: (m,) standard deviation of `thermal`; None: 0.
 
     Raises:
-        InputError: an argument other than `thermal` is negative, an array is not of m finite numbers, or `settling` is
-            not positive.
+        InputError: an array is not of m finite numbers, an argument other than `thermal` is negative or NaN, `settling`
+            is 0, or `weight` is infinite.
     """
 
     walk: Float[np.ndarray, " m"]

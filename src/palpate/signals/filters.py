@@ -24,13 +24,13 @@ MOST_SECTIONS = 4  # second order each
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Recursion:
-    """A filter at a rate, as the compiled loop runs it; the age of a sample counts from 0 where the filter started.
+    """A filter at a rate, as the compiled loop runs it; ages of samples count from 0 where the filter starts.
 
     Args:
         sections: (s, 6) second-order sections b0 b1 b2 1 a1 a2; empty for a filter of gains.
         start: (s, 2) state of the sections after an endless input of 1.
         gains: (m,) y += gain (x - y), by age; the last one stays.
-        share: (k,) share of white noise's variance that remains, by age; the last one stays.
+        share: (k,) of white noise's variance that remains, by age; the last one stays.
         response: (l,) to an impulse, until it has settled; empty for a filter that cannot run backward.
     """
 
@@ -51,8 +51,8 @@ class Kalman:
 
         y_k = y_{k-1} + K (x_k - y_{k-1}),   P = (1 - K)^2 P' + K^2 = K   (Joseph's form)
 
-    settle at K = (sqrt(rho^2 + 4 rho) - rho)/2: a first-order low-pass. The covariance carried on is P times the noise
-    of a reading; for a contact that does not change it is 2 - K times too large.
+    settle at K = (sqrt(rho^2 + 4 rho) - rho)/2: a first-order low-pass. P times the noise of a reading is the
+    covariance carried on.
 
     Args:
         q: variance of one step of the contact.
@@ -193,9 +193,8 @@ class Butterworth:
         Raises:
             InputError: the cut-off is not from 1e-5 to below half of the rate, or the rate is not positive.
         """
-        twice = ", forward and backward" if self.zero_phase else ""
-        settings = f"Butterworth, order {self.order}, {self.cutoff:.3g} Hz{twice}"
-        return f"{settings}: at {rate:.6g} Hz a low-pass at {_says(self, rate)}"
+        settings = f"order {self.order}, {self.cutoff:.3g} Hz{', forward and backward' if self.zero_phase else ''}"
+        return f"Butterworth, {settings}: at {rate:.6g} Hz a low-pass at {_says(self, rate)}"
 
     def recursion(self, rate: float) -> Recursion:
         """Return the `Recursion` that runs this filter at a `rate` [Hz].
@@ -214,10 +213,7 @@ class Butterworth:
         return Recursion(frozen(sections), frozen(start), np.zeros(0), frozen(share), frozen(response))
 
     def _sections(self, rate: float) -> Float[np.ndarray, "s 6"]:
-        """Return b0 b1 b2 1 a1 a2 of each pair of poles, gain 1 at rest; a single pole makes a first-order section.
-
-        The sections are those of scipy.signal.butter, without importing SciPy.
-        """
+        """Return b0 b1 b2 1 a1 a2 of each pair of poles, as scipy.signal.butter does, without importing SciPy."""
         sections: list[list[float]] = []
         for pole in self._poles(rate)[: (self.order + 1) // 2]:  # the others are their conjugates
             alone = 2 * len(sections) + 1 == self.order
@@ -227,13 +223,13 @@ class Butterworth:
         return np.array(sections)
 
     def _poles(self, rate: float) -> np.ndarray:
-        """Return the digital poles: the analogue ones, w tan(pi cutoff/rate), through the bilinear transform."""
+        """Return the digital poles, by the bilinear transform."""
         angles = np.pi * (np.arange(self.order) + 0.5) / self.order + np.pi / 2
         analogue = np.tan(np.pi * self._checked(rate)) * np.exp(1j * angles)
         return (1 + analogue) / (1 - analogue)
 
     def _checked(self, rate: float) -> float:
-        """Return the cut-off over the rate; raise an InputError where it is too high or too low."""
+        """Return the cut-off over the rate, if it is in range."""
         share = self.cutoff / _known(rate)
         if not share < 0.5:
             raise InputError(

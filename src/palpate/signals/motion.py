@@ -36,9 +36,8 @@ class Motion:
     | motion | as recorded, plus that of the lever, R c | of the added part |
     | imu | as recorded, a specific force: f + R^T g, plus that of the lever, R c | of the added part |
 
-    Derivatives are those of a parabola through nine parts of a window. Near the ends of the log and of gaps, the
-    nearest acceleration is kept, with a standard deviation as large as itself; where there is none, it is 0 and
-    UNSTEADY about 1 g.
+    Near the ends of the log and of gaps, the nearest acceleration is kept, with a standard deviation as large as
+    itself; where there is none, it is 0 and UNSTEADY about 1 g.
 
     Args:
         source: one of the table.
@@ -145,7 +144,7 @@ class Motion:
             )
 
     def _answers(self, pieces: Iterator[Float[np.ndarray, "n 8"]]) -> Iterator[Float[np.ndarray, "m 4"]]:
-        """Yield acceleration and UNSTEADY, (m, 4), by chunks, with the rows around them that the windows need."""
+        """Yield acceleration and UNSTEADY, (m, 4), by chunks."""
         settings: WindowSettings | None = None
         before, rows = np.zeros((0, 8)), np.zeros((0, 8))
         for piece, last in _gathered(pieces):
@@ -180,7 +179,7 @@ class Motion:
         return answers[done]
 
     def _left_out(self, scales: list[Curvature]) -> Float[np.ndarray, "n 4"]:
-        """Return acceleration 0, and as UNSTEADY the size of the motion where it is seen, (n, 4)."""
+        """Return acceleration 0, and as UNSTEADY the size of the motion, (n, 4)."""
         size = np.zeros(len(scales[0].value))
         for found in scales:
             length = np.linalg.norm(found.value, axis=1)
@@ -193,7 +192,7 @@ class Motion:
         return np.column_stack([np.zeros((len(size), 3)), share * size])
 
     def _felt(self, found: Curvature, rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:
-        """Return the acceleration in the sensor's frame, and its noise; beyond the last window, as large as itself."""
+        """Return the acceleration in the sensor's frame, and its noise, (n, 4)."""
         value, lost = found.value, ~np.isfinite(found.value[:, 0])
         unsure = np.where(found.borrowed, np.hypot(np.linalg.norm(value, axis=1), found.noise), found.noise) / 3**0.5
         inside = np.einsum("nji,nj->ni", rotations, np.where(lost[:, None], 0.0, value))
@@ -224,7 +223,7 @@ class Motion:
 
 
 def _widened(seen: Bool[np.ndarray, " n"], half: int) -> Bool[np.ndarray, " n"]:
-    """Return also the rows half a window before or after a seen one: a swinging acceleration passes through zero."""
+    """Return also the rows half a window around a seen one: a swinging acceleration passes through zero."""
     counts = np.concatenate([np.zeros(half + 1, dtype=int), np.cumsum(seen), np.full(half, np.count_nonzero(seen))])
     return counts[2 * half + 1 :] > counts[: -2 * half - 1]
 

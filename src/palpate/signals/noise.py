@@ -100,12 +100,12 @@ class Noise(Value):
 def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"] | None:
     """Return the standard deviation (k,) of one reading in the quiet parts of a log; None for under ten finite samples.
 
-    The log is cut into windows of 32 samples, each less its own straight line: slower changes do not count, other than
-    in `rest_noise`. Quiet are the quietest tenth of them, and those of at most 2.5 times the mean variance of the quiet
-    ones. With a resolution q, the answer is q / sqrt(12) or more.
+    The log is cut into windows of 32 samples, each less its own straight line. Quiet are the quietest tenth of them,
+    and those of at most 2.5 times the mean variance of the quiet ones. With a resolution q, the answer is q / sqrt(12)
+    or more.
 
     Args:
-        readings: (n, 6) [N, N m] as logged, or other readings (n, k).
+        readings: (n, k) of k channels, as logged.
     """
     usable = _unheld(readings[np.isfinite(readings).all(axis=1)])
     if len(usable) < FEWEST:
@@ -118,18 +118,17 @@ def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
 def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> Noise | None:
     """Return the `Noise` of a log where it rests at one level; None where it hardly does.
 
-    Rest is where every channel is quiet (`estimate_noise`) and within 5 standard deviations of the level before,
-    starting from the commonest level. Periodograms [welch] of the parts at rest give the noise within a segment; the
-    variance of the segments' means is drift, and stands at frequency 0: no filter removes it.
+    Rest is where every channel is quiet (`estimate_noise`) and within 5 standard deviations of the level before.
+    Periodograms [welch] of the parts at rest give the noise within a segment; the variance of the segments' means is
+    drift, and stands at frequency 0.
 
     The error of a reading of resolution q that hardly moves is the same in every sample; of its variance q^2/12, sum
-    over k of q^2/(2 pi^2 k^2) exp(-4 pi^2 k^2 s^2/q^2) stays so under noise of standard deviation s, and stands at 0
+    over k of q^2/(2 pi^2 k^2) exp(-4 pi^2 k^2 s^2/q^2) stays so under noise of standard deviation s, and stands at 0,
     too [Widrow 1996].
 
     Args:
-        readings: (n, 6) [N, N m] as logged, or other readings (n, k), evenly spaced.
-        wander: count drift of the zero, too. False where the zero is followed: each segment is then taken less its
-            straight line.
+        readings: (n, k) of k channels, evenly spaced, as logged.
+        wander: count drift of the zero. False: each segment is taken less its straight line.
     """
     usable = readings[np.isfinite(readings).all(axis=1)]
     if len(usable) < 2 * WINDOW:
@@ -174,7 +173,7 @@ def wrong_noise(stated: Float[np.ndarray, "6"], seen: Float[np.ndarray, "6"]) ->
 
 
 def _unheld(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:
-    """Remove the repetitions of a driver that repeats each reading: keep every n-th row."""
+    """Keep every n-th row of a driver that repeats each reading n times."""
     changes = np.flatnonzero((np.diff(readings, axis=0) != 0).any(axis=1))
     held = int(np.median(np.diff(changes))) if len(changes) > FEWEST else 1
     return readings[:: min(max(held, 1), MOST_HELD)]
@@ -191,7 +190,7 @@ def _straightened(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l
 def _judged(
     readings: Float[np.ndarray, "n k"],
 ) -> tuple[Float[np.ndarray, "w l k"], Float[np.ndarray, "w k"], Bool[np.ndarray, "w k"]]:
-    """Return complete windows, their variances, and where they are noise alone: in all channels, or else in each."""
+    """Return complete windows, their variances, and where they are noise alone."""
     length = int(np.clip(len(readings) // 20, min(FEWEST, len(readings)), WINDOW))  # shorter in a short log
     count = len(readings) // length
     windows = readings[: count * length].reshape(count, length, readings.shape[1])
@@ -215,7 +214,7 @@ def _quiet(variance: Float[np.ndarray, " w"]) -> Bool[np.ndarray, " w"]:
 def _deviation(
     variance: Float[np.ndarray, "w k"], quiet: Bool[np.ndarray, "w k"], resolution: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, " k"]:
-    """Return the standard deviation in the quiet windows, and no less than the resolution's."""
+    """Return the standard deviation in the quiet windows."""
     mean = np.mean(variance, axis=0, where=quiet)
     return np.sqrt(np.maximum(mean, resolution**2 / 12.0))
 
@@ -240,7 +239,7 @@ def _step(levels: Float[np.ndarray, " m"]) -> float:
 def _resting(
     readings: Float[np.ndarray, "n k"], resolution: Float[np.ndarray, " k"]
 ) -> tuple[Bool[np.ndarray, " w"], int]:
-    """Return which windows are at rest, all channels quiet and near the last level, and the samples of a window."""
+    """Return which windows are at rest, and the samples of a window."""
     windows, variance, quiet = _judged(readings)
     resting: Bool[np.ndarray, " w"] = np.asarray(np.all(quiet, axis=1))
     deviation = np.maximum(_deviation(variance, quiet, resolution), 1e-15)
@@ -264,7 +263,7 @@ def _resting(
 def _segments(
     readings: Float[np.ndarray, "n k"], resting: Bool[np.ndarray, " w"], window: int
 ) -> Float[np.ndarray, "s l k"] | None:
-    """Return stretches of rest, all of the longest length of which there are enough; None if there are too few."""
+    """Return stretches of rest of one length; None if there are too few."""
     rests = window * np.flatnonzero(np.diff(resting, prepend=False, append=False)).reshape(-1, 2)  # start, end
     length = LONGEST
     while length > window // 2 and np.sum(np.diff(rests) // length) < SEGMENTS:

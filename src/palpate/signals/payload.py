@@ -54,8 +54,8 @@ class Payload(Value):
         mass: [kg] in place of the weight, in a base whose z axis points up.
 
     Raises:
-        InputError: an array has another shape or numbers that are not finite, the magnitude is not positive, the mass
-            is negative, or a weight and a mass are given.
+        InputError: an array has another shape or numbers beyond 1e9 or NaN, the magnitude is not from 1e-9 to 1e9, the
+            mass is negative, or a weight and a mass are given.
     """
 
     weight: Float[np.ndarray, "3"]
@@ -124,7 +124,7 @@ class Payload(Value):
         by_name("palpate.files.models.write_model")(path, self)
 
     def __reduce__(self) -> tuple[type[Payload], tuple[object, ...]]:
-        """Pickle the fields, so that read-only arrays and mappings are restored read-only."""
+        """Pickle the fields, so that arrays and mappings are restored read-only."""
         values = {**vars(self), "provenance": dict(self.provenance)}
         return Payload, tuple(values[name.name] for name in fields(self))
 
@@ -157,8 +157,8 @@ class Payload(Value):
 
             F_contact = F_s - f0 - u,    M_contact = M_s - m0 - c x u.
 
-        For the acceleration of the payload's centre that of the sensor's origin is taken, and its rotational inertia is
-        left out: the force is off by m (alpha x c + omega x (omega x c)).
+        The acceleration of the sensor's origin is taken for that of the payload's centre, and the payload's rotational
+        inertia is left out.
 
         Args:
             wrenches: (*batch, 6) [N, N m] in the sensor frame.
@@ -167,8 +167,7 @@ class Payload(Value):
                 rest. Beyond 1e9 it gives a NaN wrench.
 
         Returns:
-            Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6), whose error is common to all
-            samples: averaging does not reduce it.
+            Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6), an error common to all samples.
 
         Raises:
             InputError: no rotations for a payload that weighs something.
@@ -191,7 +190,7 @@ class Payload(Value):
         return wrenches - load, jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
 
     def _base_in_sensor(self, wrenches: np.ndarray, rotations: np.ndarray | None) -> np.ndarray:
-        """Return R^T, every entry NaN where one is; raise an InputError where rotations are needed and missing."""
+        """Return R^T, every entry NaN where one is."""
         if rotations is None:
             if self.weight.any() or self.covariance[:3, :3].any():
                 newtons = float(np.linalg.norm(self.weight))
@@ -208,7 +207,7 @@ class Payload(Value):
 def _finite(
     name: str, values: ArrayLike | None, shape: tuple[int, ...], largest: float = LARGEST
 ) -> Float[np.ndarray, "..."]:
-    """Return a read-only copy of this shape, zeros for None; raise an InputError at NaN and too large numbers."""
+    """Return a read-only copy of this shape, zeros for None."""
     array = frozen(np.zeros(shape) if values is None else values, tail=shape, name=name)
     if array.shape != shape or not np.all(np.abs(array) <= largest):
         raise InputError(f"{name} must be finite numbers of shape {shape}, at most {largest:g}.", where="payload")

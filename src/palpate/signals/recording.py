@@ -62,18 +62,18 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always 
 @called_as('palpate.Recording(time, {"force": force, "torque": torque})')
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Channels of one log, sample by sample: the form that every file and stream takes inside Palpate.
+    """Channels of one log, sample by sample.
 
     All arrays are float64 (of `IMAGE` uint8), contiguous by rows, and read-only. Arrays given in this form are used
-    without a copy, others are copied.
+    without a copy.
 
     Args:
         time: (n,) [s], as recorded: it may repeat, run backwards or be NaN.
         channels: name -> (n, ...), SI; NaN where a value could not be read. Names used across Palpate are the constants
             of this module.
-        frame: the frame in which force and torque are written, "sensor" or "base".
+        frame: the frame of force and torque, "sensor" or "base".
         source: where it came from, for messages and provenance.
-        notes: remarks for a reader of the results (a gap, unsorted times), one sentence each.
+        notes: remarks on the log (a gap, unsorted times), one sentence each.
 
     Raises:
         InputError: a channel is not of real numbers, does not have one row for each time, or does not have the shape
@@ -105,7 +105,7 @@ class Recording:
         )
 
     def __reduce__(self) -> tuple[type[Recording], tuple[object, ...]]:
-        """Pickle channels as a dict: a read-only view of them cannot be pickled, nor copied in depth."""
+        """Pickle channels as a dict, as a read-only view cannot be pickled."""
         return Recording, (self.time, dict(self.channels), self.frame, self.source, self.notes)
 
     def __len__(self) -> int:
@@ -157,7 +157,7 @@ def split_channels(names: Sequence[str], readings: np.ndarray) -> dict[str, np.n
 
 
 def _dtype(name: str, values: ArrayLike) -> DTypeLike:
-    """Return the type of a channel: images keep their own, and are refused later if it is not uint8."""
+    """Return the type of a channel: images keep their own."""
     return getattr(values, "dtype", np.uint8) if name == IMAGE else np.float64
 
 

@@ -46,12 +46,12 @@ def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] 
     """Return the mean of wrenches at rest, as a `RestReading`.
 
     Args:
-        wrenches: (n, 6) [N, N m] compensated; NaN where a sample is unusable.
-        noise: covariance of one reading; None: estimated from the wrenches.
+        wrenches: (n, 6) [N, N m]; NaN where a sample is unusable.
+        noise: (6, 6) covariance of one reading; None: from the wrenches.
         where: source of the wrenches, for messages.
 
     Raises:
-        InputError: fewer than 10 usable samples; or they scatter more than noise, or their halves differ.
+        InputError: fewer than 10 usable samples, or the wrenches change by more than noise.
     """
     usable = wrenches[np.isfinite(wrenches).all(axis=1)]
     if len(usable) < FEWEST:

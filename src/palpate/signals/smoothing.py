@@ -49,7 +49,7 @@ def require_forward(filter: Filter | None) -> None:
 
 
 class Forward:
-    """A filter that runs forward over samples as they come, however the stream is cut.
+    """A filter that runs forward over samples as they come.
 
     It starts afresh where time steps back, or forward by more than 5 periods and 0.05 s; other samples count as evenly
     spaced. Samples with a status of 0 or more are skipped.
@@ -111,8 +111,7 @@ class Forward:
 class BothWays:
     """A filter that runs forward and backward, as if the first and last sample of a run had been there for ever.
 
-    A run ends where `Forward` starts afresh. It is filtered backward in segments counted from its first sample, each
-    begun a settled response later, so that results do not depend on how the stream is cut and memory is bounded.
+    A run ends where `Forward` starts afresh. Results do not depend on how the stream is cut.
 
     With r the autocorrelation of the forward response, sample k of a run 0 ... e is the sum of r_{k-i} x_i, the first
     and last x carrying all of the weight beyond them: a share of sum r^2 + edge(k) + edge(e - k) of the noise remains,
@@ -189,7 +188,7 @@ class BothWays:
         done = self._reversed(np.concatenate([rows, after]))[: len(rows)]
         left = np.arange(len(rows))[::-1]
         share = np.ones(1) if self._emitted + len(rows) == 1 else self._share(len(rows)) + self._edges(left)
-        self._add(done, share)
+        self._done.append(np.column_stack([done, share]))
         self._parts, self._emitted = [], 0
 
     def _extend(self, time: np.ndarray, status: np.ndarray, values: Values) -> None:
@@ -203,13 +202,11 @@ class BothWays:
         if sum(map(len, self._parts)) >= needed:
             rows = np.concatenate(self._parts)
             while len(rows) >= needed:
-                self._add(self._reversed(rows[:needed])[: self._segment], self._share(self._segment))
+                done = self._reversed(rows[:needed])[: self._segment]
+                self._done.append(np.column_stack([done, self._share(self._segment)]))
                 rows = rows[self._segment :]
                 self._emitted += self._segment
             self._parts = [rows]
-
-    def _add(self, values: Values, share: Float[np.ndarray, " n"]) -> None:
-        self._done.append(np.column_stack([values, share]))
 
     def _reversed(self, rows: Values) -> Values:
         """Return rows filtered from the last to the first."""
@@ -217,7 +214,7 @@ class BothWays:
         return self._backward.gapless(rows[::-1].copy())[::-1]
 
     def _share(self, count: int) -> Float[np.ndarray, " n"]:
-        """Return the noise's share in the next `count` samples of the run, far from its end."""
+        """Return the noise's share in the next `count` samples, far from the run's end."""
         return self._inside + self._edges(self._emitted + np.arange(count))
 
     def _edges(self, steps: np.ndarray) -> Float[np.ndarray, " n"]:

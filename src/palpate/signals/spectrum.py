@@ -86,14 +86,15 @@ def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) ->
     lengths = np.array([piece.stop - piece.start for piece in pieces], dtype=np.int64)
     segment = _segment(lengths, 1 / step, len(time))
     used = [piece for piece, length in zip(pieces, lengths, strict=True) if length >= segment]
-    rate = _mean_rate(time, used)
+    samples = sum(piece.stop - piece.start for piece in used)
+    lasting = float(sum(time[piece.stop - 1] - time[piece.start] for piece in used))
+    rate = (samples - len(used)) / lasting  # a median step is as coarse as the clock that stamped it
     total: Float[np.ndarray, "k c"] = np.zeros((segment // 2 + 1, values.shape[1]))
     frequency, weight = np.empty(0), 0
     for piece in used:
         frequency, density = map(np.asarray, welch(values[piece], fs=rate, nperseg=segment, axis=0))
         count = 1 + (piece.stop - piece.start - segment) // (segment - segment // 2)
         total, weight = total + count * density, weight + count
-    samples = sum(piece.stop - piece.start for piece in used)
     inner = slice(1, -1)  # the mean is taken off at 0, and at half the rate two sides are one
     return Spectrum(frequency[inner], total[inner] / weight, rate, samples, weight, len(used))
 
@@ -111,9 +112,8 @@ def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n
 def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
     """Propose the frequency above which the signal stays within the noise, as a `Cutoff`.
 
-    Each channel is divided by its floor, the median of its top band; the mean over the channels is smoothed by a
-    median over a third of an octave. The cut-off is where that stays below twice the floor; above a fifth of the rate
-    none is proposed.
+    Each channel is divided by its floor, the median of its top band; the mean over the channels is smoothed over a
+    third of an octave. The cut-off is where that stays below twice the floor, if that is below a fifth of the rate.
 
     Args:
         found: from `spectrum`.
@@ -142,28 +142,20 @@ def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
 
 
 def _settings(cutoff: float, rate: float, noise: float) -> tuple[str, ...]:
-    """Describe the two filters that have this cut-off [Hz], for readings of variance `noise`.
-
-    A Kalman filter of identity transition, once steady, is a low-pass that is 3 dB down where 2 (1 - cos w) = q / r.
-    """
+    """Describe the filters with this cut-off [Hz], for readings of variance `noise`; q / r = 2 (1 - cos w)."""
     q = noise * 2 * (1 - cos(2 * pi * cutoff / rate))
     return Butterworth(cutoff, 2).describe(rate), Kalman(q, noise).describe(rate)
 
 
 def _usual_step(time: Float[np.ndarray, " n"]) -> float:
-    known = time[np.isfinite(time)]
-    steps = np.diff(known)
-    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-    if usual <= 0:
+    steps = np.diff(time[np.isfinite(time)])
+    if not np.any(steps > 0):
         raise InputError("must increase for a spectrum.", where="time")
-    return usual
+    return float(np.median(steps[steps > 0]))
 
 
 def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
-    """Return the samples of a segment, a power of two.
-
-    It is fine enough, and stretches as long contain half of the samples of all stretches.
-    """
+    """Return the samples of a segment, a power of two, so that longer stretches contain half of all samples."""
     if not len(lengths):
         raise InputError(
             f"a spectrum needs a steady rate, and no {SHORTEST} samples in a row (of {count}) have one.",
@@ -175,14 +167,8 @@ def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
     return max(SHORTEST, 2 ** int(np.log2(min(half, finest))))
 
 
-def _mean_rate(time: Float[np.ndarray, " n"], pieces: list[slice]) -> float:
-    """Return steps over time [Hz]: a median step is as coarse as the clock that stamped it."""
-    steps = sum(piece.stop - 1 - piece.start for piece in pieces)
-    return steps / float(sum(time[piece.stop - 1] - time[piece.start] for piece in pieces))
-
-
 def _smoothed(frequency: Float[np.ndarray, " k"], values: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """Return the median over a band around each frequency, at least three wide where there are as many."""
+    """Return the median over a band around each frequency, at least three values."""
     here = np.arange(len(values))
     below: Float[np.ndarray, " k"] = frequency / NARROW**0.5
     above: Float[np.ndarray, " k"] = frequency * NARROW**0.5

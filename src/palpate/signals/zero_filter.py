@@ -154,13 +154,13 @@ class FilterStep(NamedTuple):
 class ZeroFilter:
     """Kalman filter of zero b, coefficients c and rate r of a `Drift`, whose windows read b + h c + noise.
 
-    Predicted by t, with e = s (1 - exp(-t/s)) and s = `settling` (e = t if s is infinite),
+    With e = s (1 - exp(-t/s)) and s = `settling` (e = t if s is infinite), predicted by t,
 
         b <- b + e r,    r <- exp(-t/s) r,    P_b <- P_b + e (P_br + P_rb) + e^2 P_r + walk^2 t.
 
     Args:
         drift: of the m channels.
-        coefficients: (q,) prior standard deviations of the coefficients.
+        coefficients: (q,) prior standard deviations of c.
 
     Raises:
         InputError: `coefficients` is not an array of q numbers.
@@ -210,8 +210,7 @@ class ZeroFilter:
 
         The state is zero, coefficients and, if the sensor warms up, rates.
         """
-        state, covariance, _ = self._predicted(time)
-        return state, covariance
+        return self._predicted(time)[:2]
 
     def at(self, time: float) -> ZeroState:
         """Return the `ZeroState` predicted for a time [s]."""
@@ -267,7 +266,7 @@ class ZeroFilter:
         self.covariance[:m, :m] += covariance
 
     def _predicted(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return state, covariance and F; the last result is cached, as it is needed more than once."""
+        """Return state, covariance and F; the last result is cached."""
         if self._asked[0] == time and self._asked[1] is self.covariance:
             return self._asked[2]
         k = self.known
@@ -286,7 +285,7 @@ class ZeroFilter:
         return self._asked[2]
 
     def _seen(self, regressor: Float[np.ndarray, "m q"]) -> Float[np.ndarray, "m n"]:
-        """Return H = (I, h, 0); raise an InputError at regressors of another shape."""
+        """Return H = (I, h, 0)."""
         m, k = self.channels, self.known
         if regressor.shape != (m, k - m):
             raise InputError(f"the regressors must have shape ({m}, {k - m}), not {regressor.shape}.")
@@ -298,7 +297,7 @@ class ZeroFilter:
 def smoothed(
     nodes: Sequence[FilterStep], count: int | None = None
 ) -> Iterator[tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]]:
-    """Yield state (n,) and covariance (n, n) of each step given all later ones, too, from the last to the first.
+    """Yield state (n,) and covariance (n, n) of each step given all later ones, from the last to the first.
 
     The modified Bryson-Frazier form of the fixed-interval smoother [Bierman 1977]:
 

@@ -1,4 +1,4 @@
-"""Convert a caller's values to arrays that compiled loops can take, or that nobody can change afterwards."""
+"""Arrays that compiled loops can take, or that nobody can change afterwards."""
 
 from __future__ import annotations
 
@@ -86,19 +86,19 @@ def require_batch(array: np.ndarray, batch: tuple[int, ...], name: str) -> None:
         raise InputError(f"{name} must have shape {shapes}, not {array.shape}.") from problem
 
 
-def require_out(out: np.ndarray, shape: Shape, name: str = "out") -> None:
+def require_out(out: np.ndarray, shape: Shape, name: str = "out", dtype: np.dtype[Any] = FLOAT) -> None:
     """Require an array that a compiled loop can write into.
 
     Raises:
-        InputError: `out` is not an array of float64 and this shape, contiguous, aligned and writable.
+        InputError: `out` is not an array of this type and shape, contiguous, aligned and writable.
     """
-    if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
+    if type(out) is np.ndarray and out.dtype == dtype and out.flags.carray:
         if _fits(out.shape, shape):
             return
         raise InputError(f"{name} must have shape {_said(shape)}, not {out.shape}.")
-    seen = [f"{name} {getattr(out, name)}" for name in ("dtype", "shape", "strides") if hasattr(out, name)]
+    seen = [f"{each} {getattr(out, each)}" for each in ("dtype", "shape", "strides") if hasattr(out, each)]
     raise InputError(
-        f"{name} must be a writable, contiguous array of float64 and shape {_said(shape)}, "
+        f"{name} must be a writable, contiguous array of {dtype} and shape {_said(shape)}, "
         f"not {type(out).__name__} {', '.join(seen)}."
     )
 
@@ -127,7 +127,7 @@ class Value:
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        names = [field.name for field in fields(cast("Any", self))]
+        names = [field.name for field in fields(cast("Any", self)) if field.init]
         return _built, (type(self), {name: _picklable(getattr(self, name)) for name in names})
 
 
@@ -136,12 +136,11 @@ def _built(kind: type[Any], given: dict[str, Any]) -> Any:
 
 
 def _picklable(value: Any) -> Any:
-    """Return a read-only view of a dict, which cannot be pickled, as a dict, and any other value as it is."""
+    """Return a read-only view of a dict as a dict, and another value as it is."""
     return dict(cast("Mapping[str, Any]", value)) if isinstance(value, MappingProxyType) else value
 
 
 def _converted(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any]) -> np.ndarray:
-    """Return a copy of the required type; raise an InputError if it cannot hold the numbers."""
     wanted = f"{name} must be {dtype} of shape {_said(shape)}"
     try:
         given = np.asarray(values)
@@ -165,6 +164,6 @@ def _fits(seen: tuple[int, ...], wanted: Shape) -> bool:
 
 
 def _said(shape: Shape) -> str:
-    """Format a shape as Python does, with n for any length."""
+    """Format a shape, with n for any length."""
     axes = ["..." if axis is ... else "n" if axis is None else str(axis) for axis in shape]
     return f"({', '.join(axes)}{',' * (len(axes) == 1)})"

@@ -1,4 +1,4 @@
-"""Convert the arguments of public functions to the arrays and numbers that their annotations require."""
+"""Conversion of the arguments of public functions to what their annotations require."""
 
 from __future__ import annotations
 
@@ -31,17 +31,16 @@ _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.
 
 
 class _Size(NamedTuple):
-    """Size of a named axis, or of several (`*batch`): length or lengths, and the argument that has it."""
+    """Length of a named axis, or lengths of several (`*batch`), and the argument that has it."""
 
     length: int | tuple[int, ...]
     argument: str
 
 
 class _Wanted(NamedTuple):
-    """Requirements of an annotation on an argument.
+    """Requirements of an annotation on an argument; by default, a number.
 
     Attributes:
-        name: of the argument.
         optional: None is allowed, too.
         others: classes of which it may be instead.
         dtype: of an array; None: a number, or numbers of any type.
@@ -52,10 +51,10 @@ class _Wanted(NamedTuple):
     """
 
     name: str
-    optional: bool
-    others: tuple[type, ...]
-    dtype: np.dtype[Any] | None
-    axes: tuple[str, ...]
+    optional: bool = False
+    others: tuple[type, ...] = ()
+    dtype: np.dtype[Any] | None = None
+    axes: tuple[str, ...] = ()
     whole: bool = False
     any: bool = False
     parts: tuple[bool, ...] = ()
@@ -124,7 +123,7 @@ def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
 
 
 def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wanted]:
-    """Return by name the requirements on the arguments that are arrays or numbers."""
+    """Return the requirements on arrays and numbers by the name of the argument."""
     made: dict[str, _Wanted] = {}
     parameters = signature(function).parameters
     written = _WRITTEN | {"counts"} if "out" in parameters else _WRITTEN
@@ -136,7 +135,7 @@ def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wan
             annotation = annotation.__forward_arg__
         stated = str(annotation)
         if stated.removesuffix(" | None") in ("ArrayLike", "np.ndarray"):
-            wanted = _Wanted(name, stated.endswith("None"), (), None, (), any=True)
+            wanted = _Wanted(name, stated.endswith("None"), any=True)
         else:
             wanted = _wanted(name, _annotation(annotation, known))
         if wanted is not None:
@@ -161,14 +160,14 @@ def _wanted(name: str, annotation: Any) -> _Wanted | None:
     optional = NoneType in others
     tuples = [get_args(option) for option in options if get_origin(option) is tuple]
     if len(tuples) == 1 and len(tuples) + optional == len(options) and set(tuples[0]) <= {int, float}:
-        return _Wanted(name, optional, (), None, (), parts=tuple(part is int for part in tuples[0]))
+        return _Wanted(name, optional, parts=tuple(part is int for part in tuples[0]))
     if len(arrays) > 1 and len(arrays) + optional == len(options):  # of several types
-        return _Wanted(name, optional, (), None, (), any=True)
+        return _Wanted(name, optional, any=True)
     if len(arrays) + bool(kinds) != 1 or len(others) + len(arrays) + len(kinds) != len(options):
         return None  # none of both, or what cannot be told from its class
     others = tuple(other for other in others if other is not NoneType)
     if not arrays:
-        return _Wanted(name, optional, others, None, (), float not in kinds)
+        return _Wanted(name, optional, others, whole=float not in kinds)
     (array,) = arrays
     kind = array.dtype.__name__
     dtype = _DTYPES.get(kind) or np.dtype(kind.lower())
@@ -176,7 +175,6 @@ def _wanted(name: str, annotation: Any) -> _Wanted | None:
 
 
 def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
-    """Return an argument in the form that the function takes."""
     if (value is None and wanted.optional) or isinstance(value, wanted.others):
         return value
     if wanted.parts:
@@ -201,7 +199,7 @@ def number(value: Any, name: str) -> float:
     Raises:
         InputError: it is no number.
     """
-    return float(_number(value, _Wanted(name, False, (), None, ())))
+    return float(_number(value, _Wanted(name)))
 
 
 def integer(value: Any, name: str) -> int:
@@ -212,19 +210,17 @@ def integer(value: Any, name: str) -> int:
     """
     if type(value) is int and abs(value) < _LARGEST:
         return value
-    return int(_number(value, _Wanted(name, False, (), None, (), whole=True)))
+    return int(_number(value, _Wanted(name, whole=True)))
 
 
 def _tuple(wanted: _Wanted, values: Any) -> tuple[Any, ...]:
-    """Return the required number of numbers, from any container, as a tuple."""
     array = shaped(values, (len(wanted.parts),), wanted.name)
-    named = [f"{wanted.name}[{place}]" for place in range(len(array))]
-    kinds = [_Wanted(name, False, (), None, (), whole) for name, whole in zip(named, wanted.parts, strict=True)]
+    kinds = [_Wanted(f"{wanted.name}[{place}]", whole=whole) for place, whole in enumerate(wanted.parts)]
     return tuple(_number(value, kind) for value, kind in zip(array.tolist(), kinds, strict=True))
 
 
 def _real(values: Any, name: str) -> np.ndarray:
-    """Return an array of real numbers, of the type that they have."""
+    """Return an array of real numbers, of their type."""
     try:
         array = np.asarray(values, order="C")
     except (ValueError, TypeError):  # lists of different lengths, for one
@@ -233,7 +229,7 @@ def _real(values: Any, name: str) -> np.ndarray:
 
 
 def _number(value: Any, wanted: _Wanted) -> Any:
-    """Return a number of any class as an int or a float; raise an InputError where it is no number."""
+    """Return a number of any class as an int or a float; raise an InputError if it is none."""
     if isinstance(value, bool):
         return value
     array = shaped(value, (...,), wanted.name) if not isinstance(value, str) else np.zeros(0)
@@ -244,7 +240,7 @@ def _number(value: Any, wanted: _Wanted) -> Any:
 
 
 def _bound(shape: tuple[int, ...], wanted: _Wanted, sizes: dict[str, _Size]) -> bool:
-    """Return whether a shape is a required one, given the lengths of the axes' names so far; note its own lengths."""
+    """Return whether a shape fits the axes and their lengths so far, to which it adds its own."""
     axes = wanted.axes
     many = next((place for place, axis in enumerate(axes) if axis == "..." or axis.startswith("*")), None)
     if many is None:
@@ -262,7 +258,7 @@ def _bound(shape: tuple[int, ...], wanted: _Wanted, sizes: dict[str, _Size]) -> 
 
 
 def _same(axis: str, length: int | tuple[int, ...], argument: str, sizes: dict[str, _Size]) -> bool:
-    """Return whether an axis, or several, have the length noted for their name."""
+    """Return whether axes have the length noted for their name."""
     if axis.isdigit():
         return length == int(axis)
     if axis in ("_", "..."):
@@ -280,7 +276,7 @@ def _same(axis: str, length: int | tuple[int, ...], argument: str, sizes: dict[s
 
 
 def _said(axes: tuple[str, ...], sizes: dict[str, _Size]) -> str:
-    """Format a shape as Python does, with the lengths that other arguments have."""
+    """Format a shape with the lengths that other arguments have."""
     words = [axis.lstrip("*#") for axis in axes]
     known = [sizes[word].length if word in sizes else word for word in words]
     flat = [str(part) for each in known for part in (each if isinstance(each, tuple) else (each,))]
@@ -289,7 +285,7 @@ def _said(axes: tuple[str, ...], sizes: dict[str, _Size]) -> str:
 
 
 def _unusable(given: dict[str, Any], plan: dict[str, _Wanted], problem: Exception) -> str:
-    """Return a sentence that names the argument with which the function cannot compute; "" if none is known."""
+    """Return a sentence on the argument with which the function cannot compute; "" if none is known."""
     for name in plan:
         value = given.get(name)
         if isinstance(value, np.ndarray):

@@ -1,4 +1,4 @@
-"""A tree of frames whose edges are fixed or move, and the pose of one frame in another over time."""
+"""A tree of frames, and the pose of one frame in another over time."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class FrameTree:
         return FramePath((*down, *up[-2::-1]), (*back, *self._down(up)))
 
     def _down(self, up: tuple[str, ...]) -> tuple[tuple[Edge, bool], ...]:
-        """Return the edges from the last of some frames down to the first."""
+        """Return the edges from the last frame down to the first."""
         pairs = list(zip(up[1:], up, strict=False))
         return tuple((self._parents[child][parent], False) for parent, child in reversed(pairs))
 

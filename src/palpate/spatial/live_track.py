@@ -1,4 +1,4 @@
-"""The sensor's pose live, when poses lag behind the samples: kept or extrapolated, and the angle error that results."""
+"""The sensor's pose live, when poses lag behind the samples."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.spatial.arguments import takes_arrays
-from palpate.spatial.interpolate import slerp
-from palpate.spatial.pose_track import SLACK, PoseTrack
+from palpate.spatial.pose_track import SLACK, PoseTrack, slerp
 
 __all__ = ["LiveTrack"]
 
@@ -28,10 +27,9 @@ class LiveTrack(PoseTrack):
 
         s(t)^2 = (a t (t + B) / 2)^2 + n^2 ((1 + u)^2 + u^2 - 1),   u = t / B,
 
-    with a^2 the mean square of the angular acceleration and n the noise of a pose (rms angle), whose n^2 at age 0 is
-    not included. The last poses give a and n: the second difference of orientations over a lag of m spacings has the
-    mean square a^2 (m D)^4 + 6 n^2, and two lags (1 and 8 spacings, or fewer) give both. With `hold`,
-    s^2 = (w t)^2 + (a t^2 / 2)^2 with w^2 the mean square of the angular velocity.
+    with a^2 the mean square of the angular acceleration and n the rms angle of a pose's noise, which is left out at age
+    0. Second differences of the last orientations over lags of m spacings, whose mean square is a^2 (m D)^4 + 6 n^2,
+    give both. With `hold`, s^2 = (w t)^2 + (a t^2 / 2)^2 with w^2 the mean square of the angular velocity.
 
     Args:
         offset, max_gap: as of `PoseTrack`; beyond an age of `max_gap` there is no answer.
@@ -134,14 +132,15 @@ class LiveTrack(PoseTrack):
         return np.sqrt(acceleration * (age * (age + base) / 2.0) ** 2 + noise * 2.0 * share * (1.0 + share))
 
     def _before(self, age: Float[np.ndarray, " k"]) -> np.ndarray:
-        """Return the rows (k,) from which the velocity is measured: about as long before the newest as the age."""
+        """Return the rows (k,) that are about as long before the newest as the age."""
         stamps: Float[np.ndarray, " n"] = self._rows[:, 0]
-        found: Int[np.ndarray, " k"] = np.searchsorted(stamps, stamps[-1] - age, side="right") - 1
+        wanted: Float[np.ndarray, " k"] = stamps[-1] - age
+        found: Int[np.ndarray, " k"] = np.searchsorted(stamps, wanted, side="right") - 1
         return np.clip(found, 0, len(stamps) - 2)
 
 
 def _motion(rows: Float[np.ndarray, "k 8"]) -> tuple[float, float, float]:
-    """Return mean squares of acceleration [rad^2/s^4], a pose's noise [rad^2] and velocity [rad^2/s^2], all angular."""
+    """Return mean squares of angular acceleration [rad^2/s^4], noise [rad^2] and velocity [rad^2/s^2]."""
     stamps, quaternion = rows[:, 0], rows[:, 1:5] / np.linalg.norm(rows[:, 1:5], axis=1, keepdims=True)
     spacing = float(stamps[-1] - stamps[0]) / (len(rows) - 1)
     short, speed = _missed(stamps, quaternion, 1)
@@ -166,7 +165,7 @@ def _missed(stamps: Float[np.ndarray, " k"], quaternion: Float[np.ndarray, "k 4"
 
 
 def _turn(first: Float[np.ndarray, "k 4"], second: Float[np.ndarray, "k 4"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return vector (k, 3) and scalar (k,) part of second times the inverse of first, on the short way."""
+    """Return vector (k, 3) and scalar (k,) part of the short turn from first to second."""
     a, b = first[:, :3], second[:, :3]
     scalar = (first * second).sum(axis=1)
     vector = first[:, 3:] * b - second[:, 3:] * a + np.cross(a, b)

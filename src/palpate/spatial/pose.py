@@ -135,6 +135,15 @@ class Pose(Value):
         return cls(matrix[..., :3, :3], matrix[..., :3, 3])
 
     @classmethod
+    def from_translation(cls, translation: ArrayLike) -> Pose:
+        """Make a `Pose` of translations (*batch, 3) [m] alone.
+
+        Raises:
+            InputError: another shape.
+        """
+        return cls(np.eye(3), translation)
+
+    @classmethod
     def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike) -> Pose:
         """Make a `Pose` of rotation vectors, axis times angle (*batch, 3) [rad], and translations (*batch, 3) [m].
 

@@ -1,4 +1,4 @@
-"""Format values on one line for a person, with the numbers that fit on it."""
+"""Values on one line for a person."""
 
 from __future__ import annotations
 

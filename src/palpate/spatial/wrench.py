@@ -53,7 +53,11 @@ class Wrench(Value):
 
     @classmethod
     def from_vector(cls, vector: ArrayLike, covariance: ArrayLike | None = None) -> Wrench:
-        """Make a `Wrench` of six-vectors (*batch, 6), force first [N, N m], and a covariance as for the class.
+        """Make a `Wrench` of six-vectors (*batch, 6), force first [N, N m].
+
+        Args:
+            vector: force and torque.
+            covariance: (*batch, 6, 6) or (6, 6), force first; None when not known.
 
         Raises:
             InputError: other shapes.

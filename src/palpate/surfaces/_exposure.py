@@ -2,11 +2,8 @@
 
 Tools are drawn with their inner shells, and as bodies that stand inside each other. A facet is open if the rays along
 its normal, from two of the samples on it (or the only one), leave the body; or if one of them reaches, before another
-facet, a place that a ball of a fifth of the body's size can reach by rolling in from outside (the space around the
-body, opened by a ball [serra]).
-
-So facets with room in front of them stay: the inner walls of a mug and of a gripper. The inside of a tube that is too
-narrow for a finger is covered, though light falls into it, and so is everything seen through a gap or a screw's hole.
+facet, a place that a ball of a fifth of the body's size can reach from outside (the space around the body, opened by a
+ball [serra]): the inner walls of a mug, not those of a tube too narrow for a finger, or behind a gap.
 """
 
 from __future__ import annotations
@@ -25,7 +22,7 @@ _STEP = 0.02  # of the grid: a tenth of it
 
 
 def exposed(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
-    """Return which facets can be touched, (f,); all of them where next to none can, as when a mesh is inside out."""
+    """Return which facets can be touched, (f,); all, if next to none can, as of a mesh that is inside out."""
     from palpate.surfaces import _rays  # compiled: loaded when first needed
 
     normals, areas = facet_normals(vertices, faces)
@@ -41,7 +38,7 @@ def exposed(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -
 
 
 def _swept(corners: Float[np.ndarray, "f 20"]) -> tuple[Float[np.ndarray, "3"], Bool[np.ndarray, "a b c"]]:
-    """Return the grid's start, and its cells that a ball from outside can fill, less one at its rim for rounding."""
+    """Return the grid's start, and its cells that a ball from outside can fill, less one at its rim."""
     from scipy.ndimage import distance_transform_edt, label
 
     from palpate.surfaces import _rays

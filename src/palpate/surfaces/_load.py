@@ -1,4 +1,4 @@
-"""Read a mesh file into arrays: binary STL here, which takes no time; everything else by trimesh."""
+"""Read a mesh file into arrays: binary STL here, everything else by trimesh."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "
 
 
 def _binary_stl(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]] | None:
-    """Return vertices and faces; None for a file whose length contradicts its header: it is text, or incomplete."""
+    """Return vertices and faces; None if the length of the file contradicts its header: text, or incomplete."""
     with path.open("rb") as file:
         count = int.from_bytes(file.read(_STL_HEADER)[-4:], "little")
         if count == 0 or path.stat().st_size != _STL_HEADER + count * _STL.itemsize:
@@ -49,7 +49,6 @@ def _binary_stl(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "
 
 
 def _load_trimesh(path: Path) -> Any:
-    """Return all bodies in a file as one `trimesh.Trimesh`."""
     import_mesh_reader()
     import trimesh  # here: it takes a while to import
 

@@ -21,7 +21,7 @@ def blocks(count: int) -> Iterator[slice]:
 def facet_normals(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> tuple[Float[np.ndarray, "f 3"], Float[np.ndarray, " f"]]:
-    """Return unit normals of the facets and their areas; a facet without area gets a zero normal."""
+    """Return unit normals of the facets (f, 3), zero without an area, and areas (f,)."""
     normals, areas = np.empty((len(faces), 3)), np.empty(len(faces))
     for block in blocks(len(faces)):
         a, b, c = np.moveaxis(vertices.take(faces[block], axis=0), 1, 0)
@@ -35,8 +35,8 @@ def facet_normals(
 def sort_half_edges(faces: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, " h"], Int[np.ndarray, " h"]]:
     """Return half-edges 3 f + i (from corner i to i + 1 of facet f) in the order of their edges, and their twins.
 
-    The twin of a half-edge is the opposite one, or -1. An edge that more than two facets share, or that two facets run
-    through in the same sense, has no twin: the surface is cut open there.
+    The twin is the opposite half-edge; -1 at a rim, and where more than two facets share an edge or two run through it
+    in the same sense.
     """
     from palpate.surfaces import _topology  # compiled: loaded when first needed
 
@@ -65,10 +65,9 @@ def corner_normals(
 ) -> Float[np.ndarray, "f 3 3"]:
     """Return unit normals at the corners of the facets, (f, 3, 3).
 
-    Facets that meet at an edge by less than `crease` [rad] share the normals of its two ends; a shared normal is the
-    angle-weighted mean of its facets' [Thurmer and Wuthrich 1998], where they are of a size. Facets that are much
-    larger than the adjacent ones are meant to be flat, like a wall that ends in a fillet: they keep their normals,
-    which would otherwise tilt by degrees.
+    Facets that meet at an edge by less than `crease` [rad] share the normals of its ends: the angle-weighted mean of
+    theirs [Thurmer and Wuthrich 1998]. Facets much larger than the adjacent ones, like a wall that ends in a fillet,
+    are flat and keep their normals, which the mean would tilt by degrees.
     """
     from palpate.surfaces import _topology
 
@@ -94,10 +93,7 @@ def corner_normals(
 
 
 def _usual_areas(areas: Float[np.ndarray, " f"], groups: Int[np.ndarray, "f 3"], count: int) -> Float[np.ndarray, " g"]:
-    """Return the usual size of the facets at each shared corner: the geometric mean of their areas.
-
-    In `corner_normals` the weight of a facet grows with its area over this size.
-    """
+    """Return the geometric mean of the areas of the facets at each shared corner."""
     from palpate.surfaces import _topology
 
     sums = np.zeros((count, 2))  # of logarithms, and how many

@@ -1,8 +1,4 @@
-"""Repair a mesh where that is safe, and note the repairs.
-
-Vertices that coincide are merged (STL has no shared ones), facets without area or with a doubled twin are dropped, and
-the winding is made consistent over each body and outward. Nothing is moved, filled or remeshed.
-"""
+"""Repair a mesh where that is safe, and note the repairs; nothing is moved, filled or remeshed."""
 
 from __future__ import annotations
 
@@ -64,10 +60,7 @@ def bodies(triangles: Int[np.ndarray, "f 3"]) -> int:
 
 
 def _sheet(points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) -> bool:
-    """Return whether all facets face one side, like those of a pad or a dome.
-
-    A force that comes in through the opening of that mesh presses on none of its facets, so it needs no note.
-    """
+    """Return whether all facets face one side, as of a pad or a dome: no force through its opening presses on one."""
     normals, areas = facet_normals(points, triangles)
     out = areas @ normals
     return bool(np.all(normals @ out > -0.1 * np.linalg.norm(out)) and np.any(out))
@@ -88,15 +81,15 @@ def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Float[np.ndarray, "
 def _merged(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "f 3"]]:
-    """Merge vertices that are within one step of float32 in each coordinate, or 1e-7 of the size.
+    """Merge vertices within one float32 step in each coordinate, or 1e-7 of the size.
 
-    The step is that of the largest coordinate, as STL writes it in any unit; at most 1e-4 of the size, so that a
-    body far from its origin keeps its shape.
+    The step is that of the largest coordinate; at most 1e-4 of the size, so that a body far from its origin keeps its
+    shape.
     """
     from palpate.surfaces import _topology  # compiled: loaded when first needed
 
     there = np.zeros(len(points), dtype=np.bool_)
-    there[triangles.reshape(-1)] = True
+    there[triangles] = True
     needed = np.flatnonzero(there)
     used, same = _distinct(points[needed])
     size = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
@@ -112,7 +105,7 @@ def _merged(
 
 
 def _distinct(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, " v"]]:
-    """Return the distinct points, in order, and the index of each: a quick start for meshes without shared vertices."""
+    """Return the distinct points in ascending order, and the index of each."""
     number, first = _numbered((points + 0.0).view(np.int64))  # 0.0 and -0.0 are one
     points = points[first]
     order = np.lexsort(points.T[::-1])
@@ -122,7 +115,7 @@ def _distinct(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "w 3"
 
 
 def _numbered(rows: Int[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " k"]]:
-    """Return for each row its number among the distinct rows, in order of appearance, and where each comes first."""
+    """Return for each row its number among the distinct rows, in order of appearance, and the first of each."""
     from palpate.surfaces import _topology
 
     number, first = np.empty(len(rows), dtype=np.int64), np.empty(len(rows), dtype=np.int64)
@@ -132,7 +125,7 @@ def _numbered(rows: Int[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, " n"], Int[
 def _without_slivers(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
 ) -> tuple[Int[np.ndarray, "g 3"], int]:
-    """Drop facets without three different corners or a height above rounding of their longest edge, and count them."""
+    """Drop facets without an area above rounding, and count them."""
     good = np.empty(len(triangles), dtype=np.bool_)
     for block in blocks(len(triangles)):
         corners = points.take(triangles[block], axis=0)
@@ -152,9 +145,9 @@ def _without_doubles(triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray,
 def _outward(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
 ) -> tuple[Int[np.ndarray, "f 3"], Int[np.ndarray, " h"], int]:
-    """Make the winding consistent over each connected body, and the volume positive where the body is closed.
+    """Make the winding consistent over each body, and the volume of closed ones positive.
 
-    An open body keeps the sense of most of its facets: the file then decides which side is out.
+    An open body keeps the sense of most of its facets. The last value is the number of facets turned over.
     """
     order, twins = sort_half_edges(triangles)
     flipped, body = _winding(triangles, order)
@@ -179,10 +172,7 @@ def _outward(
 def _winding(
     triangles: Int[np.ndarray, "f 3"], order: Int[np.ndarray, " h"]
 ) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " f"]]:
-    """Return which facets to flip so that neighbours agree, and the body each belongs to.
-
-    Bodies are joined over edges with exactly two facets.
-    """
+    """Return which facets to flip so that neighbours agree, and each one's body."""
     from palpate.surfaces import _topology
 
     flipped, body = np.zeros(len(triangles), dtype=np.bool_), np.empty(len(triangles), dtype=np.int64)

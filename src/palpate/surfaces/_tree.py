@@ -17,9 +17,7 @@ _MOST = 2**23  # patch and node numbers must be exact in float32
 
 @dataclass(frozen=True)
 class Tree:
-    """A bounding-volume hierarchy as two arrays, which the compiled loops read.
-
-    Lengths inside are (p - centre) / scale: at metre scale, closest-point and ray routines lose digits.
+    """A bounding-volume hierarchy as two arrays for the compiled loops, in unit size (p - centre) / scale.
 
     Attributes:
         nodes: (n, 14, 8) float32, a column for each child, so that one instruction serves several: box centre 0-2 and
@@ -42,13 +40,11 @@ def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
     """Build the tree: three rounds of median splits along the longest side per node, leaves of up to four patches.
 
     Args:
-        rows: patches (`patch_rows`) that a wrench can meet. The tree takes them over: they are brought to unit size and
-            into the order of its leaves, in place.
-        sharp: number of them, at the end, that are edges and corners that a wrench can pass within its noise
-            (`sharp_edges`).
+        rows: patches (`patch_rows`) that a wrench can meet; brought to unit size and the leaves' order, in place.
+        sharp: number of `sharp_edges` at the end of the rows.
 
     Raises:
-        GeometryError: more patches than float32 can number.
+        GeometryError: more than 8,388,608 patches.
     """
     from palpate.surfaces import _bvh  # compiled: loaded when first needed
 
@@ -63,9 +59,8 @@ def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
     centre, scale = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
     for block in blocks(len(rows)):
         positions[block] = (positions[block] - centre) / scale
-    nodes = np.empty(
-        (count // 4 + sharp // 4 + 5, 14, _bvh.WIDTH), dtype=np.float32
-    )  # each but a root has five or more
+    most = count // 4 + sharp // 4 + 5  # nodes: each but a root has five patches or more
+    nodes = np.empty((most, 14, _bvh.WIDTH), dtype=np.float32)
     used = last = _bvh.build(rows[:count], nodes)
     if sharp:
         last += _bvh.build(rows[count:], nodes[used:])
@@ -78,7 +73,6 @@ def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
 
 
 def _box(positions: Float[np.ndarray, "m 3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Return lowest and highest coordinates, (3,) each."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for block in blocks(len(positions)):
         columns = positions[block].transpose(2, 0, 1).reshape(3, -1)  # long rows are quicker

@@ -122,7 +122,7 @@ class Analytic(Value, ABC):
         """Return a `Mesh` of about `facets` triangles with their corners on the surface.
 
         Raises:
-            GeometryError: as `chart`.
+            GeometryError: an implicit surface is not seen from the middle of its box in every direction.
         """
         points, faces = self.chart(max(3, round((facets / 2) ** 0.5)))
         return Mesh.from_arrays(self.pose.apply(points), faces)
@@ -165,7 +165,7 @@ class Analytic(Value, ABC):
         return CompiledSurface((self.equation(), table), self.centre, scale)
 
     def _own(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
-        """Return points (*batch, 3) of the frame along the surface's own axes."""
+        """Return points (*batch, 3) along the surface's own axes."""
         return self._inverse.apply(shaped(points, (..., 3), "points"))
 
     @functools.cached_property

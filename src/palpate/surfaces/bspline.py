@@ -1,4 +1,4 @@
-"""A smooth surface of control points: a tensor-product B-spline, open or periodic in its second parameter."""
+"""A tensor-product B-spline surface, open or periodic in its second parameter."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ class BSplineSurface(Value):
         periodic: v closes on itself.
 
     Raises:
-        GeometryError: knots, control points and degrees do not belong together, or are not finite.
+        InputError: arrays of other shapes.
+        GeometryError: a degree is not one of 1 to 5; knots decrease, span nothing or do not fit control points and
+            degrees; a control point is not finite.
     """
 
     knots_u: Float[np.ndarray, " a"]
@@ -55,13 +57,13 @@ class BSplineSurface(Value):
 
     @property
     def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """First and last parameter of u, and of v: two pairs."""
+        """First and last parameter of u, then of v: two pairs."""
         (p, q), (n, m) = self.degree, self.control.shape[:2]
         return (float(self.knots_u[p]), float(self.knots_u[n])), (float(self.knots_v[q]), float(self.knots_v[m]))
 
     @property
     def points(self) -> int:
-        """Number of control points, without the repeated ones."""
+        """Number of control points, without the repeated ones of a periodic surface."""
         n, m = self.control.shape[:2]
         return n * (m - self.degree[1] * self.periodic)
 
@@ -69,6 +71,9 @@ class BSplineSurface(Value):
         """Return position, r_u, r_v, r_uu, r_uv and r_vv at parameters (*batch, 2), (*batch, 6, 3) [m].
 
         Beyond an open end the surface goes on straight.
+
+        Raises:
+            InputError: the parameters have another shape.
         """
         from palpate.surfaces import _bspline  # compiled: loaded when first needed
 
@@ -82,8 +87,11 @@ class BSplineSurface(Value):
     ) -> tuple[Float[np.ndarray, "s m 6"], Float[np.ndarray, "s m 6"]]:
         """Return states (u, v, u', v', J, J') along geodesics from `begin` (m, 6), and their derivatives by length.
 
-        Both are (steps + 1, m, 6), in equal steps [m].
-        J is the distance between neighbours that start side by side: J'' = -K J, K the Gaussian curvature.
+        Both are (steps + 1, m, 6), a state every `step` [m]. J is the distance between neighbours that start side by
+        side: J'' = -K J, K the Gaussian curvature.
+
+        Raises:
+            InputError: `begin` has another shape.
         """
         from palpate.surfaces import _bspline  # compiled: loaded when first needed
 
@@ -95,30 +103,40 @@ class BSplineSurface(Value):
 
     @property
     def _numbers(self) -> tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]:
-        """Knots, degrees, periodicity and control points, as the compiled loops take them."""
+        """Arguments of the compiled loops."""
         return self.knots_u, self.knots_v, *self.degree, self.periodic, self.control
 
     def at(self, uv: ArrayLike) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
         """Return points [m] and outward unit normals, (*batch, 3) each, at (*batch, 2): n = r_u x r_v / |r_u x r_v|.
 
         [skin] (5) prints r_u x r_u, which is zero.
+
+        Raises:
+            InputError: the parameters have another shape.
         """
         found = self.derivatives(uv)
         normals = np.cross(found[..., 1, :], found[..., 2, :])
         return found[..., 0, :], normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
     def nearest(self, points: ArrayLike, start: ArrayLike, steps: int = 6) -> Float[np.ndarray, "n 2"]:
-        """Return parameters (n, 2) of the closest points to points (n, 3) [m], by Gauss-Newton from `start` (n, 2)."""
+        """Return parameters (n, 2) of the closest points to points (n, 3) [m], by Gauss-Newton from `start` (n, 2).
+
+        Raises:
+            InputError: points or start have another shape.
+        """
         points = shaped(points, (None, 3), "points")
         uv = shaped(start, (len(points), 2), "start").copy()
         for _ in range(steps):
             found = self.derivatives(uv)
-            tangents = found[:, 1:3]
-            uv += solve_tangent(tangents, points - found[:, 0])
+            uv += solve_tangent(found[:, 1:3], points - found[:, 0])
         return uv
 
     def mesh(self, rows: int, columns: int) -> Mesh:
-        """Return a `Mesh` of 2 rows x columns triangles with corners on the surface, for trees, viewers and files."""
+        """Return a `Mesh` of 2 rows x columns triangles with corners on the surface.
+
+        Raises:
+            GeometryError: no triangle has an area.
+        """
         (low_u, high_u), (low_v, high_v) = self.domain
         u, v = np.linspace(low_u, high_u, rows + 1), np.linspace(low_v, high_v, columns + 1)
         points, _ = self.at(np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1))
@@ -132,7 +150,11 @@ class BSplineSurface(Value):
 def solve_tangent(
     tangents: Float[np.ndarray, "*batch 2 3"], vectors: Float[np.ndarray, "*batch 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Return steps in u and v, (*batch, 2), for which r_u du + r_v dv is nearest to each vector."""
+    """Return steps in u and v, (*batch, 2), for which r_u du + r_v dv is nearest to each vector.
+
+    Raises:
+        InputError: other shapes.
+    """
     u, v = tangents[..., 0, :], tangents[..., 1, :]
     e, f, g = (np.einsum("...i,...i->...", *pair) for pair in ((u, u), (u, v), (v, v)))
     a, b = (np.einsum("...i,...i->...", side, vectors) for side in (u, v))
@@ -140,7 +162,7 @@ def solve_tangent(
 
 
 def _breaks(breaks: ArrayLike, degree: int) -> Float[np.ndarray, " k"]:
-    """Return the checked ends of spans; raise an InputError where there is no span, or the degree is not possible."""
+    """Return the checked ends of spans."""
     found = shaped(breaks, (None,), "breaks")
     if not (len(found) > 1 and np.isfinite(found).all() and (np.diff(found) > 0).all()):
         raise InputError("breaks must be two or more finite numbers that increase.")
@@ -187,8 +209,7 @@ def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, "
         raise InputError(
             f"degree must be from 1 to {_MOST}, and at least 2 less than the {len(knots)} knots, not {degree}."
         )
-    inner = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
-    return inner.mean(axis=1)
+    return np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree).mean(axis=1)
 
 
 @takes_arrays
@@ -198,7 +219,7 @@ def basis_matrices(
     """Return values and slopes of all a basis functions at n parameters, (n, a) each; a = len(knots) - degree - 1.
 
     Raises:
-        InputError: knots fall, or are too few for the degree.
+        InputError: knots decrease, or are too few for the degree.
     """
     from scipy.interpolate import BSpline  # here: scipy is slow to import
 

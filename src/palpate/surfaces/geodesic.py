@@ -1,4 +1,4 @@
-"""Walk straight along a surface of any shape, so that a flat module keeps its lengths on it."""
+"""Walk straight along a surface of any shape."""
 
 from __future__ import annotations
 
@@ -50,14 +50,13 @@ def walk(surface: Surface, starts: Vectors, ways: Vectors) -> tuple[Vectors, Vec
 
 
 def _along(vectors: Vectors, normals: Vectors) -> Vectors:
-    """Return unit vectors in the tangent planes."""
     flat = vectors - np.einsum("nc,nc->n", vectors, normals)[:, None] * normals
     with np.errstate(invalid="ignore", divide="ignore"):
         return flat / np.linalg.norm(flat, axis=1, keepdims=True)
 
 
 def _turned(vectors: Vectors, before: Vectors, after: Vectors) -> Vectors:
-    """Return vectors turned by the least rotation from one normal to the next, as along a geodesic."""
+    """Return vectors turned by the least rotation from one normal to the next."""
     axis = np.cross(before, after)
     cosine = np.einsum("nc,nc->n", before, after)[:, None]
     share = np.einsum("nc,nc->n", axis, vectors)[:, None] / (1.0 + np.maximum(cosine, -0.999))

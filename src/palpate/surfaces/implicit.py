@@ -80,7 +80,7 @@ class ImplicitSurface(Analytic):
         return value, gradient, hessian
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle functions by value, as some have no name to be found by: a lambda, a superquadric's."""
+        """Pickle functions by value: a lambda has no name to be found by."""
         from numba import cloudpickle
 
         return _unpacked, (cloudpickle.dumps(super().__reduce__()),)
@@ -133,7 +133,7 @@ class ImplicitSurface(Analytic):
         return points[inside]
 
     def _entered(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> np.ndarray:
-        """Return the points where lines first enter the surface, (n, 3) [m]; NaN if they do not."""
+        """Return the points where lines first enter the surface, (n, 3) [m], or NaN."""
         from palpate.surfaces import _equation
 
         middle, scale = self.box.mean(axis=0), 0.5 * self.size
@@ -164,7 +164,6 @@ def _unpacked(packed: bytes) -> ImplicitSurface:
 
 @functools.lru_cache(maxsize=64)
 def _compiled(value: Callable[..., Any], gradient: Callable[..., Any], hessian: Callable[..., Any]) -> Any:
-    """Compile three functions into one of (point, out), in the form that compiled loops call."""
     from palpate.surfaces import _function
 
     try:

@@ -1,4 +1,4 @@
-"""A triangle mesh as a surface: checked, repaired where that is safe, smooth within creases and split across them."""
+"""Triangle meshes as surfaces: checked, repaired where that is safe, smooth within creases and split across them."""
 
 from __future__ import annotations
 
@@ -138,8 +138,8 @@ class Mesh(Value):
             options: `smooth`, `crease`, `region`, `covered` as in `from_arrays`; facets are numbered as trimesh does.
 
         Raises:
-            InputError: no unit or an unknown one; nothing that has vertices and faces.
-            GeometryError: as `from_arrays`.
+            InputError: no unit or an unknown one; nothing that has vertices and faces; a crease not from 0 to pi.
+            GeometryError: no facet with an area, or an unusable region.
         """
         from palpate.surfaces._load import arrays_of
 
@@ -154,11 +154,11 @@ class Mesh(Value):
         Args:
             path: the file.
             unit: required, of the file's numbers: m, cm, mm, um or in.
-            options: `smooth`, `crease`, `region` and `covered` as in `from_arrays`; facets are numbered as in the file.
+            options: `smooth`, `crease`, `region`, `covered` as in `from_arrays`; facets are numbered as in the file.
 
         Raises:
-            InputError: no such file, or one that is not a mesh; no unit or an unknown one.
-            GeometryError: as `from_arrays`.
+            InputError: no such file, or one that is not a mesh; no unit or an unknown one; a crease not from 0 to pi.
+            GeometryError: no facet with an area, or an unusable region.
         """
         from palpate.surfaces._load import load_arrays
 
@@ -173,13 +173,16 @@ class Mesh(Value):
         source: str,
         options: dict[str, Any],
     ) -> Mesh:
-        """Make a mesh from vertices in a unit, and name the source in errors."""
-        scale = _require_unit(unit, source)
+        """Make a mesh from vertices in a unit, required; errors name the source."""
+        if unit is None or unit not in UNITS:
+            missing = "the unit of the mesh's numbers is not given (unit=...)."
+            what = missing if unit is None else f"unknown unit {unit!r}."
+            raise InputError(what, where=source, hint=f'Write unit="mm", or another of {", ".join(UNITS)}.')
         try:
-            made = cls.from_arrays(vertices * scale, faces, **options)
+            made = cls.from_arrays(vertices * UNITS[unit], faces, **options)
         except GeometryError as error:
             raise GeometryError(f"{source}: {error}") from error
-        return replace(made, notes=(*made.notes, *_doubts(made, str(unit))))
+        return replace(made, notes=(*made.notes, *_doubts(made, unit)))
 
     @functools.cached_property
     def normals(self) -> Float[np.ndarray, "f 3"]:
@@ -225,7 +228,7 @@ class Mesh(Value):
 
     @functools.cached_property
     def covered(self) -> Bool[np.ndarray, " f"]:
-        """Mask of the facets that give no contacts, (f,); without `touchable`, those that no finger can reach.
+        """Mask of the facets that give no contacts, (f,); without `touchable`, those that nothing outside can reach.
 
         They are found on first use, by rays and a ball of a fifth of the body's size.
         """
@@ -307,7 +310,7 @@ class Mesh(Value):
 @called_as("palpate.plane([0, 0, 0], [0, 0, 1])")
 @takes_arrays
 def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
-    """Make a square `Mesh` of two facets through `point` [m], pressed on its `normal` side.
+    """Make a square `Mesh` of two facets through `point`, pressed on its `normal` side.
 
     Args:
         point: (3,) its middle [m].
@@ -315,8 +318,8 @@ def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
         half_width: [m]; beyond it a wrench is OFF_SURFACE.
 
     Raises:
-        InputError: point or normal is not three finite numbers.
-        GeometryError: the normal or the half-width is zero.
+        InputError: point or normal is not three numbers.
+        GeometryError: normal or half-width is zero, or a number is not finite.
     """
     middle, out = shaped(point, (3,), "point"), shaped(normal, (3,), "normal")
     length = np.linalg.norm(out)
@@ -331,12 +334,12 @@ def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
 
 
 def _announced(facets: int) -> AbstractContextManager[None]:
-    """Return a context that announces the preparation of a large mesh; a small one takes too little time."""
+    """Return a context that announces the preparation of a large mesh."""
     return waiting(f"preparing a mesh of {facets:,} facets") if facets >= _LARGE else nullcontext()
 
 
 def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], region: ArrayLike) -> np.ndarray:
-    """Return which facets a box or a list of facets keeps, (f,)."""
+    """Return which facets a box or a list keeps, (f,)."""
     array = np.asarray(region)
     if array.shape == (2, 3):
         middle = vertices[faces].mean(axis=1)
@@ -354,21 +357,13 @@ def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
     return kept
 
 
-def _require_unit(unit: str | None, source: str) -> float:
-    """Return the length of a unit [m]; raise an InputError where it is missing or unknown."""
-    if unit in UNITS:
-        return UNITS[unit]
-    what = "the unit of the mesh's numbers is not given (unit=...)." if unit is None else f"unknown unit {unit!r}."
-    raise InputError(what, where=source, hint=f'Write unit="mm", or another of {", ".join(UNITS)}.')
-
-
 def plausible_size(size: float) -> bool:
     """Return whether a size is that of a touched body: from 2 mm (a fingertip) to 5 m (a robot)."""
     return 2e-3 <= size <= 5.0
 
 
 def _doubts(mesh: Mesh, unit: str) -> tuple[str, ...]:
-    """Return a warning about a size that no probe, finger or link has, most often by a wrong unit."""
+    """Return a warning about an implausible size, most often of a wrong unit."""
     if plausible_size(mesh.size):
         return ()
     likely = [name for name, scale in UNITS.items() if plausible_size(mesh.size / UNITS[unit] * scale)]

@@ -89,7 +89,7 @@ class Ellipsoid(_Oval):
     axes: tuple[float, float, float]
 
     def halves(self) -> tuple[float, float, float]:
-        """Return the half-lengths a, b, c as given [m]."""
+        """Return a, b, c [m]."""
         return self.axes
 
 
@@ -113,7 +113,7 @@ class Sphere(_Oval):
 
 
 class _Tube(Quadric):
-    """A tube (x/a)^2 + (z/b)^2 = 1 with |y| <= half_length and without lids: the `load cells` paper's (9) to (12)."""
+    """A tube (x/a)^2 + (z/b)^2 = 1 with |y| <= half_length and without lids."""
 
     half_length: float
     upper: bool
@@ -172,7 +172,7 @@ class EllipticCylinder(_Tube):
     upper: bool = False
 
     def halves(self) -> tuple[float, float]:
-        """Return the half-axes a along x and b along z as given [m]."""
+        """Return a along x and b along z [m]."""
         return self.a, self.b
 
 
@@ -242,12 +242,12 @@ class Paraboloid(Quadric):
 
 
 def _around(count: int) -> Float[np.ndarray, " n"]:
-    """Return angles once round [rad], without the last, which is the first again."""
+    """Return angles once round [rad], without the last."""
     return np.arange(count) * (2.0 * np.pi / count)
 
 
 def _grid(rows: int, columns: int, *, closed: bool) -> Int[np.ndarray, "f 3"]:
-    """Return two triangles for each cell of a grid of points, row by row; if closed, the last row meets the first."""
+    """Return two triangles for each cell of a grid of points; if closed, its last row meets the first."""
     at = np.arange(rows * columns).reshape(rows, columns)
     after = np.roll(at, -1, axis=0)
     if not closed:

@@ -1,4 +1,4 @@
-"""Protocol of a surface, for the rest of Palpate, and the forms in which a caller may give one."""
+"""The protocol of a surface, and the forms in which a caller may give one."""
 
 from __future__ import annotations
 

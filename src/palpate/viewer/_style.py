@@ -15,7 +15,7 @@ from palpate.errors import not_loaded
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["AXES", "DARK", "INK", "MUTED", "RULE", "STATUS", "figure", "inline", "mixed", "save", "styled"]
+__all__ = ["AXES", "DARK", "INK", "MUTED", "RULE", "STATUS", "figure", "inline", "mixed", "panels", "save", "styled"]
 
 INK, MUTED, RULE = "#1b2530", "#5d6975", "#d5dbe1"  # text, what comes second, lines of the grid
 AXES = ("#d55e00", "#009e73", "#0072b2")  # x, y, z: Okabe and Ito's colours, told apart by the colour-blind
@@ -26,7 +26,7 @@ _IDS = re.compile(r' id="(?:figure|axes|patch|line2d|matplotlib|text|legend|\w*C
 
 
 def mixed(code: str | tuple[int, int, int], white: float) -> tuple[int, int, int]:
-    """Return red, green and blue of a colour ("#rrggbb" or 0 to 255 each), mixed with a share (0 to 1) of white."""
+    """Return (red, green, blue), 0 to 255 each, of a colour ("#rrggbb" or such a tuple) mixed with a share of white."""
     one = tuple(int(code[at : at + 2], 16) for at in (1, 3, 5)) if isinstance(code, str) else code
     red, green, blue = (round(part + white * (255 - part)) for part in one)
     return red, green, blue
@@ -36,14 +36,24 @@ DARK = mixed(INK, 0.0)
 
 
 def figure(height: float = 2.6) -> Figure:
-    """Return an empty figure of the common width and this height [inches]; call it, and draw in it, within `styled`."""
+    """Return an empty figure of the common width and this height [inches]; draw in it within `styled`."""
     from matplotlib.figure import Figure  # not pyplot: no windows, no global state
 
     return Figure(figsize=(_WIDTH, height), layout="constrained")
 
 
+def panels(height: float, rows: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """Return a `figure` of this height [inches] and its axes, one below the other; see `Figure.subplots`."""
+    drawn = figure(height)
+    return drawn, drawn.subplots(rows, **options)
+
+
 def inline(drawn: Figure) -> str:
-    """Return the figure as an SVG element for a page, in the page's colours."""
+    """Return the figure as an SVG element for a page, in the page's colours.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     page = StringIO()
     with styled():
         if (layout := drawn.get_layout_engine()) is not None:  # once, or all is drawn twice
@@ -59,14 +69,19 @@ def inline(drawn: Figure) -> str:
 
 
 def save(drawn: Figure, path: Path, kind: str) -> None:
-    """Write the figure to a file on a white background; `kind` is svg or png."""
+    """Write the figure to a file on a white background; `kind` is svg or png.
+
+    Raises:
+        InputError: matplotlib is not installed.
+        OSError: the file cannot be written.
+    """
     with styled():
         drawn.savefig(path, format=kind, dpi=200, metadata={"Date": None} if kind == "svg" else None)
 
 
 @contextmanager
 def styled() -> Generator[None]:
-    """Apply the style of all figures within the block, or within the functions that it decorates.
+    """Apply the style of all figures within a block or a decorated function.
 
     Raises:
         InputError: matplotlib is not installed.

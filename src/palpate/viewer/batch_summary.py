@@ -15,7 +15,6 @@ from palpate.viewer.report import Report, ReportTable, Section, Tile, first_rows
 __all__ = ["LogResult", "compose", "figures"]
 
 SHOWN = 5_000  # logs in a table
-_ANSWERED = [Status.CONTACT, Status.AMBIGUOUS]
 
 
 @dataclass(frozen=True)
@@ -24,16 +23,16 @@ class LogResult:
 
     Attributes:
         log: path as the user gave it.
-        output: name of its file of contacts; "" where it failed.
-        samples: number of samples in the log.
+        output: name of its file of contacts; "" if it failed.
+        samples: number of samples.
         contacts: number of rows with status contact or ambiguous.
-        touches: number of touches found.
-        peak: [N] the largest force of a touch; NaN without one.
-        statuses: number of rows of each `Status`; () where it failed.
+        touches: number of touches.
+        peak: [N] largest force of a touch; NaN without one.
+        statuses: number of rows of each `Status`; () if it failed.
         warnings: sentences on what may be wrong.
-        ended: "whole", or "torn" where the log is cut off.
-        believed: False where nothing in it can be believed.
-        failure: why there is no output, as a sentence; "" where there is one.
+        ended: "whole", or "torn" if the log is cut off.
+        believed: False if nothing in it can be believed.
+        failure: why there is no output, as a sentence; "" if there is one.
     """
 
     log: str
@@ -50,11 +49,7 @@ class LogResult:
 
 
 def figures(results: Sequence[LogResult]) -> list[tuple[str, str, float]]:
-    """Return the totals over all logs as a list of (name, text, number).
-
-    Args:
-        results: at least one.
-    """
+    """Return the totals over all logs (at least one) as a list of (name, text, number)."""
     failed, torn = sum(bool(each.failure) for each in results), sum(each.ended == "torn" for each in results)
     samples, touches = sum(each.samples for each in results), sum(each.touches for each in results)
     warned = sum(bool(each.warnings) for each in results)
@@ -87,8 +82,9 @@ def compose(results: Sequence[LogResult], settings: tuple[tuple[str, str], ...])
         Tile("largest force", found["largest force"]),
         Tile("with warnings", found["with warnings"]),
     )
+    failures = first_rows(("log", "why"), [(each.log, each.failure) for each in failed], SHOWN)
     sections = (
-        _failures(failed),
+        Section("Logs that failed", tables=(failures,) if failed else ()),
         Section("All logs", tables=(_table(results),)),
         _warnings(results),
         _statuses(results),
@@ -101,13 +97,6 @@ def compose(results: Sequence[LogResult], settings: tuple[tuple[str, str], ...])
         sections=tuple(section for section in sections if section),
         footer="A log with warnings has a file of contacts too: `palpate estimate LOG --report` says more about it.",
     )
-
-
-def _failures(failed: Sequence[LogResult]) -> Section:
-    if not failed:
-        return Section("Logs that failed")
-    rows = [(each.log, each.failure) for each in failed]
-    return Section("Logs that failed", tables=(first_rows(("log", "why"), rows, SHOWN),))
 
 
 def _table(results: Sequence[LogResult]) -> ReportTable:
@@ -132,22 +121,18 @@ def _shares(statuses: Sequence[int]) -> str:
 
 
 def _warnings(results: Sequence[LogResult]) -> Section:
-    """Return a section that lists each warning once, with the logs that have it."""
+    """Return a section of each warning once, with its logs."""
     logs = dict[str, list[str]]()
     for each in results:
         for said in each.warnings:
             logs.setdefault(said, []).append(each.log)
     rows = [(said, f"{len(names):,}", ", ".join(names[:3]) + (", ..." if len(names) > 3 else ""))
             for said, names in sorted(logs.items(), key=lambda each: -len(each[1]))]  # fmt: skip
-    if not rows:
-        return Section("Warnings")
-    return Section("Warnings", tables=(first_rows(("warning", "logs", "of them"), rows, SHOWN),))
+    return Section("Warnings", tables=(first_rows(("warning", "logs", "of them"), rows, SHOWN),) if rows else ())
 
 
 def _statuses(results: Sequence[LogResult]) -> Section:
-    counts: Int[np.ndarray, "9"] = np.zeros(len(Status), dtype=np.int64)
-    for each in results:
-        counts += np.array(each.statuses or [0] * len(Status), dtype=np.int64)
+    counts: Int[np.ndarray, "9"] = np.array([each.statuses or [0] * len(Status) for each in results]).sum(axis=0)
     total = max(int(counts.sum()), 1)
     facts = tuple((kind.words, f"{percent(counts[kind] / total)}, {counts[kind]:,}") for kind in Status if counts[kind])
     return Section("Samples of all logs", settings=facts)

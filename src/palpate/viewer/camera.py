@@ -22,15 +22,14 @@ def fit(
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """Return the nearest camera position from which all points are seen, and the point that it looks at, (3,) each.
 
-    A point is within an edge of the picture where right * x <= a * depth, which is linear in the camera's place c: of
-    the points only the largest right * x + a * forward * x matters, for each of the four edges.
+    A point is within an edge if right * x <= a * depth, which is linear in the camera's place: of the points only the
+    largest right * x + a * forward * x matters, for each of the four edges.
 
     Args:
-        points: points that must be seen; at least one.
+        points: must be seen; at least one.
         direction: unit vector from the points to the camera; z is up in the picture.
         aspect: width over height of the picture.
-        covered: share of the height, from below, that is hidden; None: by the legend, or by the panel of a phone, whose
-            legend covers its share from above.
+        covered: share of the height, from below, that is hidden; None: what legend and panel cover.
     """
     above = STRIP if covered is None and aspect < NARROW else 0.0
     covered = (SHEET if aspect < NARROW else STRIP) if covered is None else covered

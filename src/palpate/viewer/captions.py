@@ -1,4 +1,4 @@
-"""Describe a moment in words and numbers with units, as HTML for the page's panel: one layout for all sensors."""
+"""Describe a moment, and list the touches, in words and numbers with units: HTML for the page's panel."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.viewer._style import STATUS
 from palpate.viewer.scene import Scene, SceneMoment, ShownContact
 from palpate.viewer.widgets import card
 
-__all__ = ["MEANING", "caption", "comparison", "feature", "is_shown"]
+__all__ = ["MEANING", "caption", "comparison", "feature", "is_shown", "touch_list"]
 
 NONE = "&ndash;"
 FLAT = 0.05  # of the largest deviation: less is none
@@ -57,6 +57,9 @@ _INWARD = (
     "force_sd",
     *(f"force_{pair}" for pair in ("xx", "xy", "xz", "yy", "yz", "zz")),
 )  # no rows of their own
+_SEEN = """const list = this.previousElementSibling;
+list.scrollTop = {} * list.querySelector('tr').getBoundingClientRect().height"""
+LISTED = 500  # touches: a longer list is slow to send, and nobody reads it
 
 
 def feature(name: str, among: Collection[str]) -> tuple[str, float, str]:
@@ -67,10 +70,10 @@ def feature(name: str, among: Collection[str]) -> tuple[str, float, str]:
 
 
 def caption(moment: SceneMoment, magnification: int, more: Sequence[tuple[str, str]] = ()) -> str:
-    """Return a moment as HTML: number, status, place, and the sensor's own features, each with its unit.
+    """Return a moment as HTML: force, status, place, and the sensor's features, each with its unit.
 
     Args:
-        moment: moment of the scene.
+        moment: of the scene.
         magnification: factor by which the ellipses are drawn larger.
         more: names and values that the layers add, plain text.
     """
@@ -85,7 +88,7 @@ def caption(moment: SceneMoment, magnification: int, more: Sequence[tuple[str, s
 
 
 def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterator[tuple[str, str]]:
-    """Yield names and values of one contact; among several, with a headline and its features on one line."""
+    """Yield names and values of one contact; of several, its features are on one line."""
     if not single:
         yield f"<b>contact {contact.identity}</b>", f"<b>{_force(contact)}</b>, {contact.status.words}"
     yield "place [mm]", _place(contact)
@@ -100,10 +103,9 @@ def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterato
 
 
 def is_shown(name: str, features: Collection[str]) -> bool:
-    """Return True if a feature has a separate row in the caption.
+    """Return whether a feature has a row in the caption.
 
-    False for "bound", "force_sd", the entries "force_xx" to "force_zz" of the force's covariance, and "NAME_sd" where
-    `features` contains NAME, whose row shows that standard deviation.
+    "bound", "force_sd", "force_xx" to "force_zz", and "NAME_sd" if `features` contains NAME have none.
     """
     return name not in _INWARD and not (name.endswith("_sd") and name[:-3] in features)
 
@@ -113,7 +115,6 @@ def _size(contact: ShownContact) -> float:
 
 
 def _force(contact: ShownContact) -> str:
-    """Return the size of the force as text, with its standard deviation where the sensor knows one."""
     size, deviation = _size(contact), contact.force_deviation
     return f"{uncertain(size, deviation)} N" if np.isfinite(deviation) else _newton(size)
 
@@ -154,9 +155,9 @@ def _ellipse(contact: ShownContact, magnification: int) -> str:
 
 
 def comparison(scene: Scene, moment: SceneMoment) -> list[tuple[str, str]]:
-    """Return a list with one pair: the comparison's title, and the compared contact at that time in words.
+    """Return one pair: the comparison's title, and status, force [N], place [mm] and distance of its contact in words.
 
-    The words give its status, force [N], place [mm] and distance; the list is [] without a comparison.
+    Without a comparison return [].
     """
     other = scene.meanwhile(moment.seconds)
     if other is None or scene.other is None:
@@ -170,3 +171,32 @@ def comparison(scene: Scene, moment: SceneMoment) -> list[tuple[str, str]]:
         apart = 1e3 * float(np.linalg.norm(theirs.point - ours.point))
         said += f"; differs by {apart:.2f} mm and {float(np.linalg.norm(theirs.force - ours.force)):.2f} N"
     return [(scene.other.title, said)]
+
+
+def touch_list(scene: Scene, time: float) -> str:
+    """Return the list as HTML; the touch at a recorded time [s] is marked, and a click on a line goes to its peak."""
+    found = scene.touches
+    if not len(found):
+        return '<p style="opacity:.75;margin:.2em 1em;font-size:.8em">no touches</p>'
+    now = np.flatnonzero((found.start <= time) & (time <= found.end))
+    marked = int(now[0]) if len(now) else -1
+    lines: list[str] = []
+    for k in range(min(len(found), LISTED)):
+        place = "&ensp;".join(f"{value:z.1f}" for value in 1e3 * found.point[k])
+        seconds = scene.seconds_at(float(found.peak_time[k]))
+        look = "background:rgba(0,114,178,.18);font-weight:600" if k == marked else ""
+        lines.append(
+            f'<tr data-asks="seek {seconds:.6f}" style="cursor:pointer;{look}"><td>{k + 1}</td>'
+            f"<td>{seconds:.2f}</td><td>{found.peak_force[k]:.2f}</td><td>{place}</td></tr>"
+        )
+    more = f"<div>and {len(found) - LISTED:,} more</div>" if len(found) > LISTED else ""
+    head = "".join(f"<th>{name}</th>" for name in ("touch", "at [s]", "peak [N]", "mean x y z [mm]"))
+    return (
+        "<style>.palpate-touches { margin: .2em .8em .6em; max-height: 10.5em; overflow-y: auto; font-size: .8em; }"
+        ".palpate-touches table { width: calc(100% - .8em); text-align: right; border-collapse: collapse; }"
+        ".palpate-touches td, .palpate-touches th { padding: 0; line-height: 1.5em; height: 1.5em; }"
+        ".palpate-touches th { position: sticky; top: 0; background: var(--mantine-color-body); }</style>"
+        '<div class="palpate-touches" style="font-variant-numeric:tabular-nums"><table>'
+        f"<thead>{head}</thead><tbody>{''.join(lines)}</tbody></table>{more}</div>"
+        f'<style onload="{_SEEN.format(max(marked - 2, 0))}"></style>'
+    )

@@ -20,7 +20,7 @@ from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import SurfaceLike, as_surface
 
-__all__ = ["Drawing", "Mark", "Specks", "simpler"]
+__all__ = ["Drawing", "Mark", "Specks", "box", "simpler"]
 
 FACETS = 8_000  # drawn: more is slow to turn, and no finer to see
 LONGEST = 0.3  # of the body: the arrow of the largest force
@@ -39,7 +39,8 @@ class Mark:
     """A mark at a point of the body.
 
     Attributes:
-        point: (3,) [m]; normal: (3,) unit, outward: the mark is pale where its back is seen.
+        point: (3,) [m].
+        normal: (3,) unit, outward: the mark is pale where its back is seen.
         tooltip: text shown when a pointer rests on it.
         label: text in the mark, one to three letters; "" gives a small dot.
         force: (3,) [N], drawn as an arrow whose tip is at the point; None: no arrow.
@@ -57,7 +58,7 @@ class Mark:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Specks:
-    """Small dots on a body: points [m], outward unit normals, and colours (red, green, blue)."""
+    """Small dots on a body: points [m], outward unit normals, colours (red, green, blue) of 0 to 255."""
 
     point: Float[np.ndarray, "m 3"]
     normal: Float[np.ndarray, "m 3"]
@@ -71,7 +72,8 @@ class Drawing:
     """A body with marks; a notebook shows it, `html` puts it into a page.
 
     Attributes:
-        vertices: (v, 3) [m]; faces: (f, 3); both empty where the body is not known.
+        vertices: (v, 3) [m]; empty if the body is not known.
+        faces: (f, 3) facets.
         marks: marks on the body.
         specks: small dots on the body; None: no dots.
         look: (3,) direction from which it is seen first.
@@ -99,7 +101,11 @@ class Drawing:
         return cls(mesh.vertices, mesh.faces, marks, title=repr(mesh))
 
     def html(self) -> str:
-        """Return HTML elements and a script for a page, as text; they load no file. Without scripts nothing is seen."""
+        """Return HTML elements and a script for a page, which load no file; without scripts nothing is seen.
+
+        Raises:
+            InputError: a vertex is not finite.
+        """
         return (
             f'<div class="palpate-drawing" hidden><style>{_STYLE}</style>'
             f'<canvas tabindex="0" role="img" aria-label="{escape(self.title)}"></canvas><output hidden></output>'
@@ -107,7 +113,11 @@ class Drawing:
         )
 
     def page(self) -> str:
-        """Return a complete HTML page with the drawing, as text."""
+        """Return an HTML page with the drawing.
+
+        Raises:
+            InputError: a vertex is not finite.
+        """
         return (
             f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><body style="margin:0">{self.html()}</body></html>'
         )
@@ -116,12 +126,12 @@ class Drawing:
         """Write the page to a file, .html.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: it cannot be written, or a vertex is not finite.
         """
         by_name("palpate.files.atomic.write_text")(Path(path), self.page())
 
     def _repr_html_(self) -> str:
-        """Return the drawing for notebooks, in an iframe that isolates its style and script."""
+        """Return the drawing for notebooks, isolated in an iframe."""
         return (
             f'<iframe srcdoc="{escape(self.page())}" sandbox="allow-scripts" title="{escape(self.title)}" '
             'style="width:100%;max-width:720px;height:424px;border:0"></iframe>'
@@ -132,8 +142,8 @@ class Drawing:
         return f'Drawing({len(self.faces):,} facets{marks}; a notebook shows it, .save("contacts.html") makes a page)'
 
     def _data(self) -> str:
-        """Return the data for the script as JSON, centred and scaled to size 1; no "<" in it can end an element."""
-        low, high = self._bounds()
+        """Return the data for the script as JSON, centred and scaled to size 1, without "<"."""
+        low, high = box(self._drawn_points())
         middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
         vertices, faces = simpler(self.vertices, self.faces, FACETS)
         strong = max((float(np.linalg.norm(m.force)) for m in self.marks if m.force is not None), default=0.0)
@@ -150,25 +160,26 @@ class Drawing:
         }
         return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
 
-    def _bounds(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-        """Return the lower and upper corner of the drawn points [m], (3,) each."""
-        points = self.vertices[np.unique(self.faces)]
-        if not len(points):
-            points = np.array([mark.point for mark in self.marks if np.isfinite(mark.point).all()]).reshape(-1, 3)
-        if not len(points):
-            return np.full(3, -MARGIN), np.full(3, MARGIN)
-        low, high = points.min(axis=0), points.max(axis=0)
-        margin = 0.0 if np.linalg.norm(high - low) > 0 else MARGIN
-        return low - margin, high + margin
+    def _drawn_points(self) -> Float[np.ndarray, "n 3"]:
+        """Return the vertices of the facets, else the known points of the marks [m]."""
+        if len(self.faces):
+            return self.vertices[np.unique(self.faces)]
+        return np.array([mark.point for mark in self.marks if np.isfinite(mark.point).all()]).reshape(-1, 3)
+
+
+@takes_arrays
+def box(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:
+    """Return the least and the largest coordinates, (2, 3) [m]; 50 mm about a single point, or about 0 without any."""
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else np.zeros((2, 3))
+    margin = 0.0 if np.linalg.norm(high - low) > 0 else MARGIN
+    return np.stack([low - margin, high + margin])
 
 
 @takes_arrays
 def simpler(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], most: int
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
-    """Return vertices (w, 3) and faces (g, 3), at most `most`: vertices in one cell of a grid become one.
-
-    The grid is the finest that fits.
+    """Return vertices (w, 3) and at most `most` faces (g, 3): vertices in one cell of the finest grid become one.
 
     Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
 
@@ -195,7 +206,7 @@ def simpler(
 
 
 def _closed(faces: Int[np.ndarray, "f 3"]) -> bool:
-    """Return whether no edge belongs to one facet alone, so that the inside cannot be seen."""
+    """Return whether every edge belongs to two facets: the inside cannot be seen."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, count = np.unique(edges, axis=0, return_counts=True)
     return bool((count > 1).all())

@@ -1,4 +1,4 @@
-"""Draw moments of a scene as pictures of a film, without a screen: the same moment gives the same pixels."""
+"""Draw moments of a scene as pictures of a film: the same moment gives the same pixels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 from palpate.opencv import opencv
 from palpate.viewer._style import DARK, MUTED, RULE, mixed
 from palpate.viewer.camera import VIEW
-from palpate.viewer.heat import PALETTE, colours
+from palpate.viewer.heat import BARE, colours
 from palpate.viewer.ink import Ink
 from palpate.viewer.marker import FORCE, OTHER
 from palpate.viewer.rendered import Rendered, ViewPoint, rendered
@@ -33,7 +33,7 @@ _BESIDE = 14.0  # px from an arrow to the nearest edge of its label
 
 
 class ScenePicture:
-    """A drawing of any moment of a scene; the body is drawn once for each side that is touched in turn.
+    """A drawing of any moment of a scene; the body is drawn once for each side that is touched.
 
     Args:
         scene: the scene to draw.
@@ -55,7 +55,7 @@ class ScenePicture:
         return np.arange(int(self.scene.timeline.duration * RATE) + 1) / RATE
 
     def draw(self, seconds: float) -> UInt8[np.ndarray, "720 960 3"]:
-        """Return the picture at a time [s] since the start, (720, 960, 3) uint8 in blue, green, red."""
+        """Return the picture at a time [s] since the start, (720, 960, 3) in blue, green, red."""
         scene = self.scene
         moment = scene.at(scene.timeline.at(seconds))
         side, body = self._seen(seconds)
@@ -73,18 +73,18 @@ class ScenePicture:
         return picture
 
     def _seen(self, seconds: float) -> tuple[_Side, UInt8[np.ndarray, "h w 3"]]:
-        """Return the side of the current or next touch, and the body's picture, fading over before a touch begins."""
+        """Return the side of the current or next touch, and the body's picture, fading between sides."""
         at = max(int(np.searchsorted(self._stops, seconds, side="right")) - 1, 0)
-        share = 0.0
+        one, share = self._side(at), 0.0
         if at + 1 < len(self._stops):
             share = float(np.clip(1 - (self._stops[at + 1] - seconds) / _TURN, 0.0, 1.0))
-        one, other = self._side(at), self._side(at + 1) if share > 0.0 else None
-        if other is None:
+        if share == 0.0:
             return one, one.picture
+        other = self._side(at + 1)
         return other if share > 0.5 else one, self._cv2.addWeighted(one.picture, 1 - share, other.picture, share, 0)
 
     def _side(self, at: int) -> _Side:
-        """Return the side with this number, drawn on first use; only the last two sides are kept."""
+        """Return a side by its number; the last two are kept."""
         if at not in self._bodies:
             camera = self._cameras[at]
             drawn = self._rendered(camera)
@@ -94,7 +94,7 @@ class ScenePicture:
         return self._bodies[at]
 
     def _rendered(self, camera: ViewPoint) -> Rendered:
-        """Return the body with its heat; where it has no mesh, the places of the layers as dots."""
+        """Return the body with its heat, else the layers' places as dots."""
         scene, body = self.scene, self.scene.body
         if body is not None:
             heat = scene.heat / max(float(scene.heat.max()), 1e-12)
@@ -103,7 +103,7 @@ class ScenePicture:
         made = Rendered(np.full((height, width, 3), 255, dtype=np.uint8), np.full((height, width), np.inf))
         for place in np.concatenate([np.zeros((0, 3)), *(layer.places for layer in scene.layers)]):
             at = camera.seen(scene.placed(place)[None])[0]
-            self._ink.disc(made.picture, at[:2], 6.0 * _SOFT, _grey())
+            self._ink.disc(made.picture, at[:2], 6.0 * _SOFT, BARE)
         return made
 
     def _draw_trail(self, picture: np.ndarray, moment: SceneMoment, side: _Side) -> None:
@@ -118,7 +118,7 @@ class ScenePicture:
             self._ink.lines(picture, ends, mixed(FORCE, 0.7 * (k + 0.5) / _SHADES), 2)
 
     def _draw_contact(self, picture: np.ndarray, contact: ShownContact, side: _Side, ink: tuple[int, int, int]) -> None:
-        """Draw ellipse and arrow, pale where the body hides them, and the force next to the arrow's tail."""
+        """Draw ellipse, arrow, pale if hidden by the body, and force."""
         if not contact.located:
             return
         scene = self.scene
@@ -138,7 +138,6 @@ class ScenePicture:
         self._ink.middle(picture, words, np.clip(at, half + 4, [SIZE[0], _HIGH] - half - 4), 0.5, ink)
 
     def _draw_ellipse(self, picture: np.ndarray, contact: ShownContact, side: _Side, ink: tuple[int, int, int]) -> None:
-        """Draw the visible part of the ellipse's rim, laid on the body."""
         points = self.scene.ellipse_on_body(contact, self.scene.magnification)
         around = rim(len(points))
         seen = side.camera.seen(self.scene.placed(points[-around:]))
@@ -147,13 +146,13 @@ class ScenePicture:
         self._ink.lines(picture, edges[:, :, :2] / _SOFT, ink, 2)
 
     def _place(self, seconds: np.ndarray | float, force: np.ndarray | float) -> Float[np.ndarray, "*n 2"]:
-        """Return the pixel in the strip below the body for a time [s] and a force [N]."""
+        """Return the pixel in the strip below the body of a time [s] and a force [N]."""
         wide, high = SIZE[0] - _LEFT - _RIGHT, SIZE[1] - _TOP - _FOOT - 12
         x = _LEFT + wide * np.asarray(seconds) / max(self.scene.timeline.duration, 1e-9)
         return np.stack([x, 12 + high * (1 - np.asarray(force) / self._most)], axis=-1)
 
     def _drawn_curve(self) -> UInt8[np.ndarray, "180 960 3"]:
-        """Return the strip with the force over time, with lines at 0 N and at the largest force."""
+        """Return the strip of the force over time."""
         clock, values = self.scene.curves()
         total = values[:, 0] if self.scene.several else values[:, 1]
         self._most = max(float(np.nanmax(total, initial=0.0)), 1e-9)
@@ -175,7 +174,6 @@ class ScenePicture:
         self._ink.text(picture, whole, (SIZE[0] - _RIGHT - self._ink.width(whole, 0.5), SIZE[1] - 12), 0.5, DARK)
 
     def _caption(self, picture: np.ndarray, moment: SceneMoment) -> None:
-        """Write the title, and status, force and place of the strongest contact."""
         ink, strongest = self._ink, moment.contacts[0]
         ink.text(picture, ink.cut(self.scene.title, 0.6, 520), (24, 34), 0.6, DARK)
         said = strongest.status.words
@@ -190,7 +188,7 @@ class ScenePicture:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """The body from one side: the rendering with depths, and the picture for the film in blue, green, red."""
+    """The body from one side: as rendered, and as the film's picture."""
 
     camera: ViewPoint
     body: Rendered
@@ -198,7 +196,7 @@ class _Side:
 
 
 def _sides(scene: Scene) -> tuple[Float[np.ndarray, " k"], list[ViewPoint]]:
-    """Return when each touch begins [s since the start], and the camera that sees it with its arrow; at least one."""
+    """Return when each touch begins [s since the start], and its camera; at least one."""
     touches = scene.touches
     known = [k for k in range(len(touches)) if np.isfinite(touches.normal[k]).all()]
     starts = np.array([max(scene.seconds_at(float(touches.start[k])), 0.0) for k in known])
@@ -212,8 +210,3 @@ def _camera(scene: Scene, contacts: Sequence[ShownContact]) -> ViewPoint:
     size = SIZE[0], _HIGH
     position, target = aim(scene, size[0] / size[1], contacts, covered=0.0)
     return ViewPoint(position, target, VIEW, (round(_SOFT * size[0]), round(_SOFT * size[1])))
-
-
-def _grey() -> tuple[int, int, int]:
-    red, green, blue = (round(float(value)) for value in PALETTE[0])
-    return red, green, blue

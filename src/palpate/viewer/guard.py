@@ -30,7 +30,7 @@ class Request(NamedTuple):
     Attributes:
         path: path with its query.
         headers: returns all values of a header.
-        local: address of this machine at which the request arrived.
+        local: address at which the request arrived.
         port: port at which it arrived.
     """
 
@@ -41,7 +41,7 @@ class Request(NamedTuple):
 
     @property
     def tokens(self) -> list[str]:
-        """Tokens in the query of the address, a list of strings."""
+        """Tokens in the query of the address."""
         try:
             return parse_qs(self.path.partition("?")[2], max_num_fields=16).get("token", [])
         except ValueError:
@@ -49,7 +49,7 @@ class Request(NamedTuple):
 
     @property
     def cookies(self) -> list[str]:
-        """Values of this port's cookie, a list of strings: pages at two ports of a machine share their cookies."""
+        """Values of this port's cookie: pages at two ports of a machine share their cookies."""
         pairs = (pair.strip().partition("=") for header in self.headers("Cookie") for pair in header.split(";"))
         return [value for name, _, value in pairs if name == _cookie(self.port)]
 
@@ -58,8 +58,8 @@ class Request(NamedTuple):
 class Guard:
     """A check that accepts only requests that no browser but the owner's can send.
 
-    A foreign page can let a browser send anything, but neither under an `Origin` other than that page's, nor, where its
-    name was made to lead here, under another `Host`. Another user of this machine, or of the network, has no token.
+    A foreign page can let a browser send anything, but not under another `Origin` or, if its name was made to lead
+    here, another `Host`. Another user of this machine or network has no token.
 
     Attributes:
         host: address that the server listens at.
@@ -70,7 +70,7 @@ class Guard:
     token: str
 
     def refusal(self, request: Request) -> str:
-        """Return why a request is refused, as a sentence for its sender; "" where it is accepted."""
+        """Return why a request is refused, as a sentence for its sender; "" if it is accepted."""
         host, origin = request.headers("Host"), request.headers("Origin")
         if len(host) != 1 or host[0].lower() not in self._hosts(request):
             return _REFUSED
@@ -79,7 +79,7 @@ class Guard:
         return "" if any(map(self._right, [*request.cookies, *request.tokens])) else _CLOSED
 
     def entering(self, request: Request) -> str:
-        """Return the text of a Set-Cookie header for a request with the token in its address; "" for other requests."""
+        """Return the Set-Cookie header for a request with the token in its address; "" for others."""
         if not any(map(self._right, request.tokens)):
             return ""
         return f"{_cookie(request.port)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
@@ -88,7 +88,7 @@ class Guard:
         return compare_digest(token.encode(errors="replace"), self.token.encode())
 
     def _hosts(self, request: Request) -> set[str]:
-        """Return the names of this machine that lead here, none that a stranger could make lead here."""
+        """Return the names that lead here and that no stranger could make lead here."""
         names = {"localhost", "127.0.0.1", "[::1]", in_url(self.host.lower()), in_url(request.local)}
         return {f"{name}:{request.port}" for name in names} | (names if request.port == 80 else set[str]())
 
@@ -180,12 +180,12 @@ _DECODER = Decoder(_Camera | _Update | _Picture)
 def judged(raw: object, widget: Callable[[str], Widget | None]) -> Verdict:
     """Return the `Verdict` on a message from a browser.
 
-    A browser may send a number that is out of bounds while it is typed, press a button that was disabled a moment ago,
-    and have no height while its window is folded: these have no effect. All else that is not allowed is hostile.
+    A number out of bounds, as while it is typed, a button that was just disabled, and a window without height have no
+    effect. All else that is not allowed ends the connection.
 
     Args:
         raw: message as received.
-        widget: finds a widget by its name; None where there is none.
+        widget: finds a widget by its name; None: there is none.
     """
     if not isinstance(raw, bytes):
         return Verdict.CLOSE
@@ -228,7 +228,7 @@ def _update(widget: Widget, value: bool | int | float | str) -> Verdict:
 
 
 def _picture(payload: bytes) -> Verdict:
-    """Judge a picture: it may be large, but its stated size is bounded; empty means that the browser made none."""
+    """Judge a picture by its stated size; empty means that the browser made none."""
     sides = [int.from_bytes(payload[at : at + 4]) for at in (len(_PNG), len(_PNG) + 4)]
     colours = payload[24:26] in (b"\x08\x02", b"\x08\x06")  # RGB or RGBA, eight bits each
     fit = payload.startswith(_PNG) and colours and 0 < sides[0] * sides[1] <= PIXELS

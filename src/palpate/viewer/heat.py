@@ -14,8 +14,9 @@ __all__ = ["FineMesh", "colours", "density", "linear", "refined"]
 
 REACH = 3.0  # widths, beyond which a touch colours nothing
 FACETS = 60_000  # of the finest mesh: more is slow to send and to draw
+BARE = 203, 209, 216  # of the body where nothing touched it
 PALETTE = np.array(
-    [(203, 209, 216), (250, 214, 120), (247, 160, 58), (224, 84, 45), (160, 28, 60), (92, 12, 70)], dtype=np.float64
+    [BARE, (250, 214, 120), (247, 160, 58), (224, 84, 45), (160, 28, 60), (92, 12, 70)], dtype=np.float64
 )
 
 
@@ -25,7 +26,9 @@ class FineMesh:
     """A mesh to draw: one normal per vertex, vertices doubled along creases.
 
     Attributes:
-        vertices: (v, 3) [m]; normals: (v, 3) unit; faces: (f, 3).
+        vertices: (v, 3) [m].
+        normals: (v, 3) unit.
+        faces: (f, 3).
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -35,7 +38,7 @@ class FineMesh:
 
 @takes_arrays
 def refined(mesh: Mesh, points: Float[np.ndarray, "n 3"], width: float) -> FineMesh:
-    """Return the mesh as a `FineMesh`, facets near the points [m] cut until edges are at most `width` [m] long."""
+    """Return the mesh as a `FineMesh` whose edges near the points [m] are at most `width` [m] long."""
     from scipy.spatial import KDTree
 
     corners = np.concatenate([mesh.vertices[mesh.faces], mesh.corner_normals], axis=2)  # (f, 3, 6)
@@ -77,19 +80,18 @@ def density(
 
 @takes_arrays
 def colours(share: Float[np.ndarray, " v"]) -> UInt8[np.ndarray, "v 3"]:
-    """Return sRGB colours, (v, 3) uint8, for shares from 0 (the bare body) to 1 (the darkest)."""
+    """Return sRGB colours, (v, 3), for shares from 0 (the bare body) to 1 (the darkest)."""
     stops = np.linspace(0.0, 1.0, len(PALETTE))
     return np.column_stack([np.interp(share, stops, PALETTE[:, k]) for k in range(3)]).round().astype(np.uint8)
 
 
 @takes_arrays
 def linear(colour: UInt8[np.ndarray, "v 3"]) -> UInt8[np.ndarray, "v 3"]:
-    """Convert colours (v, 3) from sRGB to linear, uint8, as vertex colours of a glTF and of instances need."""
+    """Convert colours (v, 3) from sRGB to linear, as a glTF's vertices and instances need."""
     return (255 * (colour / 255.0) ** 2.2).round().astype(np.uint8)
 
 
 def _quartered(corners: Float[np.ndarray, "f 3 6"]) -> Float[np.ndarray, "g 3 6"]:
-    """Cut each facet at the middles of its edges into four."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     return np.concatenate([np.stack(three, axis=1) for three in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
@@ -98,7 +100,7 @@ def _quartered(corners: Float[np.ndarray, "f 3 6"]) -> Float[np.ndarray, "g 3 6"
 def _gathered(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], seconds: Float[np.ndarray, " n"], cell: float
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
-    """Merge the points of one cell [m] and side into their mean: a million contacts lie in some thousand cells."""
+    """Merge the points of one cell [m] and side into their mean."""
     keys = np.concatenate([np.floor((points - points.min(axis=0)) / cell), normals > 0], axis=1).astype(np.int64)
     sizes = keys.max(axis=0) + 1
     code = np.ravel_multi_index(keys.T, sizes)

@@ -16,42 +16,42 @@ _SHIFT = 4  # bits of a fraction of a pixel
 
 @takes_arrays
 class Ink:
-    """OpenCV's strokes and text with colours in red, green, blue and places in fractions of a pixel."""
+    """OpenCV's strokes and text, with colours (red, green, blue) and places in fractions of a pixel."""
 
     def __init__(self, cv2: Any) -> None:
         self._cv2: Any = cv2
         self._font: int = cv2.FONT_HERSHEY_SIMPLEX
 
     def area(self, picture: np.ndarray, corners: Float[np.ndarray, "k 2"], shade: tuple[int, int, int]) -> None:
-        """Draw into `picture` a filled polygon with these corners [px]."""
+        """Draw a filled polygon with these corners [px]."""
         self._cv2.fillPoly(picture, [_fixed(corners)], shade[::-1], self._cv2.LINE_AA, _SHIFT)
 
     def loop(self, picture: np.ndarray, corners: np.ndarray, shade: tuple[int, int, int], thick: int) -> None:
-        """Draw into `picture` a closed line through the corners [px], `thick` pixels wide."""
+        """Draw a closed line through the corners [px], `thick` pixels wide."""
         self._cv2.polylines(picture, [_fixed(corners)], True, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
     def line(self, picture: np.ndarray, points: np.ndarray, shade: tuple[int, int, int], thick: int) -> None:
-        """Draw into `picture` an open line through the points [px], `thick` pixels wide."""
+        """Draw an open line through the points [px], `thick` pixels wide."""
         self._cv2.polylines(picture, [_fixed(points)], False, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
     def lines(
         self, picture: np.ndarray, ends: Float[np.ndarray, "k 2 2"], shade: tuple[int, int, int], thick: int
     ) -> None:
-        """Draw into `picture` k straight lines between pairs of ends [px], `thick` pixels wide."""
+        """Draw k straight lines between pairs of ends [px], `thick` pixels wide."""
         self._cv2.polylines(picture, list(_fixed(ends)), False, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
     def disc(self, picture: np.ndarray, at: np.ndarray, radius: float, shade: tuple[int, int, int]) -> None:
-        """Draw into `picture` a filled circle of this radius around a place [px]."""
+        """Draw a filled circle of this radius around a place [px]."""
         self.ring(picture, at, radius, shade, -1)
 
     def ring(self, picture: np.ndarray, at: np.ndarray, radius: float, shade: tuple[int, int, int], thick: int) -> None:
-        """Draw into `picture` a circle around a place [px] with a line `thick` pixels wide; -1 fills it."""
+        """Draw a circle around a place [px] with a line `thick` pixels wide; -1 fills it."""
         x, y = _fixed(at).tolist()
         size = round(radius * (1 << _SHIFT))
         self._cv2.circle(picture, (x, y), size, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
     def arrow(self, picture: np.ndarray, ends: Float[np.ndarray, "2 2"], shade: tuple[int, int, int]) -> None:
-        """Draw into `picture` an arrow from the first end to the second [px], its head no longer; none below 1 px."""
+        """Draw an arrow from the first end to the second [px]; none below 1 px."""
         way = ends[1] - ends[0]
         length = float(np.linalg.norm(way))
         if length < 1.0:
@@ -71,12 +71,12 @@ class Ink:
         shade: tuple[int, int, int],
         thick: int = 1,
     ) -> None:
-        """Write text into `picture` from its lower left corner [px]; characters outside ASCII become question marks."""
+        """Write text from its lower left corner [px]; characters outside ASCII become question marks."""
         known = words.encode("ascii", "replace").decode()
         self._cv2.putText(picture, known, at, self._font, size, shade[::-1], thick, self._cv2.LINE_AA)
 
     def middle(self, picture: np.ndarray, words: str, at: np.ndarray, size: float, shade: tuple[int, int, int]) -> None:
-        """Write text into `picture`, centred at a place [px]."""
+        """Write text centred at a place [px]."""
         (wide, high), _ = self._cv2.getTextSize(words, self._font, size, 1)
         self.text(picture, words, (round(at[0] - wide / 2), round(at[1] + high / 2)), size, shade)
 
@@ -85,7 +85,7 @@ class Ink:
         return int(self._cv2.getTextSize(words, self._font, size, 1)[0][0])
 
     def cut(self, words: str, size: float, room: int) -> str:
-        """Return the line of text, shortened with ".." where it is wider than `room` [px]."""
+        """Return the text, shortened with ".." if it is wider than `room` [px]."""
         if self.width(words, size) <= room:
             return words
         while words and self.width(f"{words}..", size) > room:
@@ -93,7 +93,7 @@ class Ink:
         return f"{words}.."
 
     def wrapped(self, words: str, size: float, room: int, rows: int) -> list[str]:
-        """Return a sentence as a list of at most `rows` lines that fit into `room` [px], the last one cut."""
+        """Return a sentence as at most `rows` lines that fit into `room` [px], the last one cut."""
         lines = [""]
         for word in words.split():
             longer = f"{lines[-1]} {word}".strip()
@@ -106,7 +106,7 @@ class Ink:
         return [self.cut(line, size, room) for line in lines[:rows]]
 
     def shrunk(self, frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """Return an image resized to `size` (width, height) [px], an array (height, width, 3)."""
+        """Return an image resized to (width, height) [px], (height, width, 3)."""
         return self._cv2.resize(frame, size, interpolation=self._cv2.INTER_AREA)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.viewer.camera import PANEL, PHONE
 from palpate.viewer.heat import PALETTE
-from palpate.viewer.marker import FORCE, POINT, TORQUE, TRACE
+from palpate.viewer.marker import FORCE, OTHER, POINT, TORQUE, TRACE
 from palpate.viewer.scene import Scene, rounded_up
 
 __all__ = ["AXES", "bar", "dot", "item", "keys", "legend", "strip"]
@@ -47,19 +47,19 @@ def item(glyph: str, ink: str, words: str) -> str:
 
 
 def dot(ink: tuple[int, int, int], words: str) -> str:
-    """Return a dot of a colour with the meaning of points or marks of that colour, as HTML."""
+    """Return a dot of a colour with its meaning, as HTML."""
     return item("dot", _css(ink), escape(words))
 
 
 def bar(words: str, most: float, unit: str) -> str:
-    """Return the bar of colours from 0 to the largest drawn value, as HTML."""
-    stops = ",".join("rgb({:.0f},{:.0f},{:.0f})".format(*colour) for colour in PALETTE)
+    """Return the bar of colours from 0 to the largest value, as HTML."""
+    stops = ",".join(_css(colour) for colour in PALETTE.tolist())
     ramp = f'<span style="width:6em;height:.6em;border-radius:.3em;background:linear-gradient(90deg,{stops})"></span>'
     return f"<span>{escape(words)} 0</span>{ramp}<span>{most:.3g} {escape(unit)}</span>"
 
 
 def strip(items: list[str]) -> str:
-    """Return the strip with all items next to each other, as HTML."""
+    """Return the strip of all items, as HTML."""
     rows = "".join(f'<span style="display:flex;align-items:center;gap:.5em">{each}</span>' for each in items)
     return (
         f'{_LOOK}<div class="palpate-legend" style="display:flex;flex-wrap:wrap;gap:.2em 1.3em;padding:.2em .8em .8em;'
@@ -79,13 +79,11 @@ def legend(scene: Scene, heat: bool, trail: float) -> str:
     if scene.turns:
         items.append(item("curl", _lit(TORQUE), "torque about the normal"))
     if scene.other is not None:
-        items += [dot((0, 48, 120), scene.title), dot((0, 120, 80), scene.other.title)]
+        items += [dot(FORCE, scene.title), dot(OTHER, scene.other.title)]
     if heat and scene.body is not None:
         items.append(bar("time touched per area", 1e-4 * float(scene.heat.max()), "s/cm²"))
     items += [each for layer in scene.layers for each in layer.legend()]
-    axes = "".join(
-        f'<b style="color:rgb({r},{g},{b})">{name}</b>&thinsp;' for name, (r, g, b) in zip("xyz", AXES, strict=True)
-    )
+    axes = "".join(f'<b style="color:{_css(ink)}">{name}</b>&thinsp;' for name, ink in zip("xyz", AXES, strict=True))
     items.append(f"<span>axes {axes}, grid {1e3 * rounded_up(scene.size / 12):g} mm</span>")
     return strip(items)
 
@@ -95,7 +93,7 @@ def _css(ink: Sequence[int] | Sequence[float]) -> str:
 
 
 def _lit(ink: ArrayLike) -> str:
-    """Return the colour in which the page shows a line: it takes the line's colour as linear."""
+    """Return the colour in which the page shows a line, as it takes the line's colour as linear."""
     return _css((255 * (np.asarray(ink) / 255) ** (1 / 2.2)).tolist())
 
 

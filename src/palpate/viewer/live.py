@@ -38,14 +38,14 @@ class StreamFigures:
 
     Attributes:
         rate: [Hz] of the last seconds.
-        latency: [s] from a sample's arrival to its contacts: median, 99 %, largest of the last ten seconds; None where
-            nothing is known.
+        latency: [s] from a sample's arrival to its contacts: median, 99 %, largest of the last ten seconds; None: not
+            known.
         lost: samples that the device sent and that never came.
         skipped: samples that this page was too slow to show; they are recorded all the same.
         silent: [s] since the last sample.
         samples: samples received so far.
-        taring: a tare was requested and is not taken yet.
-        tare: the last sentence on a tare; "" where there is none.
+        taring: True if a tare was requested and is not taken yet.
+        tare: last sentence on a tare; "": none.
         events: times of day and the last sentences, the newest last.
     """
 
@@ -63,16 +63,15 @@ class StreamFigures:
 class LivePage(Served):
     """A page that shows a stream, served as `Served` is.
 
-    Nothing is computed or sent for a value that is the same as before; data that a browser does not fetch is replaced
-    by newer data, so that a browser that stalls costs no memory.
+    Unchanged values are not sent; data that a browser does not fetch is replaced by newer data.
 
     Args:
         surface: the body; None: the layers show it.
         layers: drawings that the sensor adds.
         title: heading of the page.
-        tare: called when a person requests a tare, with the address of that browser.
-        host: address to listen at; only this machine can reach the default.
-        port: the first to try; 0 for any.
+        tare: called with the browser's address when a person requests a tare.
+        host: to listen at; only this machine reaches the default.
+        port: first to try; 0: any.
         token: secret that opens the page; "": a new one.
 
     Raises:
@@ -123,15 +122,11 @@ class LivePage(Served):
         return bool(self._server.get_clients())
 
     def at_once(self) -> AbstractContextManager[None]:
-        """Return a context within which everything shown reaches a browser as one message."""
+        """Return a context within which all that is shown reaches a browser as one message."""
         return self._server.atomic()
 
     def show(self, found: Contacts) -> None:
-        """Draw contacts; meant for up to thirty calls a second.
-
-        Args:
-            found: contacts of one sample, in the surface's frame.
-        """
+        """Draw the contacts of one sample, in the surface's frame; meant for up to thirty calls a second."""
         hardest = float(np.fmax.reduce(np.linalg.norm(found.force, axis=1)))
         self.scene = self._scene3d.scene = self.scene.scaled_to(hardest)  # scales are some seconds old
         scene = self.scene.with_contacts(found) if self.scene.layers else self.scene
@@ -139,11 +134,11 @@ class LivePage(Served):
             self._scene3d.move(scene, moment_of(found), self._magnification)
 
     def tell(self, window: Contacts | None, figures: StreamFigures) -> None:
-        """Update the page's words, figures, curve and trail; meant for a few calls a second, as nobody reads faster.
+        """Update the page's words, figures, curve and trail; meant for a few calls a second.
 
         Args:
-            window: contacts of the last seconds, see `recent`; None: nothing is known yet.
-            figures: current figures of the stream.
+            window: contacts of the last seconds, see `recent`; None: not known yet.
+            figures: of the stream.
         """
         if window is not None:
             self.scene = self.scene.with_contacts(window)
@@ -164,7 +159,7 @@ class LivePage(Served):
             self._tare.disabled = figures.taring
 
     def _curve(self, silent: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return times [s], 0 being now, and forces [N] of the curve; NaN becomes 0, as the curve knows no NaN."""
+        """Return times [s], 0 being now, and forces [N], 0 for NaN, of the curve."""
         timeline = self.scene.timeline
         clock, force = downsampled(timeline.clock, self.scene.total[:, None], ROWS)
         return clock - timeline.duration - (silent if silent > SILENT else 0.0), np.nan_to_num(force[:, 0])
@@ -185,10 +180,7 @@ class LivePage(Served):
 
 
 def recent(window: Contacts | None, new: Contacts) -> Contacts:
-    """Return the `Contacts` of the last ten seconds, from the old window and from new samples.
-
-    Of the new samples, a few with the largest and the smallest force are kept, and the last.
-    """
+    """Return the `Contacts` of the last ten seconds: of the new samples the last and some of extreme force."""
     starts = sample_starts(new)
     force = np.nan_to_num(totals(new, starts))
     wanted = np.zeros(len(starts), dtype=bool)

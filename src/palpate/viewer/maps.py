@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.spatial.arguments import takes_arrays
-from palpate.viewer._style import AXES, INK, MUTED, figure, styled
+from palpate.viewer._style import AXES, INK, MUTED, panels, styled
 from palpate.viewer.plots import named, plain
 
 if TYPE_CHECKING:
@@ -32,12 +32,12 @@ def surface_map(
     cells: Float[np.ndarray, "k 3"] | None = None,
     view: tuple[int, float] = (2, 1.0),
 ) -> Figure:
-    """Draw lines of equal values over the surface [m] as a `Figure`, with the cells below it as numbered squares.
+    """Draw lines of equal values over the surface as a `Figure`, with the cells below it as numbered squares.
 
     Args:
-        vertices: places of the values.
+        vertices: places of the values [m].
         faces: triangles between them.
-        values: one per vertex; facets with a value that is not finite are not drawn.
+        values: one per vertex; facets with one that is not finite are not drawn.
         label: name of the quantity, with its unit.
         cells: [m]; NaN where not known.
         view: the axis along which it is seen, and from which side: 1 or -1.
@@ -47,8 +47,7 @@ def surface_map(
     """
     across, up = ((1, 2), (2, 0), (0, 1))[view[0]]
     places = 1e3 * vertices
-    drawn = figure(_height(places[:, across], places[:, up]))
-    axes: Any = drawn.subplots()
+    drawn, axes = panels(_height(places[:, across], places[:, up]))
     shown = faces[np.isfinite(values[faces]).all(axis=1)]
     if len(shown):
         filled = axes.tricontourf(
@@ -75,7 +74,7 @@ def sheet_map(
     label: str,
     shape: tuple[int, int] | None = None,
 ) -> Figure:
-    """Draw values at places of an unrolled sheet of taxels as a `Figure`, rows upward; crosses where it is not known.
+    """Draw values at places of an unrolled sheet of taxels as a `Figure`, rows upward; crosses where not known.
 
     Args:
         cells: (n, 2) row and column.
@@ -86,8 +85,7 @@ def sheet_map(
     Raises:
         InputError: matplotlib is not installed.
     """
-    drawn = figure(2.6)
-    axes: Any = drawn.subplots()
+    drawn, axes = panels(2.6)
     known = np.isfinite(values) & np.isfinite(cells).all(axis=1)
     axes.scatter(cells[~known, 1], cells[~known, 0], marker="x", s=16, color=MUTED, linewidths=0.8)
     if known.any():
@@ -111,8 +109,7 @@ def error_over_force(
     Raises:
         InputError: matplotlib is not installed.
     """
-    drawn = figure(2.8)
-    axes: Any = drawn.subplots()
+    drawn, axes = panels(2.8)
     for colour, (name, error) in zip(AXES, curves.items(), strict=False):
         axes.plot(force, 1e3 * error, color=colour, label=name)
     axes.axhline(1e3 * wanted, color=INK, linewidth=0.8, linestyle="--")
@@ -126,12 +123,10 @@ def error_over_force(
 
 
 def _height(across: np.ndarray, up: np.ndarray) -> float:
-    """Return the height [inches] of a map next to its bar of colours."""
     return float(np.clip(0.7 + 3.1 * np.ptp(up) / max(float(np.ptp(across)), 1e-9), 1.8, 4.6))
 
 
 def _levels(values: np.ndarray) -> np.ndarray:
-    """Return round numbers from the least value to the largest."""
     from matplotlib.ticker import MaxNLocator
 
     known = values[np.isfinite(values)]

@@ -56,7 +56,7 @@ class Marker:
         self._anchors = ("top-center", "bottom-center") if root else ("bottom-center", "top-center")
 
     def show(self, scene: Scene, contact: ShownContact | None, magnification: int) -> None:
-        """Move the handles on the page to a contact of a scene; None, or a contact without a place, hides them."""
+        """Move the handles to a contact of a scene; None, or a contact without a place, hides them."""
         located = contact is not None and contact.located
         for handle in (self._frame, self._arrow, self._label):
             _put(handle, visible=located)
@@ -73,7 +73,7 @@ class Marker:
         self._show_torque(scene.turning(contact))
 
     def _show_ellipse(self, scene: Scene, contact: ShownContact, magnification: int) -> None:
-        """Lay the ellipse on the body, the fainter the larger it is relative to the body."""
+        """Lay the ellipse on the body, the fainter the larger it is."""
         points = scene.placed(scene.ellipse_on_body(contact, magnification)).astype(np.float32)
         strength = fade(magnification * float(contact.axes[0]), scene.size)
         self._lay(points)
@@ -88,7 +88,7 @@ class Marker:
         self._rim.points = ends
 
     def _lay(self, points: Float[np.ndarray, "k 3"]) -> None:
-        """Set the ellipse's points in an order such that no facet ever names a point that is not there."""
+        """Set the ellipse's points such that no facet ever names a missing point."""
         more = len(points) - len(self._disc.vertices)
         if more < 0:
             self._disc.faces = _facets(len(points))
@@ -97,7 +97,6 @@ class Marker:
             self._disc.faces = _facets(len(points))
 
     def _show_force(self, scene: Scene, contact: ShownContact) -> None:
-        """Draw the force as an arrow whose tip is at the contact point."""
         tip = scene.placed(contact.point)
         shaft = contact.force * scene.newton / scene.size
         length = float(np.linalg.norm(shaft))
@@ -112,7 +111,6 @@ class Marker:
         _put(self._label, text=f"{name}{length * scene.size / scene.newton:.1f} N")
 
     def _show_torque(self, share: float) -> None:
-        """Draw an arc about the normal that ends in a head, in proportion to the share of the usual torque."""
         seen = abs(share) > FAINTEST  # NaN is not
         _put(self._arc, visible=seen)
         if seen:
@@ -131,16 +129,16 @@ def facing(way: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]:
 
 
 def _put(handle: SceneNodeHandle, **values: bool | float | str) -> None:
-    """Set the attributes that have changed: a handle takes 0.1 ms to find out that nothing has."""
+    """Set the attributes that have changed: a handle takes 0.1 ms to find out."""
     for name, value in values.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)
 
 
 def arc(share: float) -> Float[np.ndarray, "_ 2 3"]:
-    """Return segments of an arc about z, (40, 2, 3), right-handed where `share` of the usual torque is positive.
+    """Return segments of an arc about z, (40, 2, 3), right-handed for a positive share of the usual torque.
 
-    Its length is in proportion to the share, at most a full turn; its unit is the size of the body.
+    Its length is in proportion to the share, at most a full turn; the unit is the size of the body.
     """
     turn = np.clip(_FULL * share, -2 * np.pi, 2 * np.pi) * np.linspace(0.0, 1.0, _STEPS + 1)
     points = np.stack([_RADIUS * np.cos(turn), _RADIUS * np.sin(turn), np.full_like(turn, 0.01)], axis=1)
@@ -149,7 +147,7 @@ def arc(share: float) -> Float[np.ndarray, "_ 2 3"]:
 
 @takes_arrays
 def barbs(last: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "4 2 3"]:
-    """Return four segments (4, 2, 3) that make a level line's last one an arrow: from its tip back, aside, up, down."""
+    """Return four segments (4, 2, 3) that make the last one of a level line an arrow."""
     tip = last[1]
     x, y, _ = ((tip - last[0]) / np.linalg.norm(tip - last[0])).tolist()
     side = _WIDE * np.array([[y, -x, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
@@ -157,13 +155,13 @@ def barbs(last: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "4 2 3"]:
 
 
 def fade(long: float, size: float) -> float:
-    """Return the strength (0.15 to 1) of an ellipse: full up to a half-axis of a quarter of the body, then falling."""
+    """Return the strength of an ellipse: 1 up to a half-axis of a quarter of the body, then falling to 0.15."""
     return float(np.clip(0.25 * size / max(long, 1e-12), 0.15, 1.0))
 
 
 @cache
 def _ends(around: int) -> Int[np.ndarray, "k 2"]:
-    """Return the numbers of the first and last point of each side of a polygon."""
+    """Return the first and last point of each side of a polygon."""
     return (np.arange(around)[:, None] + np.arange(2)) % around
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from html import escape
 
@@ -15,6 +14,7 @@ from palpate.contact.events import Events
 from palpate.contact.touch_finder import find_touches
 from palpate.surfaces.surface import SurfaceLike
 from palpate.viewer.drawing import Drawing, Mark
+from palpate.viewer.scene import disc
 
 __all__ = ["drawing_of_estimates", "drawing_of_touches", "marks_of", "table_of"]
 
@@ -25,11 +25,14 @@ _HEADER = ("touch", "start [s]", "end [s]", "peak [N]", "x [mm]", "y [mm]", "z [
 
 
 def table_of(contacts: Contacts) -> str:
-    """Return HTML as text: a line that counts the contacts, a table of ten touches (times as in the log), notes."""
+    """Return HTML: a line that counts the contacts, a table of ten touches (times as in the log), notes."""
     touches = find_touches(contacts)
     said = [f"<p>{escape(repr(contacts))}</p>"]
     if len(touches):
-        said.append(_table(_HEADER, _rows(touches, _SHOWN)))
+        head = "".join(f"<th>{escape(name)}</th>" for name in _HEADER)
+        rows = (_row(touches, k) for k in range(min(len(touches), _SHOWN)))
+        body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
+        said.append(f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>")
     if len(touches) > _SHOWN:
         said.append(f"<p>and {len(touches) - _SHOWN:,} more touches: contacts.touches() has all</p>")
     said += [f"<p>{escape(note)}</p>" for note in contacts.notes]
@@ -37,10 +40,11 @@ def table_of(contacts: Contacts) -> str:
 
 
 def drawing_of_touches(contacts: Contacts, surface: SurfaceLike | None) -> Drawing:
-    """Return a `Drawing` of each touch (at most 200) with its number, at its place, and the force at its peak.
+    """Return a `Drawing` of each touch (at most 200): its number, its place, and the force at its peak.
 
     Raises:
         InputError: `surface` is no surface, such as the path of a mesh file, whose unit is not given.
+        GeometryError: an implicit surface cannot be drawn.
     """
     touches = find_touches(contacts)
     marks = marks_of(touches, _DRAWN)
@@ -54,6 +58,7 @@ def drawing_of_estimates(found: ContactEstimate, surface: SurfaceLike | None) ->
 
     Raises:
         InputError: `surface` is no surface, such as the path of a mesh file, whose unit is not given.
+        GeometryError: an implicit surface cannot be drawn.
     """
     count = int(np.prod(found.batch))
     flat = found.reshaped((count,))
@@ -63,7 +68,7 @@ def drawing_of_estimates(found: ContactEstimate, surface: SurfaceLike | None) ->
 
 
 def marks_of(touches: Events, most: int, start: float = 0.0) -> list[Mark]:
-    """Return a list of `Mark`, the first `most` touches, numbered from 1, with tooltips; times count from `start`."""
+    """Return the marks of the first `most` touches, numbered from 1, with tooltips; times count from `start` [s]."""
     marks: list[Mark] = []
     for k in range(min(len(touches), most)):
         place, deviation = ", ".join(f"{value:.2f}" for value in 1e3 * touches.point[k]), 1e3 * touches.deviation[k]
@@ -85,22 +90,13 @@ def _peak(contacts: Contacts, touches: Events, k: int) -> int:
 def _mark(found: ContactEstimate) -> Mark:
     """Return the mark of a single estimate."""
     axes, frame = ellipse(found.covariance, found.normal)
-    turns = 2 * np.pi * np.arange(_RIM) / _RIM
-    rim = found.point + (np.column_stack([np.cos(turns), np.sin(turns)]) * axes) @ frame[:, :2].T
+    rim = found.point + (disc(1, _RIM)[1:] * axes) @ frame[:, :2].T
     place, force = ", ".join(f"{value:.2f}" for value in 1e3 * found.point), float(np.linalg.norm(found.force))
     said = f"{found.status}: {force:.2f} N at ({place}) mm"
     return Mark(found.point, found.normal, said, force=found.force, rim=rim if np.isfinite(rim).all() else None)
 
 
-def _rows(touches: Events, most: int) -> Iterable[Sequence[str]]:
-    deviation = touches.deviation
-    for k in range(min(len(touches), most)):
-        place = (f"{1e3 * value:.2f}" for value in (*touches.point[k], deviation[k]))
-        times = (f"{touches.start[k]:.3f}", f"{touches.end[k]:.3f}", f"{touches.peak_force[k]:.3f}")
-        yield str(k + 1), *times, *place
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(name)}</th>" for name in header)
-    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+def _row(touches: Events, k: int) -> tuple[str, ...]:
+    """Return the cells of a touch's row."""
+    times = (f"{value[k]:.3f}" for value in (touches.start, touches.end, touches.peak_force))
+    return f"{k + 1}", *times, *(f"{1e3 * value:.2f}" for value in (*touches.point[k], touches.deviation[k]))

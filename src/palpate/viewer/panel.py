@@ -12,11 +12,10 @@ from jaxtyping import Float
 
 from palpate.spatial.shown import three_digits
 from palpate.viewer._style import AXES
-from palpate.viewer.captions import caption, comparison
+from palpate.viewer.captions import caption, comparison, touch_list
 from palpate.viewer.legend import keys, legend
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, SceneMoment
 from palpate.viewer.scene3d import DrawSettings
-from palpate.viewer.touch_list import touch_list
 from palpate.viewer.widgets import ELLIPSE, along_time, dock, theme
 
 if TYPE_CHECKING:
@@ -29,6 +28,9 @@ SPEEDS = {"x 0.1": 0.1, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 5": 5.0, "x 20"
 WINDOWS = {"all": 0.0, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0}
 NOW = "#cc3311"
 DIGIT = 1e-4  # s: more are not written; as many fit
+_ASKED = {  # by a button
+    "previous": "touch -1", "next": "touch 1", "focus contact": "face", "reset view": "frame", "save": "save",
+}  # fmt: skip
 FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the curves
 
 
@@ -36,9 +38,9 @@ class Panel:
     """Handles of the panel; `show` writes a moment into them.
 
     Args:
-        gui: of one browser, or of the server where all browsers see the same.
+        gui: of one browser, or of the server.
         scene: scene whose moments are shown.
-        ask: receives a request, such as "seek 1.5", and the browser that made it.
+        ask: receives a request (see `BrowserSession.ask`) and the browser that made it.
     """
 
     def __init__(self, gui: GuiApi, scene: Scene, ask: Callable[[str, ClientHandle | None], None]) -> None:
@@ -48,7 +50,7 @@ class Panel:
         for layer in scene.layers:
             layer.panel(self._gui)
         self._add_timeline()
-        self._add_touches()
+        self._touches = self._gui.add_html("")  # content that has not changed is not sent again
         self._add_plots()
         self._add_settings()
         self._legend = self._gui.add_html("")
@@ -56,10 +58,7 @@ class Panel:
         self._add_controls()
 
     def settings(self) -> DrawSettings:
-        """Return the settings in the panel's controls as a `DrawSettings`.
-
-        They are heat on or off, the trail [s], the magnification of ellipses, and numbers of touches on or off.
-        """
+        """Return the settings in the panel's controls as a `DrawSettings`."""
         magnification = MAGNIFICATIONS[self._ellipse.options.index(self._ellipse.value)]
         return DrawSettings(self._heat.value, float(self._trail.value), magnification, self._numbers.value)
 
@@ -70,21 +69,17 @@ class Panel:
 
     def show(self, moment: SceneMoment, seconds: float, playing: bool) -> None:
         """Describe a moment in the panel, and mark it in the plots."""
+        from viser import Icon
+
         rows = [row for layer in self._scene.layers for row in layer.rows(self._scene, moment.index)]
         rows += comparison(self._scene, moment)
         self._now.content = caption(moment, self.settings().magnification, rows)
         self._legend.content = legend(self._scene, self._heat.value, float(self._trail.value))
         if self._slider.value != (shown := _short(seconds)):
             self._slider.value = shown
-        self._show_playing(playing)
+        self._play.label, self._play.icon = ("Pause", Icon.PLAYER_PAUSE) if playing else ("Play", Icon.PLAYER_PLAY)
         self._touches.content = touch_list(self._scene, moment.time)
         self._show_plots(moment)
-
-    def _show_playing(self, playing: bool) -> None:
-        from viser import Icon
-
-        self._play.label = "Pause" if playing else "Play"
-        self._play.icon = Icon.PLAYER_PAUSE if playing else Icon.PLAYER_PLAY
 
     def _add_timeline(self) -> None:
         timeline = self._scene.timeline
@@ -98,24 +93,14 @@ class Panel:
         self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
         self._slider.on_update(lambda event: self._ask(f"seek {self._slider.value}", None) if event.client else None)
         self._play.on_click(lambda _: self._ask("play", None))
-        self._skip.on_click(lambda event: self._skipped(self._skip.value, event.client))
+        self._skip.on_click(lambda event: self._ask(_ASKED[self._skip.value], event.client))
         picture = self._gui.add_button_group(
             "picture", ("reset view", "save"), hint="look at the complete body; save the view as a file"
         )
-        picture.on_click(lambda event: self._pictured(picture.value, event.client))
-
-    def _skipped(self, where: str, client: ClientHandle | None) -> None:
-        self._ask({"focus contact": "face", "next": "touch 1"}.get(where, "touch -1"), client)
-
-    def _pictured(self, what: str, client: ClientHandle | None) -> None:
-        self._ask("save" if what == "save" else "frame", client)
-
-    def _add_touches(self) -> None:
-        """Add the list of touches; content that has not changed is not sent again."""
-        self._touches = self._gui.add_html("")
+        picture.on_click(lambda event: self._ask(_ASKED[picture.value], event.client))
 
     def _add_controls(self) -> None:
-        """Add keys and clicks: a script, and the field in which it leaves requests (see the script)."""
+        """Add keys and clicks: a script, and the field in which it leaves requests."""
         asked = self._gui.add_text("palpate asks", "")
         asked.on_update(lambda event: self._ask(asked.value.partition(" ")[2], None) if event.client else None)
         script = files("palpate.viewer").joinpath("controls.js").read_text(encoding="utf-8")
@@ -137,10 +122,10 @@ class Panel:
             options = tuple(f"x {times}" for times in MAGNIFICATIONS)
             first = options[MAGNIFICATIONS.index(self._scene.magnification)]
             self._ellipse = self._gui.add_dropdown("ellipse", options, initial_value=first, hint=ELLIPSE)
-            self._dark = self._gui.add_checkbox("dark", False)
+            dark = self._gui.add_checkbox("dark", False)
         for handle in (self._heat, self._numbers, self._trail, self._ellipse, self._window):
             handle.on_update(lambda event: self._ask("refresh", None))
-        self._dark.on_update(lambda event: theme(self._gui, self._dark.value))
+        dark.on_update(lambda _: theme(self._gui, dark.value))
 
     def _add_plots(self) -> None:
         self._window = self._gui.add_dropdown("plots", tuple(WINDOWS), initial_value="all")
@@ -153,7 +138,7 @@ class Panel:
         self._place = self._plot(PLACES, ("x", "y", "z"), AXES, "mm")
 
     def _plot(self, which: slice, names: tuple[str, ...], inks: tuple[str, ...], unit: str) -> GuiUplotHandle:
-        """Add a plot: lines for values that are always there, dots for values that exist in touch only."""
+        """Add a plot: lines of forces, dots of places."""
         from viser import uplot
 
         dots = unit == "mm"
@@ -168,11 +153,11 @@ class Panel:
         ]
         mark = uplot.Series(label="now", stroke=NOW, width=1.5, points=uplot.Series_Points(show=False))
         clock, values = self._whole
-        low, high = _range(values[:, which], which == FORCES)
+        bounds = _range(values[:, which], which == FORCES)
         return self._gui.add_uplot(
-            _marked(clock, values[:, which], 0.0, (low, high)),
+            _marked(clock, values[:, which], 0.0, bounds),
             (uplot.Series(label="time [s]"), *lines, mark),
-            scales={"x": uplot.Scale(time=False), "y": uplot.Scale(range=(low, high))},
+            scales={"x": uplot.Scale(time=False), "y": uplot.Scale(range=bounds)},
             cursor=uplot.Cursor(sync=uplot.Cursor_Sync(key="palpate")),
             **along_time(),
         )
@@ -183,9 +168,8 @@ class Panel:
             span = self._scene.timeline.span(moment.seconds - width / 2, moment.seconds + width / 2)
             clock, values = self._scene.curves(span)
         for plot, which in ((self._force, FORCES), (self._place, PLACES)):
-            plot.data = _marked(
-                clock, values[:, which], moment.seconds, _range(self._whole[1][:, which], which == FORCES)
-            )
+            bounds = _range(self._whole[1][:, which], which == FORCES)
+            plot.data = _marked(clock, values[:, which], moment.seconds, bounds)
 
 
 def _short(seconds: float) -> float:
@@ -194,7 +178,7 @@ def _short(seconds: float) -> float:
 
 
 def _range(values: Float[np.ndarray, "m k"], zero: bool) -> tuple[float, float]:
-    """Return the bounds of an axis, from the least value to the largest with some air; with `zero`, 0 is among them."""
+    """Return the bounds of an axis with some air; with `zero`, 0 is among them."""
     known = values[np.isfinite(values)]
     known = np.append(known, 0.0) if zero or not len(known) else known
     low, high = float(known.min()), float(known.max())
@@ -205,10 +189,7 @@ def _range(values: Float[np.ndarray, "m k"], zero: bool) -> tuple[float, float]:
 def _marked(
     clock: Float[np.ndarray, " m"], values: Float[np.ndarray, "m k"], now: float, bounds: tuple[float, float]
 ) -> tuple[Float[np.ndarray, " r"], ...]:
-    """Return the columns of a plot, and one more that draws a line from bottom to top at the current time.
-
-    The plot knows no NaN, so missing values are put far below the visible range.
-    """
+    """Return the columns of a plot, and one that marks the current time; NaN is put far below."""
     below, above = bounds[0] - 10 * (bounds[1] - bounds[0]), bounds[1] + 1.0
     at = int(np.searchsorted(clock, now))
     rows = np.where(np.isfinite(values), values, below)

@@ -1,4 +1,4 @@
-"""Draw the figures of a report with matplotlib from arrays; units on every axis, few points in every line."""
+"""Draw the figures of a report with matplotlib: units on every axis, few points in every line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
 from palpate.spatial.arguments import takes_arrays
-from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, figure, styled
+from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, panels, styled
 from palpate.viewer.drawing import Mark
 from palpate.viewer.report import HOVER
 from palpate.viewer.samples import thinned
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SpectrumPanel",
+    "clock_of",
     "errors",
     "forces",
     "histogram",
@@ -31,6 +32,7 @@ __all__ = [
     "silhouettes",
     "spectra",
     "statuses",
+    "strip",
     "touch_errors",
 ]
 
@@ -62,17 +64,17 @@ def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], statu
     Raises:
         InputError: matplotlib is not installed.
     """
-    time, label = _clock(time)
-    drawn = figure(3.6)
-    parts: Any = drawn.subplots(3, 1, sharex=True, height_ratios=(5, 5, 0.55))
+    time, label = clock_of(time)
+    drawn, parts = panels(3.6, 3, sharex=True, height_ratios=(5, 5, 0.55))
     for k, name in enumerate(_NAMES):
         parts[0].plot(*_curve(time, force[:, k]), color=AXES[k], label=f"F{name}")
     parts[0].set(ylabel="force [N]")
     named(parts[0], 3)
     parts[1].plot(*_curve(time, np.linalg.norm(force, axis=1)), color=INK)
     parts[1].set(ylabel="magnitude [N]", ylim=(0, None), xlim=_span(time))
-    _band(parts[2], time, status)
+    strip(parts[2], time, status, STATUS)
     parts[2].set(xlabel=label)
+    parts[2].set_ylabel("status", rotation=0, ha="right", va="center")
     return drawn
 
 
@@ -87,14 +89,13 @@ def locations(
 ) -> Figure:
     """Draw x, y and z [m] of the answered samples with 95 % bands over time [s] as a `Figure`; NaN where not answered.
 
-    Where there may be several contacts at once, they are dots with bars, as a line would lead from one to the other.
+    Where there may be several contacts at once, they are dots with bars.
 
     Raises:
         InputError: matplotlib is not installed.
     """
-    time, label = _clock(time)
-    drawn = figure(4.0)
-    parts: Any = drawn.subplots(3, 1, sharex=True)
+    time, label = clock_of(time)
+    drawn, parts = panels(4.0, 3, sharex=True)
     for k, (axes, name) in enumerate(zip(parts, _NAMES, strict=True)):
         place, band = 1e3 * point[:, k], 1.96e3 * np.nan_to_num(deviation[:, k])
         if several:
@@ -126,8 +127,7 @@ def silhouettes(
 ) -> Figure:
     """Draw the body [m] from three sides and its contact points, coloured by force [N], as a `Figure`.
 
-    Rings are on the far side. Touches have their numbers on the views that show them, with a tooltip when a pointer
-    rests there.
+    Rings are on the far side. Touches have their numbers, with tooltips, on the views that show them.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -135,8 +135,8 @@ def silhouettes(
     dx, dy, dz = np.ptp(vertices[faces.reshape(-1)], axis=0)
     least = 0.3 * max(dx, dy, dz)  # a flat body has views that are lines, and these have axes too
     widths, heights = (max(dx, least), max(dy, least)), (max(dy, least), max(dz, least))
-    drawn = figure(min(5.5, 0.9 + 3.6 * sum(heights) / sum(widths)))
-    grid: Any = drawn.subplots(2, 2, width_ratios=widths, height_ratios=heights)
+    high = min(5.5, 0.9 + 3.6 * sum(heights) / sum(widths))
+    drawn, grid = panels(high, 2, ncols=2, width_ratios=widths, height_ratios=heights)
     shown, wide = None, 1e3 * sum(widths) / _DISCS
     for across, up, depth, axes in ((0, 1, 2, grid[0, 0]), (0, 2, 1, grid[1, 0]), (1, 2, 0, grid[1, 1])):
         toward = -1.0 if (across, up) == (0, 2) else 1.0  # so that what is seen is right-handed
@@ -156,13 +156,12 @@ def silhouettes(
 @takes_arrays
 @styled()
 def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
-    """Draw the shares [%] of the positive values by size as a `Figure`, logarithmic where they span more than a decade.
+    """Draw the shares [%] of the positive values by size as a `Figure`, logarithmic over more than a decade.
 
     Raises:
         InputError: matplotlib is not installed.
     """
-    drawn = figure(2.4)
-    axes: Any = drawn.subplots()
+    drawn, axes = panels(2.4)
     known = values[np.isfinite(values) & (values > 0)]
     if len(known):
         low, high = (float(end) for end in np.percentile(known, (0.5, 99.5)))
@@ -182,14 +181,13 @@ def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
 @takes_arrays
 @styled()
 def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
-    """Draw one bar for each status that occurred, with its share [%], as a `Figure`; `counts` (9,) are by `Status`.
+    """Draw a bar for each status that occurred, with its share [%], as a `Figure`; `counts` (9,) are by `Status`.
 
     Raises:
         InputError: matplotlib is not installed.
     """
     kinds = [kind for kind in Status if counts[kind]]
-    drawn = figure(0.45 + 0.27 * max(len(kinds), 2))
-    axes: Any = drawn.subplots()
+    drawn, axes = panels(0.45 + 0.27 * max(len(kinds), 2))
     shares = [100 * counts[kind] / max(counts.sum(), 1) for kind in kinds]
     axes.barh([kind.words for kind in kinds], shares, color=[STATUS[kind] for kind in kinds], height=0.7)
     for row, share in enumerate(shares):
@@ -209,9 +207,8 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
     Raises:
         InputError: matplotlib is not installed.
     """
-    time, label = _clock(time)
-    drawn = figure(2.6)
-    axes: Any = drawn.subplots()
+    time, label = clock_of(time)
+    drawn, axes = panels(2.6)
     some = thinned(np.flatnonzero(np.isfinite(error)), DOTS)
     axes.plot(time[some], 1e3 * error[some], ".", color=AXES[0], markersize=2.5, label="error")
     if np.isfinite(radius).any():
@@ -226,13 +223,12 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
 @takes_arrays
 @styled()
 def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
-    """Draw each touch's distance of its median point from the truth and a sample's 95 % radius [m] as a `Figure`.
+    """Draw the error of each touch's median point and a sample's 95 % radius [m] as a `Figure`.
 
     Raises:
         InputError: matplotlib is not installed.
     """
-    drawn = figure(min(0.9 + 0.21 * len(labels), 9.0))
-    axes: Any = drawn.subplots()
+    drawn, axes = panels(min(0.9 + 0.21 * len(labels), 9.0))
     rows = np.arange(len(labels))
     axes.barh(rows, 1e3 * np.nan_to_num(radius), color=AXES[2], alpha=0.3, height=0.75, label="95 % radius")
     axes.plot(1e3 * error, rows, "o", color=AXES[0], markersize=4, label="error")
@@ -246,15 +242,14 @@ def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: 
 
 
 @styled()
-def spectra(panels: Sequence[SpectrumPanel]) -> Figure:
-    """Draw spectra over frequency [Hz] as a `Figure`, one panel below the other, with noise floors and cut-offs.
+def spectra(shown: Sequence[SpectrumPanel]) -> Figure:
+    """Draw spectra over frequency [Hz] as a `Figure`, one below the other, with noise floors and cut-offs.
 
     Raises:
         InputError: matplotlib is not installed.
     """
-    drawn = figure(2.9 * len(panels))
-    below: Any = drawn.subplots(len(panels), 1, sharex=True, squeeze=False)
-    for axes, panel in zip(below[:, 0], panels, strict=True):
+    drawn, below = panels(2.9 * len(shown), len(shown), sharex=True, squeeze=False)
+    for axes, panel in zip(below[:, 0], shown, strict=True):
         frequency, density = _banded(panel.frequency, panel.density)
         for k, name in enumerate(_NAMES):
             axes.loglog(frequency, np.sqrt(density[:, k]), color=AXES[k], label=name)
@@ -273,19 +268,18 @@ def spectra(panels: Sequence[SpectrumPanel]) -> Figure:
 def _curve(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return a line over time with few points that looks the same."""
     clock, rows = downsampled(time, values[:, None], 2 * COLUMNS)
     return clock, rows[:, 0]
 
 
-def _clock(time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], str]:
-    """Return the times for an axis, and its label."""
+def clock_of(time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], str]:
+    """Return times [s] for an axis, (n,), and its label: from 0, or from the start that the label states."""
     start, after = since(time)
     return time - start, f"time [s] {after}".strip()
 
 
 def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:
-    """Return the first and last time of a log, for axes that start and end with it."""
+    """Return the first and last known time; None without a span."""
     known = time[np.isfinite(time)]
     return (float(known.min()), float(known.max())) if len(known) and np.ptp(known) > 0 else (None, None)
 
@@ -293,7 +287,7 @@ def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:
 def _banded(
     frequency: Float[np.ndarray, " k"], density: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "b 3"]]:
-    """Return means over bands that are equally wide on a logarithmic axis, some of one frequency only."""
+    """Return means over equal bands of a logarithmic axis."""
     band = np.floor(20 * np.log2(frequency / frequency[0]))
     starts = np.flatnonzero(np.diff(band, prepend=-1.0))
     sizes = np.diff(starts, append=len(band))
@@ -301,27 +295,25 @@ def _banded(
     return middle, np.add.reduceat(density, starts, axis=0) / sizes[:, None]
 
 
-def _band(axes: Any, time: Float[np.ndarray, " n"], status: Int[np.ndarray, " n"]) -> None:
-    """Draw a strip of colours: in each column the most frequent status of its samples."""
+def strip(axes: Any, time: Float[np.ndarray, " n"], kinds: Int[np.ndarray, " n"], inks: Sequence[str]) -> None:
+    """Draw a strip of colours over time: in each column the colour of its most frequent kind, from 0."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     axes.set_yticks([])
     axes.grid(visible=False)
+    axes.spines[["left", "bottom"]].set_visible(False)
     known = np.isfinite(time)
     if known.any() and np.ptp(time[known]) > 0:
         edges: Float[np.ndarray, " e"] = np.linspace(float(time[known].min()), float(time[known].max()), COLUMNS + 1)
-        kinds = np.arange(len(Status) + 1) - 0.5
-        counts, _, _ = np.histogram2d(time[known], status[known].astype(np.float64), bins=[edges, kinds])
+        ends = np.arange(len(inks) + 1) - 0.5
+        counts, _, _ = np.histogram2d(time[known], kinds[known].astype(np.float64), bins=[edges, ends])
         most = np.ma.masked_where(~counts.any(axis=1), counts.argmax(axis=1))  # a gap in the log stays empty
-        norm = BoundaryNorm(kinds, len(Status))
-        look: Any = {"aspect": "auto", "cmap": ListedColormap(STATUS), "norm": norm, "interpolation": "nearest"}
-        axes.imshow(most[None], extent=(edges[0], edges[-1], 0, 1), **look)
-    axes.set_ylabel("status", rotation=0, ha="right", va="center")
-    axes.spines[["left", "bottom"]].set_visible(False)
+        look: Any = {"cmap": ListedColormap(inks), "norm": BoundaryNorm(ends, len(inks)), "interpolation": "nearest"}
+        axes.imshow(most[None], extent=(edges[0], edges[-1], 0, 1), aspect="auto", **look)
 
 
 def _body(axes: Any, vertices: np.ndarray, faces: np.ndarray, order: tuple[int, int, int], toward: float) -> None:
-    """Draw the facets that face the viewer as pixels, the furthest first, lighter where they face the viewer more."""
+    """Draw the facets that face the viewer as pixels, the furthest first."""
     from matplotlib.collections import PolyCollection
 
     corners = 1e3 * vertices[faces]
@@ -345,14 +337,13 @@ def _body(axes: Any, vertices: np.ndarray, faces: np.ndarray, order: tuple[int, 
 def _touched(
     axes: Any, point: Float[np.ndarray, "n 2"], force: Float[np.ndarray, " n"], far: Bool[np.ndarray, " n"]
 ) -> Any:
-    """Draw dots where the contact is visible and rings where the body hides it, the strongest on top."""
+    """Draw dots, and rings where the body hides the contact, the strongest on top."""
     from matplotlib import colormaps
 
     some = thinned(np.flatnonzero(np.isfinite(point[:, 0])), DOTS)
     if not len(some):
         return None
     some = some[np.argsort(force[some])]
-
     most = float(force[some].max())
     behind, seen = some[far[some]], some[~far[some]]
     look: Any = {"cmap": "viridis_r", "vmin": 0.0, "vmax": most, "linewidths": 0, "rasterized": True}
@@ -362,7 +353,7 @@ def _touched(
 
 
 def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int], wide: float) -> None:
-    """Draw numbers of touches, each in a disc `wide` [mm] across, large enough to point at; no disc covers another."""
+    """Draw numbers of touches in discs `wide` [mm] across that do not cover one another."""
     disc = {"boxstyle": "circle,pad=0.2", "facecolor": RULE, "linewidth": 0, "alpha": 0.85}
     taken = np.zeros((0, 2))
     for touch in touches:
@@ -376,7 +367,7 @@ def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int], wide: f
 
 
 def _free(at: Float[np.ndarray, "2"], taken: Float[np.ndarray, "n 2"], wide: float) -> Float[np.ndarray, "2"]:
-    """Return the place, or the nearest on a spiral about it, that is at least `wide` away from those that are taken."""
+    """Return the place, or the nearest on a spiral about it, at least `wide` away from those taken."""
     for turn in range(_TRIED):
         way = np.array([np.cos(_GOLDEN * turn), np.sin(_GOLDEN * turn)])
         place = at + 0.3 * wide * turn**0.5 * way if turn else at
@@ -386,13 +377,12 @@ def _free(at: Float[np.ndarray, "2"], taken: Float[np.ndarray, "n 2"], wide: flo
 
 
 def _mark(axes: Any, at: float, text: str) -> None:
-    """Draw a vertical line with a text that explains it."""
     axes.axvline(at, color=INK, linewidth=1.0)
     axes.annotate(f" {text}", (at, 1.0), xycoords=("data", "axes fraction"), va="top", fontsize=8.5)
 
 
 def plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
-    """Set a logarithmic axis to write its numbers in decimal notation, not as powers."""
+    """Set a logarithmic axis to decimal numbers, at these multiples of powers of ten."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=multiples))
@@ -401,5 +391,5 @@ def plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
 
 
 def named(axes: Any, columns: int) -> None:
-    """Add a legend of the lines to the axes, above them, in `columns` columns."""
+    """Add a legend of the lines above the axes, in `columns` columns."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1)

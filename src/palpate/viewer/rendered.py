@@ -21,7 +21,8 @@ class ViewPoint:
     """A camera's position and direction, with z up in the picture.
 
     Attributes:
-        position, target: (3,) of the camera, and of the point that it looks at.
+        position: (3,) of the camera.
+        target: (3,) point that it looks at.
         view: [rad] angle from the top of the picture to its bottom.
         size: (width, height) of the picture [px].
     """
@@ -32,7 +33,7 @@ class ViewPoint:
     size: tuple[int, int]
 
     def seen(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Return column and row [px] of each point, and its depth in the line of sight (unit of the points), (n, 3)."""
+        """Return column and row [px] of each point, and its depth in the unit of the points, (n, 3)."""
         ahead = (self.target - self.position) / np.linalg.norm(self.target - self.position)
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else np.array([1.0, 0.0, 0.0])
@@ -51,7 +52,7 @@ class Rendered:
     depth: Float[np.ndarray, "h w"]
 
     def visible(self, seen: Float[np.ndarray, "n 3"], slack: float) -> Bool[np.ndarray, " n"]:
-        """Return a bool for each point of `ViewPoint.seen`, (n,): in the picture, at most `slack` behind the body."""
+        """Return which points of `ViewPoint.seen` are in the picture and at most `slack` behind the body, (n,)."""
         height, width = self.depth.shape
         columns, rows = np.rint(seen[:, 0]).astype(np.int64), np.rint(seen[:, 1]).astype(np.int64)
         inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
@@ -68,14 +69,14 @@ def rendered(
     colours: UInt8[np.ndarray, "v 3"],
     ground: tuple[int, int, int] = (255, 255, 255),
 ) -> Rendered:
-    """Return a mesh as a `Rendered`, a colour and a normal per vertex, lit from the camera, both sides drawn.
+    """Return a mesh as a `Rendered`, lit from the camera, both sides drawn.
 
     Args:
-        camera: view from which it is rendered.
-        vertices: vertices of the mesh.
-        normals: unit normals at the vertices.
-        faces: facets of the mesh.
-        colours: colours at the vertices, in sRGB.
+        camera: from which it is seen.
+        vertices: of the mesh.
+        normals: unit, at the vertices.
+        faces: of the mesh.
+        colours: sRGB, at the vertices.
         ground: colour where nothing is.
     """
     width, height = camera.size
@@ -118,7 +119,7 @@ def _inside(
     count: Int[np.ndarray, " k"],
     width: int,
 ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
-    """Return the pixels inside facets: number of the facet, number of the pixel, barycentric shares of the corners."""
+    """Return for each pixel inside a facet: facet, pixel, barycentric shares of the corners."""
     which = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
     x = low[which, 0] + number % spans[which, 0]

@@ -69,8 +69,8 @@ class Section:
         points: sentences of a list.
         pictures: figures, next to each other where there is room.
         settings: names and values.
-        tables: each in a separate box; where it is wider than the page, a row is a block of names and values.
-        drawing: HTML that is inserted unchanged, such as `palpate.viewer.drawing.Drawing.html`.
+        tables: each in a separate box.
+        drawing: HTML that is inserted unchanged, such as by `Drawing.html`.
     """
 
     title: str
@@ -88,7 +88,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """A complete page as text: a one-sentence summary of the run, the main figures in tiles, warnings, sections."""
+    """A page: a one-sentence summary of the run, the main figures in tiles, warnings, sections."""
 
     title: str
     summary: str
@@ -109,18 +109,18 @@ def require_report() -> None:
 
 
 def percent(share: float) -> str:
-    """Return a share (1 is all) as text in percent, to a tenth."""
+    """Return a share (1 is all) in percent, to a tenth, as text."""
     return f"{100 * share:.1f} %"
 
 
 def first_rows(header: Sequence[str], rows: Sequence[Sequence[str]], most: int) -> ReportTable:
-    """Return a `ReportTable` of the first `most` rows, with a caption where there are more."""
+    """Return a `ReportTable` of the first `most` rows, with a caption if there are more."""
     more = f"The first {most:,} of {len(rows):,}." if len(rows) > most else ""
     return ReportTable(tuple(header), tuple(tuple(row) for row in rows[:most]), more)
 
 
 def picture(drawn: Figure, caption: str) -> Picture:
-    """Return a figure for the page as a `Picture`; the gid of an artist after `HOVER` becomes its tooltip.
+    """Return a figure as a `Picture`; what follows `HOVER` in the gid of an artist becomes its tooltip.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -129,7 +129,7 @@ def picture(drawn: Figure, caption: str) -> Picture:
 
 
 def render(report: Report) -> str:
-    """Return the report as one self-contained page of HTML that loads nothing; its only scripts are those of drawings.
+    """Return the report as a page of HTML that loads nothing.
 
     Raises:
         InputError: matplotlib or jinja2 is not installed.
@@ -147,5 +147,5 @@ def render(report: Report) -> str:
 
 
 def _written(value: object) -> object:
-    """Replace "+-" in text by the sign that a terminal may lack; leave SVG elements and drawings unchanged."""
+    """Replace "+-" in text by its sign."""
     return value.replace("+-", "±") if type(value) is str else value

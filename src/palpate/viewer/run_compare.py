@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,12 +11,9 @@ from jaxtyping import Float, Int
 from palpate.contact.events import Events
 from palpate.contact.plausibility import UNLOADED
 from palpate.errors import InputError
-from palpate.viewer import plots
-from palpate.viewer.notebook import marks_of
-from palpate.viewer.report import Picture, ReportTable, Section, percent, picture
-from palpate.viewer.run_report import NUMBERED, SHOWN, DownsampledRun, Run
+from palpate.viewer.report import Picture, ReportTable, Section, percent
+from palpate.viewer.run_report import SHOWN, Body, DownsampledRun, Run, body_picture, force_picture
 from palpate.viewer.run_summary import RunSummary
-from palpate.viewer.samples import sample_starts, strongest
 from palpate.viewer.timeline import since
 
 __all__ = ["compared", "partners"]
@@ -28,21 +25,22 @@ def compared(run: Run, name: str, other: RunSummary) -> Run:
     Args:
         run: run of the report.
         name: name of the other's file.
-        other: its contacts, on the same body and the same clock.
+        other: its contacts, on the same body and clock.
 
     Raises:
         InputError: the two have no time in common, or matplotlib is not installed.
     """
     kept = DownsampledRun(other.contacts, other.even)
     ours, theirs = run.kept.contacts.time, kept.contacts.time
-    if not (_low(ours) <= _high(theirs) and _low(theirs) <= _high(ours)):
+    low, high = zip(*(_ends(time) for time in (ours, theirs)), strict=True)
+    if not max(low) <= min(high):
         raise InputError(f"has no time in common with {run.log}, so they cannot be compared.", where=name)
     names = (run.output, name)
     section = Section(
         f"Compared with {name}",
         text=("Left and right, or above and below on a phone: the same pictures of both, on the same body.",),
         tables=(_figures(names, (run.summary, other), (run.kept, kept)), _touches(run.summary, other)),
-        pictures=(*_over_time(names, (run.kept, kept)), *_places(run, names, kept, other)),
+        pictures=tuple(_pictures(names, (run.kept, kept), (run.summary, other), run.body)),
     )
     return replace(run, sections=(section, *run.sections))
 
@@ -50,7 +48,7 @@ def compared(run: Run, name: str, other: RunSummary) -> Run:
 def partners(ours: Events, theirs: Events) -> Int[np.ndarray, " k"]:
     """Return for each touch the number of the other run's touch that shares most time with it, (k,); -1 for none.
 
-    Among touches that share equally long, the nearer one is taken.
+    Of touches that share equally long, the nearer one is taken.
     """
     found = np.full(len(ours), -1, dtype=np.int64)
     for k in range(len(ours)):
@@ -82,7 +80,7 @@ def _answered(run: RunSummary) -> str:
 
 
 def _touches(run: RunSummary, other: RunSummary) -> ReportTable:
-    """Return a table of each touch with its partner, and how far they differ."""
+    """Return a table of each touch with its partner."""
     ours, theirs = run.finder.touches(), other.finder.touches()
     with_whom, start = partners(ours, theirs), since(ours.start)[0]
     rows: list[tuple[str, ...]] = []
@@ -101,32 +99,20 @@ def _touches(run: RunSummary, other: RunSummary) -> ReportTable:
     return ReportTable(header, tuple(rows), " ".join(said))
 
 
-def _over_time(names: tuple[str, str], both: tuple[DownsampledRun, DownsampledRun]) -> list[Picture]:
-    shown: list[Picture] = []
-    for name, kept in zip(names, both, strict=True):
-        found = kept.contacts
-        picked = strongest(found, sample_starts(found))
-        drawn = plots.forces(found.time[picked], found.force[picked], found.status[picked])
-        shown.append(picture(drawn, f"Force over time in {name}."))
-    return shown
+def _pictures(
+    names: tuple[str, str],
+    kept: tuple[DownsampledRun, DownsampledRun],
+    runs: tuple[RunSummary, RunSummary],
+    body: Body | None,
+) -> Iterator[Picture]:
+    for name, held in zip(names, kept, strict=True):
+        yield force_picture(held, f"Force over time in {name}.")
+    if body is not None:
+        for name, held, run in zip(names, kept, runs, strict=True):
+            yield body_picture(body, held, run.finder.touches(), f"Where it was touched in {name}.")
 
 
-def _places(run: Run, names: tuple[str, str], kept: DownsampledRun, other: RunSummary) -> list[Picture]:
-    """Return a picture of the body with the touches for each run, where the body is known."""
-    if run.body is None:
-        return []
-    shown: list[Picture] = []
-    for name, held, summary in zip(names, (run.kept, kept), (run.summary, other), strict=True):
-        touches = summary.finder.touches()
-        marks = marks_of(touches, NUMBERED, since(touches.start)[0])
-        drawn = plots.silhouettes(*run.body, held.point, held.contacts.normal, held.strength, marks)
-        shown.append(picture(drawn, f"Where it was touched in {name}."))
-    return shown
-
-
-def _low(time: Float[np.ndarray, " n"]) -> float:
-    return float(np.min(time, initial=np.inf, where=np.isfinite(time)))
-
-
-def _high(time: Float[np.ndarray, " n"]) -> float:
-    return float(np.max(time, initial=-np.inf, where=np.isfinite(time)))
+def _ends(time: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Return the least and the largest known time [s]; inf and -inf without one."""
+    known = time[np.isfinite(time)]
+    return float(known.min(initial=np.inf)), float(known.max(initial=-np.inf))

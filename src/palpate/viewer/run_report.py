@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from platform import python_version
@@ -27,12 +27,13 @@ from palpate.viewer.samples import median, sample_starts, strongest, thinned
 from palpate.viewer.scene import before
 from palpate.viewer.timeline import since
 
-__all__ = ["DownsampledRun", "Run", "compose", "coverage_tone", "touch_table"]
+__all__ = ["DownsampledRun", "Run", "body_picture", "compose", "coverage_tone", "force_picture", "touch_table"]
 
 SHOWN = 200  # touches in the table
 NUMBERED = 60  # on the body
 UNCERTAIN = ""  # in place of a format: with the digits of the touch's deviation
 SPECKS = 600  # samples on the body that is turned
+Body = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]  # vertices [m], facets
 
 
 @takes_arrays
@@ -44,12 +45,12 @@ class Run:
         log, output: names, as a reader knows them.
         method: how it was done, as it goes on after "samples were read from LOG, ".
         summary: summary of the contacts, in the surface's frame.
-        body: vertices [m] and faces, to draw contacts on; None where there is none.
+        body: vertices [m] and faces, to draw contacts on; None: not known.
         settings: names and values of the settings in force.
-        uncertainties: the sources of uncertainty that the 95 % ellipses contain.
+        uncertainties: sources of uncertainty that the 95 % ellipses contain.
         provenance: inputs with their hashes, options.
         stages: seconds of each stage by name: reading, locating, writing.
-        notes, warnings: messages printed for the user, those of the estimator among them.
+        notes, warnings: messages printed for the user.
         advice: what to improve, a sentence each.
         tiles, sections: those that the sensor and a ground truth add.
     """
@@ -58,7 +59,7 @@ class Run:
     output: str
     method: str
     summary: RunSummary
-    body: tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]] | None = None
+    body: Body | None = None
     settings: tuple[tuple[str, str], ...] = ()
     uncertainties: tuple[str, ...] = ("the sensor's noise",)
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
@@ -71,7 +72,7 @@ class Run:
 
     @cached_property
     def kept(self) -> DownsampledRun:
-        """The downsampled contacts and quantities derived from them, a `DownsampledRun`."""
+        """The `DownsampledRun` of the summary."""
         return DownsampledRun(self.summary.contacts, self.summary.even)
 
 
@@ -115,6 +116,11 @@ class DownsampledRun:
     even: Bool[np.ndarray, " n"]
 
     @cached_property
+    def starts(self) -> Int[np.ndarray, " m"]:
+        """Number of the first row of each sample, (m,)."""
+        return sample_starts(self.contacts)
+
+    @cached_property
     def strength(self) -> Float[np.ndarray, " n"]:
         """Magnitudes of the forces, (n,) [N]."""
         return np.linalg.norm(self.contacts.force, axis=1)
@@ -136,12 +142,12 @@ class DownsampledRun:
 
     @property
     def median_radius(self) -> float:
-        """Median [m] of the radii of the even rows, NaN where there is none."""
+        """Median [m] of the radii of the even rows; NaN where there is none."""
         return median(self.radius[self.even])
 
 
 def coverage_tone(inside: float) -> str:
-    """Return "good", "poor" or "" for the share of truths in their 95 % ellipses: too many are as bad as too few."""
+    """Return "good", "poor" or "" for the share of truths in their 95 % ellipses; far too many are "poor" too."""
     off = abs(inside - 0.95)
     return "good" if off <= 0.03 else "poor" if off > 0.1 or inside > 0.995 else ""
 
@@ -171,14 +177,35 @@ def _tiles(run: Run, touches: int) -> list[Tile]:
     return tiles
 
 
+def force_picture(kept: DownsampledRun, caption: str) -> Picture:
+    """Return the `Picture` of force and status over time, of each sample's strongest contact.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    found = kept.contacts[strongest(kept.contacts, kept.starts)]
+    return picture(plots.forces(found.time, found.force, found.status), caption)
+
+
+def body_picture(body: Body, kept: DownsampledRun, touches: Events, caption: str) -> Picture:
+    """Return the `Picture` of the body from three sides, with contacts and the numbers of the first 60 touches.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    drawn = plots.silhouettes(*body, kept.point, kept.contacts.normal, kept.strength, _numbered(touches))
+    return picture(drawn, caption)
+
+
+def _numbered(touches: Events) -> list[Mark]:
+    return marks_of(touches, NUMBERED, since(touches.start)[0])
+
+
 def _over_time(kept: DownsampledRun) -> Section:
-    found = kept.contacts
-    picked = strongest(found, sample_starts(found))
-    several = len(picked) < len(found)
-    drawn = plots.forces(found.time[picked], found.force[picked], found.status[picked])
+    found, several = kept.contacts, len(kept.starts) < len(kept.contacts)
     colours = "green: located, blue: ambiguous, light grey: no contact, dark grey: too light, others: see Statuses"
     whose = "Force of the strongest contact" if several else "Force on the body, without payload and bias"
-    shown = [picture(drawn, f"{whose}. Below, {colours}.")]
+    shown = [force_picture(kept, f"{whose}. Below, {colours}.")]
     if np.isfinite(kept.point).any():
         deviation = np.sqrt(np.diagonal(kept.covariance, axis1=1, axis2=2).clip(min=0))
         places = plots.locations(found.time, kept.point, deviation, several=several)
@@ -191,32 +218,30 @@ def _places(run: Run) -> Section:
     kept = run.kept
     if not np.isfinite(kept.point).any():
         return Section("Where it was touched", text=("No sample was located.",))
-    touches = run.summary.finder.touches()
-    marks = marks_of(touches, NUMBERED, since(touches.start)[0])
-    shown: list[Picture] = []
+    touches, shown = run.summary.finder.touches(), list[Picture]()
     if run.body is not None:
-        body = plots.silhouettes(*run.body, kept.point, kept.contacts.normal, kept.strength, marks)
         words = (
-            "The body from three sides. Dots are on the near side, rings on the far one; numbers are those of Touches"
+            "The body from three sides. Dots are on the near side, rings on the far one; numbers are those of Touches, "
+            "and say more when a pointer rests on them."
         )
-        shown.append(picture(body, f"{words}, and say more when a pointer rests on them."))
+        shown.append(body_picture(run.body, kept, touches, words))
     if np.isfinite(kept.radius).any():
         sizes = plots.histogram(1e3 * kept.radius[kept.even], "long half axis of the 95 % ellipse", "mm")
         held = ", ".join(run.uncertainties)
         words = f"How certain the points are. The ellipses hold {held}; errors of the mesh are not in them."
         shown.append(picture(sizes, words))
-    return Section("Where it was touched", pictures=tuple(shown), drawing=_in_space(run, marks))
+    return Section("Where it was touched", pictures=tuple(shown), drawing=_in_space(run, touches))
 
 
-def _in_space(run: Run, marks: Sequence[Mark]) -> str:
-    """Return the body with its touches as a drawing that can be turned; "" where the body is not known."""
+def _in_space(run: Run, touches: Events) -> str:
+    """Return the body with its touches as a `Drawing`; "" if it is not known."""
     if run.body is None:
         return ""
-    kept = run.kept
+    kept, marks = run.kept, _numbered(touches)
     some = thinned(np.flatnonzero(np.isfinite(kept.point[:, 0])), SPECKS)
     share = kept.strength[some] / max(float(np.nanmax(kept.strength[some], initial=0.0)), 1e-12)
     specks = Specks(kept.point[some], kept.contacts.normal[some], colours(0.15 + 0.85 * np.nan_to_num(share)))
-    look = marks[int(np.argmax(run.summary.finder.touches().peak_force[: len(marks)]))].normal if marks else None
+    look = marks[int(np.argmax(touches.peak_force[: len(marks)]))].normal if marks else None
     drawn = Drawing(*run.body, marks, specks, title=f"where {run.log} was touched, to be turned by dragging")
     return (drawn if look is None else replace(drawn, look=before(look))).html()
 
@@ -237,9 +262,9 @@ def _touches(found: Events) -> Section:
 
 
 def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTable:
-    """Return a `ReportTable` of the first `most` touches: time, force, place, and all that the sensor adds.
+    """Return a `ReportTable` of the first `most` touches: time, force, place, and the sensor's features.
 
-    Where `spelled`, the sensor's features have names in words, not those in files, and standard deviations are omitted.
+    If `spelled`, features have names in words, not those in files, and standard deviations are omitted.
     """
     (x, y, z), (start, after) = 1e3 * found.point.T, since(found.start)
     columns = {
@@ -277,17 +302,14 @@ def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTab
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:
-    """Return a section with names and hashes of the files, and versions."""
     used = ", ".join(f"{name} {release}" for name, release in (("numpy", np.__version__), ("Python", python_version())))
-    facts = [("versions", f"palpate {provenance.get('palpate', 'unknown')}, {used}")]
-    for name, said in provenance.items():
-        if name != "palpate":
-            facts.append((name.replace("_", " "), said.replace(" sha256:", ", SHA-256 ")))
-    return Section("Inputs", settings=tuple(facts))
+    files = {name: said for name, said in provenance.items() if name != "palpate"}
+    facts = [(name.replace("_", " "), said.replace(" sha256:", ", SHA-256 ")) for name, said in files.items()]
+    versions = ("versions", f"palpate {provenance.get('palpate', 'unknown')}, {used}")
+    return Section("Inputs", settings=(versions, *facts))
 
 
 def _time_budget(stages: Mapping[str, float], samples: int) -> Section:
-    """Return a section with the seconds of each stage, and microseconds per sample."""
     total, count = sum(stages.values()), max(samples, 1)
     if not total:
         return Section("Time budget")

@@ -19,9 +19,9 @@ __all__ = ["RunSummary"]
 class RunSummary:
     """A summary of contacts, added block by block, that keeps at most `limit` samples.
 
-    Counts, touches and the peak are those of all samples. Every `stride`-th sample is kept, and `stride` doubles when
-    there are too many. The samples between may hold a short touch, so the strongest sample of each of a few longer
-    buckets is kept too: plots show all, statistics use `even`. A sample is kept with all of its contacts.
+    Counts and touches are those of all samples. Kept are every `stride`-th sample, where `stride` doubles when there
+    are too many, and the strongest of each of some longer buckets: plots show all, statistics use `even`. A sample is
+    kept with all its contacts.
 
     Args:
         limit: samples to keep; an eighth of them are peaks.
@@ -31,6 +31,9 @@ class RunSummary:
         most: largest number of answered and located contacts in one sample.
         statuses: (9,) number of rows of each `Status`.
         finder: finder of the touches.
+
+    Raises:
+        ValueError: `limit` is less than 8.
     """
 
     def __init__(self, limit: int = 20_000) -> None:
@@ -43,7 +46,7 @@ class RunSummary:
         self.finder = TouchFinder()
 
     def add(self, contacts: Contacts) -> None:
-        """Add the next samples, each with all contacts, in the surface's frame, to counts, touches and contacts."""
+        """Add the next samples, each with all its contacts, in the surface's frame."""
         self.samples += len(sample_starts(contacts))
         self.statuses += np.bincount(contacts.status, minlength=len(Status))
         felt = contacts.sample[contacts.located & contacts.answered]
@@ -59,7 +62,7 @@ class RunSummary:
 
     @property
     def stride(self) -> int:
-        """Number of samples that each evenly kept one stands for: every `stride`-th is kept."""
+        """Number of samples that each evenly kept one stands for."""
         return self._even.size
 
     @property
@@ -71,12 +74,12 @@ class RunSummary:
 
     @property
     def even(self) -> Bool[np.ndarray, " k"]:
-        """Mask of the kept rows, (k,): False for rows kept for their force alone, which would bias a statistic."""
+        """Mask of the kept rows, (k,): False for those kept for their force alone."""
         return self.contacts.sample % self.stride == 0
 
     @property
     def rate(self) -> float:
-        """Rate of all samples [Hz]; NaN where it is not known."""
+        """Rate of all samples [Hz]; NaN if not known."""
         even = self._even.contacts()
         time: Float[np.ndarray, " m"] = even.time[sample_starts(even)]
         steps = np.diff(time[np.isfinite(time)])
@@ -85,7 +88,7 @@ class RunSummary:
 
 
 class _Thinned:
-    """The contacts that `pick` takes from each bucket of `size` samples; `size` doubles when there are too many."""
+    """The contacts that `pick` takes from each bucket of `size` samples, which doubles if they are too many."""
 
     def __init__(self, limit: int, pick: Callable[[Contacts, int], Contacts]) -> None:
         self.limit, self.size, self._pick, self._held = limit, 1, pick, 0

@@ -1,4 +1,4 @@
-"""Group rows of contacts by their sample: there may be several contacts at once."""
+"""Group rows of contacts by their sample."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def sample_starts(contacts: Contacts) -> Int[np.ndarray, " m"]:
 
 @takes_arrays
 def strongest(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    """Return for each sample the number of its row with the largest force, (m,); the first where none is known."""
+    """Return for each sample the row with the largest force, (m,); its first if no force is known."""
     counted = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(contacts)))  # a file may not be in order
     return starts if len(starts) == len(contacts) else replace(contacts, sample=counted).strongest()
 
 
 def sheet_places(contacts: Contacts) -> Float[np.ndarray, "n 2"] | None:
-    """Return row and column on the unrolled sheet, (n, 2), NaN where there is none; None if the sensor is no sheet."""
+    """Return row and column on the unrolled sheet, (n, 2), NaN where not known; None if the sensor is no sheet."""
     features = contacts.features
     on_sheet = {"row", "column"} <= set(features)
     return np.column_stack([features["row"], features["column"]]) if on_sheet else None
@@ -34,13 +34,13 @@ def sheet_places(contacts: Contacts) -> Float[np.ndarray, "n 2"] | None:
 
 @takes_arrays
 def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
-    """Return at most `most` of the row numbers (n,), evenly spread, (k,)."""
+    """Return at most `most` of the row numbers, evenly spread, (k,)."""
     return rows[:: 1 + len(rows) // most]
 
 
 @takes_arrays
 def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Return for each sample the sum of the magnitudes of its forces, (m,) [N]; NaN where none is known."""
+    """Return for each sample the sum of its forces' magnitudes, (m,) [N]; NaN if none is known."""
     force = np.linalg.norm(contacts.force, axis=1)
     if len(starts) == len(force):
         return force
@@ -50,6 +50,6 @@ def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarra
 
 @takes_arrays
 def median(values: Float[np.ndarray, " n"]) -> float:
-    """Return the median of the finite values; NaN where there is none."""
+    """Return the median of the finite values; NaN without one."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else float("nan")

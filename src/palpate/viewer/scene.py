@@ -19,6 +19,7 @@ from palpate.contact.touch_finder import find_touches
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces import Surface
+from palpate.viewer.drawing import box
 from palpate.viewer.heat import FineMesh, density, refined
 from palpate.viewer.samples import sample_starts, strongest, thinned, totals
 from palpate.viewer.timeline import Timeline, downsampled
@@ -60,45 +61,38 @@ _OUT = 0.05  # sizes of the body that its axes are longer than it
 _BEYOND = 0.05  # sizes of the body from an arrow's tail to its label
 _OUTERMOST = 200  # directions in which the outline is looked for
 _MEDIAN_BEND = 0.6745 * 6**0.5  # median of a - 2 b + c of normal values, in their deviations
-_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ARROW = 0.35  # sizes of the body that an arrow of a usual force is long
 
 
 @runtime_checkable
 class Layer(Protocol):
-    """A sensor's additions to the page: objects in the scene, lines of the caption, controls and pictures.
-
-    A layer is drawn once, and then moved from moment to moment.
-    """
+    """A sensor's additions to the page, drawn once and then moved: objects, caption lines, controls, pictures."""
 
     @property
     def covers(self) -> bool:
-        """True where the layer hides the body below it, and its heat."""
+        """True if the layer hides the body below it, and its heat."""
         ...
 
     @property
     def places(self) -> Float[np.ndarray, "k 3"]:
-        """Points that must be in the picture where the body has no mesh, (k, 3) [m]."""
+        """Points that must be in the picture if the body has no mesh, (k, 3) [m]."""
         ...
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
         """Add the layer's objects to the 3D view of the server or browser, in `Scene.placed` units."""
-        ...
 
     def panel(self, gui: GuiApi) -> None:
         """Add controls and pictures to the panel, below the caption."""
-        ...
 
     def show(self, scene: Scene, index: int) -> None:
-        """Move the layer's objects and pictures to a sample of the scene, or of one with other contacts on the body."""
-        ...
+        """Move the layer's objects and pictures to a sample of the scene, or of one with other contacts."""
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Return a list of (name, value with unit) pairs, plain text, that go below the contacts in the caption."""
+        """Return (name, value with unit) pairs, plain text, that go below the contacts in the caption."""
         ...
 
     def legend(self) -> list[str]:
-        """Return the legend of its marks and colours, a list of HTML items as by `palpate.viewer.legend.item`."""
+        """Return the legend of its marks, a list of HTML items as by `palpate.viewer.legend.item`."""
         ...
 
 
@@ -108,11 +102,13 @@ class ShownContact:
     """A contact as it is drawn and described.
 
     Attributes:
-        identity: number of the contact; status: status of the estimate.
-        point, normal: (3,) [m] and unit; NaN where there is none.
-        force: (3,) [N] on the body; torque: [N m] about the normal.
-        deviation: (3,) [m] standard deviations of the point along x, y, z; NaN where no noise is known.
-        axes: (2,) half-axes [m] of the 95 % ellipse, the longer first; NaN where there is none.
+        identity: number of the contact.
+        status: status of the estimate.
+        point, normal: (3,) [m] and unit; NaN if there is none.
+        force: (3,) [N] on the body.
+        torque: [N m] about the normal.
+        deviation: (3,) [m] standard deviations of the point along x, y, z; NaN if no noise is known.
+        axes: (2,) half-axes [m] of the 95 % ellipse, the longer first; NaN if there is none.
         frame: (3, 3) rotation whose columns are the long axis, the short axis and the normal.
         covariance: (3, 3) [m^2] of the point.
         features: finite values that the sensor adds, by name, in SI units.
@@ -132,18 +128,17 @@ class ShownContact:
 
     @cached_property
     def located(self) -> bool:
-        """True where there is a point to draw."""
+        """True if there is a point to draw."""
         return bool(np.isfinite(self.point).all() and np.isfinite(self.normal).all())
 
     @cached_property
     def force_deviation(self) -> float:
-        """Standard deviation of the force's magnitude [N]; NaN where the sensor does not know it."""
+        """Standard deviation of the force's magnitude [N]; NaN if the sensor does not know it."""
         known = self.features
         if "force_xx" not in known:
             return known.get("force_sd", float("nan"))
-        spread, size = np.zeros((3, 3)), float(np.linalg.norm(self.force))
-        for (i, j), name in zip(_PAIRS, ("xx", "xy", "xz", "yy", "yz", "zz"), strict=True):
-            spread[i, j] = spread[j, i] = known.get(f"force_{name}", np.nan)
+        entries = [[known.get(f"force_{min(i, j)}{max(i, j)}", np.nan) for j in "xyz"] for i in "xyz"]
+        spread, size = np.array(entries), float(np.linalg.norm(self.force))
         return float(np.sqrt(self.force @ spread @ self.force)) / size if size > 0 else float("nan")
 
 
@@ -152,8 +147,11 @@ class SceneMoment:
     """A sample of a scene with its contacts.
 
     Attributes:
-        index: number among the scene's samples; sample: row of the log; seconds: since the start; time: as recorded.
-        contacts: at least one, the strongest first; a sample without a contact has one whose status says so.
+        index: number among the scene's samples.
+        sample: row of the log.
+        seconds: time since the start [s].
+        time: as recorded [s].
+        contacts: at least one, the strongest first; its status says if nothing touches.
     """
 
     index: int
@@ -166,22 +164,22 @@ class SceneMoment:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A body and its contacts over n rows and m samples, prepared so that any moment can be drawn at once.
+    """A body and its contacts over n rows and m samples, prepared so that any moment can be drawn.
 
     Attributes:
         title: name, such as the log's.
         bounds: (2, 3) [m] corners of the box that is shown.
-        body: mesh to draw; None: only what the layers draw of it is known.
+        body: mesh to draw; None: the layers draw it.
         contacts: in the surface's frame, n rows.
         starts: (m,) first row of each sample.
         touched: (n,) rows that are contacts with a place: answered, or at the sensor's range.
         timeline: times of the samples.
         heat: (v,) time of touch per area at the body's vertices [s/m^2].
         newton: length of an arrow per newton [m].
-        magnification: factor by which ellipses are drawn larger so that a usual one can be seen; one of MAGNIFICATIONS.
+        magnification: factor by which ellipses are drawn larger, one of `MAGNIFICATIONS`.
         layers: drawings that sensors add.
         surface: the body, on which ellipses are laid; None: they are flat.
-        other: a scene of other contacts on the same body and clock, for comparison; None: no comparison.
+        other: scene of other contacts on the same body and clock, for comparison.
     """
 
     title: str
@@ -211,7 +209,7 @@ class Scene:
         return self.bounds.mean(axis=0)
 
     def placed(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return points (*batch, 3) [m] relative to the scene's middle, over its size: all bodies look equal."""
+        """Return points (*batch, 3) [m] relative to the scene's middle, over its size."""
         return (points - self._middle) / self.size
 
     @cached_property
@@ -226,48 +224,48 @@ class Scene:
 
     @property
     def several(self) -> bool:
-        """True where some sample has more than one contact."""
+        """True if some sample has more than one contact."""
         return len(self.starts) < len(self.contacts)
 
     @cached_property
     def opening(self) -> int:
-        """Number of the sample that is shown first: that of the strongest contact."""
+        """Number of the sample shown first: that of the strongest contact."""
         force = np.linalg.norm(self.contacts.force[self.strongest], axis=1)
         return int(np.where(self.touched[self.strongest] & np.isfinite(force), force, -1.0).argmax())
 
     @cached_property
     def torque(self) -> float:
-        """Usual size of the torque about the normal [N m], its 95 % quantile; 0 where none is known."""
+        """Usual size of the torque about the normal [N m], its 95 % quantile; 0 if none is known."""
         torque = np.abs(self.contacts.torque[np.isfinite(self.contacts.torque)])
         return float(np.quantile(torque, _STRONG)) if len(torque) else 0.0
 
     @cached_property
     def touches(self) -> Events:
-        """Touches as `Events`, in the order of their numbers in `palpate events` and the report."""
+        """Touches as `Events`, numbered as in `palpate events` and the report."""
         return find_touches(self.contacts)
 
     @cached_property
     def outline(self) -> Float[np.ndarray, "k 3"]:
-        """Points of the body, or of what layers show, that are the outermost in some direction, (k, 3) [m]."""
+        """Outermost points of the body, or of the layers' places, (k, 3) [m]."""
         if self.body is None:
             return _corners(self.bounds)
         return self.body.vertices[np.unique((self.body.vertices @ _directions().T).argmax(axis=0))]
 
     @cached_property
     def axes(self) -> Float[np.ndarray, "3 2 3"]:
-        """Ends of the axes of the surface's frame, which reach beyond the body, (3, 2, 3) [m]."""
+        """Ends of the axes of the surface's frame, beyond the body, (3, 2, 3) [m]."""
         ends = np.diag(np.maximum(self.bounds[1], 0.0) + _OUT * self.size)
         return np.stack([np.zeros((3, 3)), ends], axis=1)
 
     def seen_with(self, contacts: Sequence[ShownContact]) -> Float[np.ndarray, "k 3"]:
-        """Return points of the body and of the contacts' arrows, (k, 3) [m]; without arrows, with room for them."""
+        """Return points of the body and of the contacts' arrows, (k, 3) [m]; without arrows, with room for some."""
         tails = self._tails(contacts)
         room = _corners(self.bounds + _ROOM * self.size * np.array([[-1.0], [1.0]]))
         axes = np.clip(self.axes[:, 1], room.min(axis=0), room.max(axis=0))  # a frame may be far from its body
         return np.concatenate([self.outline, axes, tails if len(tails) else room])
 
     def seen_near(self, contact: ShownContact) -> Float[np.ndarray, "k 3"]:
-        """Return points of a located contact's arrow and of its surroundings, (k, 3) [m]."""
+        """Return points of a located contact's arrow and surroundings, (k, 3) [m]."""
         about = contact.point + _ABOUT * self.size * np.array([[-1.0] * 3, [1.0] * 3])
         return np.concatenate([_corners(about), self._tails([contact])])
 
@@ -277,24 +275,23 @@ class Scene:
         return np.array([self.labelled(each) for each in known]).reshape(-1, 3)
 
     def labelled(self, contact: ShownContact) -> Float[np.ndarray, "3"]:
-        """Return the place of a located contact's label, (3,) [m]: beyond its arrow's tail."""
+        """Return the place of a located contact's label, beyond its arrow's tail, (3,) [m]."""
         length = float(np.linalg.norm(contact.force))
         beyond = _BEYOND * self.size / length if length > 0 else 0.0
         return contact.point - (self.newton + beyond) * contact.force
 
     @cached_property
     def torque_noise(self) -> float:
-        """Standard deviation of the torque about a line through its neighbours [N m]; 0 where it is not known."""
+        """Standard deviation of the torque about a line through its neighbours [N m]; 0 if not known."""
         torque = self.contacts.torque[self.strongest[self.timeline.in_touch]]
         bends = np.abs(np.diff(torque, 2))
         bends = bends[np.isfinite(bends)]
         return float(np.median(bends)) / _MEDIAN_BEND if len(bends) else 0.0
 
     def turning(self, contact: ShownContact) -> float:
-        """Return a contact's torque as a share of the usual torque; 0 where it does not exceed three times its noise.
+        """Return a contact's torque as a share of the usual torque; 0 if it does not exceed three times its noise.
 
-        Noise is that from sample to sample, and that from the error of the place: n . (dp x f) has the variance v' C v,
-        v = f x n.
+        Noise is that from sample to sample, and n . (dp x f) of the place's error, with the variance v' C v, v = f x n.
         """
         lever = np.cross(contact.force, contact.normal)
         spread = float(lever @ np.nan_to_num(contact.covariance) @ lever)
@@ -304,29 +301,29 @@ class Scene:
 
     @cached_property
     def turns(self) -> bool:
-        """True where the torque is drawn during some touch."""
+        """True if the torque is drawn during some touch."""
         return any(self.turning(self.at(k).contacts[0]) for k in thinned(self.timeline.touches, _FEW).tolist())
 
     def ready(self) -> None:
-        """Compute and keep in advance what the first picture needs: touches, outline, turns, totals, machine code."""
+        """Compute what the first picture needs: touches, outline, turns, totals, machine code."""
         _ = (self.touches, self.outline, self.turns, self.total)
         opening = self.at(self.opening).contacts[0]
         if opening.located and np.isfinite(opening.axes).all():
             self.ellipse_on_body(opening, 1)  # loads machine code
 
     def copied(self) -> Scene:
-        """Return a `Scene`, a copy whose layers can be drawn again for another browser; computed values are kept."""
+        """Return a copy whose layers can be drawn for another browser; computed values are kept."""
         made = copy(self)
         object.__setattr__(made, "layers", tuple(copy(layer) for layer in self.layers))
         return made
 
     def with_contacts(self, contacts: Contacts) -> Scene:
-        """Return a `Scene` of the same body, layers and scales with other contacts, at least one row."""
+        """Return the `Scene` with other contacts, at least one row."""
         starts, touched, timeline = _sampled(contacts)
         return replace(self, contacts=contacts, starts=starts, touched=touched, timeline=timeline)
 
     def compared(self, contacts: Contacts, title: str) -> Scene:
-        """Return the `Scene` with other contacts for comparison, such as of the same log by other settings.
+        """Return the `Scene` with other contacts for comparison.
 
         Args:
             contacts: on the same clock, at least one row.
@@ -341,7 +338,7 @@ class Scene:
         return replace(self, other=other)
 
     def meanwhile(self, seconds: float) -> SceneMoment | None:
-        """Return the `SceneMoment` of `other` at a time [s] since the start of these contacts; None without it."""
+        """Return the `SceneMoment` of `other` at a time [s] since the start of these contacts; None without `other`."""
         other = self.other
         return None if other is None else other.at(other.timeline.at(seconds - self._ahead(other)))
 
@@ -360,17 +357,14 @@ class Scene:
         return float(known[0]) if len(known) else 0.0
 
     def scaled(self) -> Scene:
-        """Return the `Scene` with arrows and ellipses scaled to its contacts; without contacts the scales stay."""
+        """Return the `Scene` with arrows and ellipses scaled to its contacts; without contacts itself."""
         shown = self.contacts[thinned(np.flatnonzero(self.touched), _FEW)]
         if not len(shown):
             return self
         return replace(self, newton=_newton(self.size, shown), magnification=_magnified(self.size, shown))
 
     def scaled_to(self, force: float) -> Scene:
-        """Return the `Scene` with shorter arrows if that of a force [N] would be longer than the body; else unchanged.
-
-        The arrow of this force then has 0.35 of the body's size. A force of NaN changes nothing.
-        """
+        """Return the `Scene`, with an arrow of 0.35 of the body's size for a force [N] whose arrow would exceed it."""
         return replace(self, newton=_ARROW * self.size / force) if force * self.newton > self.size else self
 
     def rows(self, index: int) -> slice:
@@ -383,10 +377,10 @@ class Scene:
         return _moment(self.contacts, self.rows(index), index, float(self.timeline.clock[index]))
 
     def ellipse_on_body(self, contact: ShownContact, magnification: int) -> Float[np.ndarray, "k 3"]:
-        """Return points of a located contact's 95 % ellipse, (k, 3) [m], laid on the body: none hangs over an edge.
+        """Return points of a located contact's 95 % ellipse, (k, 3) [m], laid on the body.
 
-        Its points, those of a `disc` in the tangent plane, are moved to the nearest point of the surface, and as far
-        above it as the contact point is, such as on a skin.
+        The points of a `disc` in the tangent plane are moved to the nearest point of the surface, and as far above it
+        as the contact point is, such as on a skin.
         """
         axes = np.minimum(magnification * contact.axes, 2.0 * self.size)
         within = disc(*(LARGE if axes[0] > _LARGE * self.size else SMALL))
@@ -398,7 +392,7 @@ class Scene:
         return points + (above + _LIFT * self.size) * normals
 
     def _total_beside(self, clock: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Return the compared contacts' total force at times since the start of these, (k,) [N]; NaN elsewhere."""
+        """Return the compared contacts' total force at times since the start, (k,) [N]; NaN elsewhere."""
         if (other := self.other) is None:
             return np.full(len(clock), np.nan)
         seconds = clock - self._ahead(other)
@@ -430,8 +424,8 @@ class Scene:
     def curves(self, window: slice | None = None) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 5"]]:
         """Return times [s], (k,), and two forces [N] and x, y, z [mm] of the strongest contact, (k, 5).
 
-        The second force is that of the strongest contact; the first its part along the normal or, where there may be
-        several contacts, the sum of all; where others are compared, the sum of theirs.
+        The second force is that of the strongest contact; the first its part along the normal, the sum of all if there
+        are several, or the sum of the compared contacts' forces.
 
         Args:
             window: slice of samples; None: all.
@@ -451,7 +445,7 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
     """Return a `Scene` of contacts in the surface's frame.
 
     Args:
-        surface: the body; a surface given by an equation is shown as a mesh. None: the layers show the body.
+        surface: the body; None: the layers show it.
         contacts: at least one row.
         title: name of the scene.
         layers: drawings that sensors add.
@@ -465,7 +459,7 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
     starts, touched, timeline = _sampled(contacts)
     points = contacts.point[touched]
     mesh = None if surface is None else surface.drawn()
-    bounds = _bounds(points, layers) if mesh is None else mesh.bounds
+    bounds = box(np.concatenate([points, *(layer.places for layer in layers)])) if mesh is None else mesh.bounds
     size = float(np.linalg.norm(bounds[1] - bounds[0]))
     body, heat = None, np.zeros(0)
     if mesh is not None:
@@ -481,7 +475,7 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
 
 
 def moment_of(found: Contacts) -> SceneMoment:
-    """Return the `SceneMoment` of contacts that all belong to one sample, without a scene."""
+    """Return the `SceneMoment` of contacts of one sample, without a scene."""
     return _moment(found, slice(0, len(found)), 0, 0.0)
 
 
@@ -521,12 +515,12 @@ def disc(rings: int, around: int) -> Float[np.ndarray, "k 2"]:
 
 
 def rim(count: int) -> int:
-    """Return the number of an ellipse's `count` points that are on its rim, the last ones: 32 or 64."""
+    """Return how many of an ellipse's `count` points, the last ones, are on its rim: 32 or 64."""
     return next(around for rings, around in (SMALL, LARGE) if count == 1 + rings * around)
 
 
 def no_contacts() -> Contacts:
-    """Return `Contacts` of one sample without a contact, so that a scene waiting for its first has a moment."""
+    """Return `Contacts` of one sample without a contact, for a scene that waits for its first."""
     row = np.zeros((1, ROW.length))
     row[:, : ROW.torque], row[:, ROW.covariance] = np.nan, np.nan
     row[:, ROW.status] = Status.NO_CONTACT
@@ -535,7 +529,7 @@ def no_contacts() -> Contacts:
 
 @takes_arrays
 def before(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """Return the unit direction (3,) from which to see a contact: in front, somewhat aside and above, not vertical."""
+    """Return the unit direction (3,) from which to see a contact: in front, somewhat aside and above."""
     way = normal + 0.5 * np.cross([0.0, 0.0, 1.0], normal) + [0.0, 0.0, 0.4]
     way = way if np.hypot(way[0], way[1]) > 0.3 else way + np.array([0.35, -0.45, 0.0])
     length = float(np.linalg.norm(way))
@@ -549,20 +543,20 @@ def rounded_up(value: float) -> float:
 
 
 def _sampled(contacts: Contacts) -> tuple[Int[np.ndarray, " m"], Bool[np.ndarray, " n"], Timeline]:
-    """Return the first row of each sample, the rows that are contacts with a place, and the timeline of the samples."""
+    """Return the first row of each sample, the rows with a place, and the timeline."""
     starts = sample_starts(contacts)
     touched = contacts.located & (contacts.answered | (contacts.status == Status.SATURATED))
     return starts, touched, Timeline.of(contacts.time[starts], np.logical_or.reduceat(touched, starts))
 
 
 def _newton(size: float, shown: Contacts) -> float:
-    """Return the length of an arrow per newton [m]: a strong one is about a third as long as the body."""
+    """Return the length of an arrow per newton [m]."""
     strong = float(np.nanquantile(np.linalg.norm(shown.force, axis=1), _STRONG)) if len(shown) else 1.0
     return _ARROW * size / max(strong, 1e-9)
 
 
 def _corners(box: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "8 3"]:
-    """Return the corners of a box from its least and its largest coordinates."""
+    """Return the corners of a box."""
     return np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -574,16 +568,8 @@ def _directions() -> Float[np.ndarray, "k 3"]:
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), rise], axis=1)
 
 
-def _bounds(points: Float[np.ndarray, "n 3"], layers: Sequence[Layer]) -> Float[np.ndarray, "2 3"]:
-    """Return the bounds of the layers' places and all contacts; a box of 10 cm where that is a point or nothing."""
-    places = np.concatenate([points, *(layer.places for layer in layers)])
-    low, high = (places.min(axis=0), places.max(axis=0)) if len(places) else (np.zeros(3), np.zeros(3))
-    margin = 0.0 if np.linalg.norm(high - low) > 0 else 0.05
-    return np.stack([low - margin, high + margin])
-
-
 def _width(size: float, points: Float[np.ndarray, "n 3"]) -> float:
-    """Return the width of the spot that a touch leaves [m]: small relative to the body and to the touched region."""
+    """Return the width of the spot that a touch leaves [m]."""
     extent = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else size
     return float(np.clip(extent / 40, size / 300, size / 50))
 

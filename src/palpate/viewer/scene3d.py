@@ -38,12 +38,9 @@ class DrawSettings:
 class Scene3D:
     """A scene in the page's 3D view, drawn in the units of `Scene.placed`.
 
-    Attributes:
-        scene: scene whose moments are shown; another of the same body may take its place.
-
     Args:
         server: the server, to draw for all browsers, or one browser.
-        scene: the scene to draw.
+        scene: scene whose moments are shown; another of the same body may take its place.
     """
 
     def __init__(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
@@ -72,28 +69,30 @@ class Scene3D:
 
         Args:
             scene: scene whose sample the layers show; arrows have the scales of `self.scene`.
-            moment: moment to show.
+            moment: of that scene.
             magnification: factor by which the ellipses are drawn larger.
         """
-        while len(self._markers) < len(moment.contacts):
-            self._markers.append(Marker(self._space, len(self._markers)))
-        for marker, contact in zip_longest(self._markers, moment.contacts):
-            marker.show(self.scene, contact, magnification)
-        self._move_others(moment, magnification)
+        self._move_markers(self._markers, moment.contacts, magnification)
+        if (other := self.scene.meanwhile(moment.seconds)) is not None:
+            self._move_markers(self._others, other.contacts, magnification, "/beside", OTHER)
         for layer in self.scene.layers:
             layer.show(scene, moment.index)
 
-    def _move_others(self, moment: SceneMoment, magnification: int) -> None:
-        """Move the compared contacts."""
-        if (other := self.scene.meanwhile(moment.seconds)) is None:
-            return
-        while len(self._others) < len(other.contacts):
-            self._others.append(Marker(self._space, len(self._others), "/beside", OTHER))
-        for marker, contact in zip_longest(self._others, other.contacts):
+    def _move_markers(
+        self,
+        markers: list[Marker],
+        contacts: Sequence[ShownContact],
+        magnification: int,
+        root: str = "",
+        ink: tuple[int, int, int] = FORCE,
+    ) -> None:
+        while len(markers) < len(contacts):
+            markers.append(Marker(self._space, len(markers), root, ink))
+        for marker, contact in zip_longest(markers, contacts):
             marker.show(self.scene, contact, magnification)
 
     def face(self, client: ClientHandle, contact: ShownContact | None = None) -> None:
-        """Turn a browser's camera to a contact; None: to the complete body, from the side of its strongest contact."""
+        """Turn a browser's camera to a contact; None: to the body, from the side of its strongest contact."""
         with client.atomic():
             seen = () if contact is None else (contact,)
             client.camera.position, client.camera.look_at = aim(
@@ -101,7 +100,7 @@ class Scene3D:
             )
 
     def show_trail(self, moment: SceneMoment, seconds: float) -> None:
-        """Show the paths of the contacts in the seconds before a moment of `scene`."""
+        """Show the contacts' paths in the seconds before a moment of `scene`."""
         segments, age = self.scene.trail(moment.index, seconds)
         self._trail.visible = bool(len(segments)) and seconds > 0
         if self._trail.visible:
@@ -110,7 +109,7 @@ class Scene3D:
             self._trail.colors = np.repeat(shade.astype(np.uint8)[:, None], 2, axis=1)
 
     def _show_numbers(self, wanted: bool) -> None:
-        """Show or hide the numbers of the touches at their places; they are drawn on first use."""
+        """Show or hide the numbers of the touches, drawn on first use."""
         if wanted and not self._numbers:
             found, size = self.scene.touches, self.scene.size
             places = self.scene.placed(found.point + 0.02 * size * found.normal)
@@ -144,7 +143,7 @@ class Scene3D:
         return made.getvalue()
 
     def _add_ground(self) -> None:
-        """Add a grid under the body and the axes of the surface's frame; the legend has their scale and colours."""
+        """Add a grid under the body and the axes of the surface's frame."""
         size = self.scene.size
         cell = rounded_up(size / 12)
         floor = self.scene.placed(self.scene.bounds[0] - 0.03 * size)[2]
@@ -163,7 +162,7 @@ class Scene3D:
 
 
 def _both_sides(tree: dict[str, Any]) -> None:
-    """Make the facets of a glTF visible from both sides, as the inside of an open body can be seen."""
+    """Make the facets of a glTF visible from both sides."""
     tree["materials"] = [{"doubleSided": True}]
     for mesh in tree["meshes"]:
         for part in mesh["primitives"]:
@@ -173,12 +172,12 @@ def _both_sides(tree: dict[str, Any]) -> None:
 def aim(
     scene: Scene, aspect: float, contacts: Sequence[ShownContact] = (), covered: float | None = None, near: bool = False
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Return position and target, (3,) each, of a camera that sees body and contacts' arrows, in `Scene.placed` units.
+    """Return position and target, (3,) each, of a camera that sees body and arrows, in `Scene.placed` units.
 
     Args:
         scene: the scene.
         aspect: width over height of the picture.
-        contacts: contacts that must be seen, the first from its side; without any, those of the moment shown first.
+        contacts: must be seen, the first from its side; without any, those of the moment shown first.
         covered: share of the height that is hidden, see `fit`.
         near: only the first contact and its surroundings must be seen.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from ipaddress import ip_address
 from secrets import token_urlsafe
@@ -36,19 +36,16 @@ def serve(
 
     Args:
         scene: scene to show.
-        host: address to listen at; only this machine can reach the default.
-        port: the first to try; 0 for any.
+        host: to listen at; only this machine reaches the default.
+        port: first to try; 0: any.
         up: called with the page's address when it can be opened.
 
     Raises:
         InputError: viser is not installed, or nothing can listen there.
     """
-    try:
-        with Page(scene, host, port) as page:
-            up(page.address)
-            threading.Event().wait()
-    except KeyboardInterrupt:  # how this ends
-        return
+    with suppress(KeyboardInterrupt), Page(scene, host, port) as page:  # Ctrl-C is how this ends
+        up(page.address)
+        threading.Event().wait()
 
 
 def require_viser(host: str, port: int) -> None:
@@ -63,18 +60,18 @@ def require_viser(host: str, port: int) -> None:
 
 
 class Served:
-    """A page that background threads serve until `stop`, or until the end of a `with` block.
+    """A page that background threads serve until `stop`, or the end of a `with` block.
 
-    Only a browser that opens `address` is answered, and those that have opened it before; see `Guard`.
+    Only browsers that open `address`, or have opened it before, are answered; see `Guard`.
 
     Attributes:
-        address: address to open in a browser, with the token that it needs. Where the server listens at all addresses
-            of this machine, it is the one that others on its network reach.
-        port: the free port that was found.
+        address: address to open in a browser, with its token; of a server at all addresses of this machine, the one
+            that others on its network reach.
+        port: free port that was found.
 
     Args:
-        host: address to listen at; only this machine can reach the default.
-        port: the first to try; 0 for any.
+        host: to listen at; only this machine reaches the default.
+        port: first to try; 0: any.
         token: secret that opens the page; "": a new one.
 
     Raises:
@@ -83,12 +80,17 @@ class Served:
 
     def __init__(self, host: str = "127.0.0.1", port: int = 8080, token: str = "") -> None:
         token = token or token_urlsafe(16)
-        self._server = _listen(host, port, token)
+        require_viser(host, port)
+        from palpate.viewer.guard import Guard  # here: what it needs comes with viser
+        from palpate.viewer.viser_door import listening
+
+        with _quiet():
+            self._server: ViserServer = listening(Guard(host, token), host, _free(host, port))
         self.port = self._server.get_port()
         self.address = f"{_shown(host)}:{self.port}/?token={token}"
 
     def look(self, aim: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> None:
-        """Set the first view of each browser: `aim` maps width over height to position and target of the camera."""
+        """Set the first view of each browser; `aim` maps width over height to position and target of the camera."""
         camera = self._server.initial_camera
         camera.position, camera.look_at = aim(1.0)
         camera.up, camera.fov, camera.near, camera.far = (0.0, 0.0, 1.0), VIEW, 0.01, 100.0
@@ -117,9 +119,9 @@ class Page(Served):
 
     Args:
         scene: scene to show.
-        host: address to listen at; only this machine can reach the default.
-        port: the first to try; 0 for any.
-        together: all browsers share one moment, which each of them can change; else each has a separate one.
+        host: to listen at; only this machine reaches the default.
+        port: first to try; 0: any.
+        together: all browsers share one moment; else each has a separate one.
 
     Raises:
         InputError: viser is not installed, or nothing can listen there.
@@ -130,7 +132,6 @@ class Page(Served):
         scene.ready()
         super().__init__(host, port)
         self.look(lambda aspect: aim(scene, aspect))
-        self._lock = threading.Lock()
         self._sessions: dict[int, BrowserSession] = {}
         if together:
             self._sessions[-1] = BrowserSession(self._server, scene)
@@ -141,32 +142,8 @@ class Page(Served):
 
     @property
     def session(self) -> BrowserSession:
-        """The latest `BrowserSession`: of the browser that connected last, or of all together.
-
-        Raises:
-            IndexError: each browser has a separate session, and none is connected.
-        """
+        """The `BrowserSession` of the browser that connected last, or of all together; IndexError without one."""
         return list(self._sessions.values())[-1]
-
-    @property
-    def index(self) -> int:
-        """Number of the sample that the latest session shows; IndexError where `session` has none."""
-        return self.session.index
-
-    @property
-    def playing(self) -> bool:
-        """True while the latest session plays; IndexError where `session` has none."""
-        return self.session.playing
-
-    def seek(self, seconds: float) -> None:
-        """Move every session to a time [s] since the start of the log."""
-        for session in list(self._sessions.values()):
-            session.seek(seconds)
-
-    def play(self, on: bool) -> None:
-        """Start or stop playing in every session."""
-        for session in list(self._sessions.values()):
-            session.play(on)
 
     def stop(self) -> None:
         """Close the page and free its port."""
@@ -175,19 +152,15 @@ class Page(Served):
         super().stop()
 
     def _join(self, client: ClientHandle) -> None:
-        session = BrowserSession(client, self.scene.copied())
-        with self._lock:
-            self._sessions[client.client_id] = session
+        self._sessions[client.client_id] = BrowserSession(client, self.scene.copied())
 
     def _leave(self, client: ClientHandle) -> None:
-        with self._lock:
-            session = self._sessions.pop(client.client_id, None)
-        if session is not None:
+        if (session := self._sessions.pop(client.client_id, None)) is not None:
             session.stop()
 
 
 def _shown(host: str) -> str:
-    """Return the start of a URL for the host that was listened at, usable from other machines if they can reach it."""
+    """Return the start of a URL for a host, as other machines reach it."""
     from palpate.viewer.guard import in_url  # here: what it needs comes with viser
 
     try:
@@ -198,7 +171,7 @@ def _shown(host: str) -> str:
 
 
 def _own(everywhere: str) -> str:
-    """Return this machine's address on its network; without a network, the loopback address."""
+    """Return this machine's address on its network, else the loopback address."""
     family = socket.AF_INET6 if ":" in everywhere else socket.AF_INET
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
@@ -208,18 +181,8 @@ def _own(everywhere: str) -> str:
         return str(probe.getsockname()[0])
 
 
-def _listen(host: str, port: int, token: str) -> ViserServer:
-    """Return a server at this port, or the next free one, guarded by a token."""
-    require_viser(host, port)
-    from palpate.viewer.guard import Guard
-    from palpate.viewer.viser_door import listening
-
-    with _quiet():
-        return listening(Guard(host, token), host, _free(host, port))
-
-
 def _free(host: str, port: int) -> int:
-    """Return the port, or the next that can be listened at; without one, viser itself would wait for ever."""
+    """Return the port, or the next one that can be listened at: viser itself would wait for ever."""
     last: OSError | None = None
     for candidate in range(port, min(port + PORTS, 65536)) if port > 0 else [0] * (port == 0):
         try:
@@ -240,7 +203,7 @@ def _free(host: str, port: int) -> int:
 
 @contextmanager
 def _quiet() -> Generator[None]:
-    """Silence viser's announcement on the terminal within the block; the command prints the address."""
+    """Silence viser's announcement on the terminal within the block."""
     import rich
 
     console = rich.get_console()

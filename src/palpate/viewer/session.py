@@ -13,6 +13,7 @@ from jaxtyping import UInt8
 from palpate.viewer.panel import Panel
 from palpate.viewer.scene import Scene
 from palpate.viewer.scene3d import Scene3D
+from palpate.viewer.timeline import next_of
 
 if TYPE_CHECKING:
     from viser import ClientHandle, ViserServer
@@ -26,10 +27,10 @@ _NUMBER = re.compile(r"-?\d+(\.\d*)?(e-?\d\d?)?")
 class BrowserSession:
     """The view of one browser, or of all together, on a scene.
 
-    All that changes the picture runs in one more thread, which draws the latest request and drops those before it.
+    A thread draws the latest request and drops those before it.
 
     Args:
-        at: the browser, or the server where all see the same.
+        at: the browser, or the server if all see the same.
         scene: scene whose moments are shown.
     """
 
@@ -57,49 +58,39 @@ class BrowserSession:
             self.seek(0.0)
         self._request(playing=on)
 
-    def refresh(self) -> None:
-        """Draw again after a setting has changed."""
-        self._request()
-
-    def step(self, which: int) -> None:
-        """Go to the next touch (1) or the previous one (-1)."""
-        timeline = self.scene.timeline
-        self.seek(float(timeline.clock[timeline.touch(timeline.at(self._seconds), which)]))
-
-    def step_sample(self, which: int) -> None:
-        """Go to the next touched sample (1) or the previous one (-1)."""
-        timeline = self.scene.timeline
-        self.seek(float(timeline.clock[timeline.touched_sample(timeline.at(self._seconds), which)]))
-
     def ask(self, what: str, client: ClientHandle | None = None) -> None:
-        """Carry out a request of the panel, a key or a click, such as "play", "seek 1.5", "touch -1"; ignore others.
+        """Carry out a request of the panel, a key or a click; ignore all others.
 
         Args:
-            what: a word, and a number.
-            client: the browser that made the request, where it matters: for its view, and for a picture.
+            what: "play", "seek 1.5", "touch -1" (previous) or "touch 1" (next), "sample 1", "refresh"; of one browser
+                "face" (turn to the strongest contact), "frame" (to the body), "save" (a picture).
+            client: browser that made the request.
         """
         verb, _, value = what.partition(" ")
-        if verb in ("face", "frame", "save"):
-            {"face": self.face, "frame": self.frame, "save": self.save}[verb](client)
-        elif verb == "refresh":
-            self.refresh()
+        timeline = self.scene.timeline
+        if verb == "refresh":
+            self._request()
         elif verb == "play":
             self.play(not self.playing)
         elif verb in ("touch", "sample") and value in ("1", "-1"):
-            (self.step if verb == "touch" else self.step_sample)(int(value))
+            among = timeline.touches if verb == "touch" else timeline.in_touch
+            self.seek(float(timeline.clock[next_of(among, timeline.at(self._seconds), int(value))]))
         elif verb == "seek" and _NUMBER.fullmatch(value):  # from a browser: not to be believed
             self.seek(float(value))
+        elif verb == "face" and client is not None:
+            self._face(client)
+        elif verb == "frame" and client is not None:
+            self.scene3d.face(client)
+        elif verb == "save" and client is not None:
+            self._save(client)
 
-    def face(self, client: ClientHandle | None) -> None:
-        """Turn a browser's camera to the side of the strongest contact; do nothing for None, or without a place."""
+    def _face(self, client: ClientHandle) -> None:
         strongest = self.scene.at(self.index).contacts[0]
-        if client is not None and strongest.located:
+        if strongest.located:
             self.scene3d.face(client, strongest)
 
-    def save(self, client: ClientHandle | None) -> None:
-        """Send a browser its picture of the scene as a PNG file, or a notification where it makes none; ignore None."""
-        if client is None:
-            return
+    def _save(self, client: ClientHandle) -> None:
+        """Send a browser its picture of the scene, or a notification without one."""
         camera = client.camera
         try:
             shown = client.get_render(camera.image_height, camera.image_width, transport_format="png", timeout=30.0)
@@ -111,11 +102,6 @@ class BrowserSession:
         made = imageio.v3.imwrite("<bytes>", _on_white(shown), extension=".png")
         title = "".join(letter if letter.isalnum() else "_" for letter in self.scene.title) or "palpate"
         client.send_file_download(f"{title}_{self._seconds:.3f}s.png", made, save_immediately=True)
-
-    def frame(self, client: ClientHandle | None) -> None:
-        """Turn a browser's camera to the complete body; do nothing for None."""
-        if client is not None:
-            self.scene3d.face(client)
 
     def stop(self) -> None:
         """Stop drawing and end the thread."""

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Timeline", "downsampled", "since"]
+__all__ = ["Timeline", "downsampled", "next_of", "since"]
 
 LATE = 1e6  # s: a log that begins later does not begin near 0
 _EPOCH = 1e9, 1e10  # s since 1970 that are a log's: 2001 to 2286
@@ -24,8 +24,8 @@ class Timeline:
     """Seconds since the start of a log, one per sample, never running backwards.
 
     Attributes:
-        clock: (n,) [s], from 0. A time that is missing or runs backwards is replaced by the latest before it;
-            without any time at all, the step between samples is one second.
+        clock: (n,) [s], from 0. A time that is missing or runs backwards is replaced by the latest before it; without
+            any time the step is one second.
         touched: (n,) samples with a contact.
     """
 
@@ -34,7 +34,7 @@ class Timeline:
 
     @classmethod
     def of(cls, time: Float[np.ndarray, " n"], touched: Bool[np.ndarray, " n"]) -> Timeline:
-        """Return the `Timeline` of a log from its times as recorded (n,) [s] and its touched samples (n,)."""
+        """Return the `Timeline` of recorded times (n,) [s] and touched samples (n,)."""
         known = np.isfinite(time)
         if not known.any():
             return cls(np.arange(float(len(time))), touched)
@@ -49,19 +49,19 @@ class Timeline:
 
     @cached_property
     def step(self) -> float:
-        """Median time between samples [s]; 0 where there is none."""
+        """Median time between samples [s]; 0 if there is none."""
         steps = np.diff(self.clock)
         steps = steps[steps > 0]
         return float(np.median(steps)) if len(steps) else 0.0
 
     @cached_property
     def seconds(self) -> Float[np.ndarray, " n"]:
-        """Duration of each sample, (n,) [s]: until the next one, and at most ten usual steps."""
+        """Duration of each sample, (n,) [s]: until the next one, at most ten usual steps."""
         return np.minimum(np.diff(self.clock, append=self.duration + self.step), 10.0 * self.step)
 
     @cached_property
     def _spans(self) -> Int[np.ndarray, "m 2"]:
-        """First and last sample of each touch, (m, 2): it goes on over gaps of `GAP`, and lasts at least `SHORTEST`."""
+        """First and last sample of each touch, (m, 2), over gaps of `GAP`, at least `SHORTEST` long."""
         touched = np.flatnonzero(self.touched)
         if not len(touched):
             return np.zeros((0, 2), dtype=np.int64)
@@ -74,13 +74,13 @@ class Timeline:
 
     @cached_property
     def touches(self) -> Int[np.ndarray, " m"]:
-        """Number of the sample in the middle of each touch, (m,); contacts shorter than 0.02 s are no touches."""
+        """Number of the sample in the middle of each touch of at least 0.02 s, (m,)."""
         ends: Float[np.ndarray, "m 2"] = self.clock[self._spans]
         return np.searchsorted(self.clock, (ends[:, 0] + ends[:, 1]) / 2)
 
     @cached_property
     def in_touch(self) -> Int[np.ndarray, " k"]:
-        """Numbers of the samples that are touched and belong to a touch, (k,)."""
+        """Numbers of the touched samples that belong to such a touch, (k,)."""
         touched = np.flatnonzero(self.touched)
         which = np.searchsorted(self._spans[:, 0], touched, side="right") - 1
         last = np.append(self._spans[:, 1], -1)[which]  # before the first touch: none
@@ -88,32 +88,27 @@ class Timeline:
         return inside
 
     def at(self, seconds: float) -> int:
-        """Return the number of the sample at a time [s] since the start: the last one that is not later, or 0."""
+        """Return the number of the last sample not later than a time [s] since the start; 0 before the first."""
         return max(0, int(np.searchsorted(self.clock, seconds + 1e-9, side="right")) - 1)
 
     def span(self, begin: float, end: float) -> slice:
         """Return the slice of the samples from one time to another, both included [s since the start]."""
         return slice(int(np.searchsorted(self.clock, begin)), int(np.searchsorted(self.clock, end, side="right")))
 
-    def touch(self, index: int, step: int) -> int:
-        """Return the number of the middle sample of the next (step 1) or previous (-1) touch; `index` without one."""
-        return _next(self.touches, index, step)
 
-    def touched_sample(self, index: int, step: int) -> int:
-        """Return the number of the next (step 1) or previous (-1) sample within a touch; `index` if there is none."""
-        return _next(self.in_touch, index, step)
-
-
-def _next(among: Int[np.ndarray, " m"], index: int, step: int) -> int:
+@takes_arrays
+def next_of(among: Int[np.ndarray, " m"], index: int, step: int) -> int:
+    """Return the next (step 1) or previous (-1) of sorted numbers (m,) after `index`; `index` if there is none."""
     which = np.searchsorted(among, index, side="right" if step > 0 else "left") + (0 if step > 0 else -1)
     return int(among[which]) if 0 <= which < len(among) else index
 
 
 @takes_arrays
 def since(time: Float[np.ndarray, " n"]) -> tuple[float, str]:
-    """Return the time [s] from which times are counted for a person, and the words for it.
+    """Return the time [s] from which a person counts times (n,) [s], and the words for it.
 
-    These are 0 and "" for logs that start near 0, else the start and "after ...": seconds since 1970 as a date in UTC.
+    These are 0 and "" for logs that start near 0, else the start and "after ...", with seconds since 1970 as a date in
+    UTC.
     """
     start = float(np.floor(np.min(time, initial=np.inf, where=np.isfinite(time))))
     if not LATE < start < np.inf:
@@ -127,9 +122,7 @@ def since(time: Float[np.ndarray, " n"]) -> tuple[float, str]:
 def downsampled(
     clock: Float[np.ndarray, " n"], values: Float[np.ndarray, "n k"], most: int
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
-    """Return times (m,) and values (m, k), at most `most` rows: the least and the largest value of each run of samples.
-
-    So every peak is kept.
+    """Return times (m,) and values (m, k), at most `most` rows: the least and the largest of each run of samples.
 
     Args:
         clock: (n,) [s], not falling.

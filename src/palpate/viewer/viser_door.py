@@ -42,7 +42,7 @@ def listening(guard: Guard, host: str, port: int) -> viser.ViserServer:
     """Return a started `viser.ViserServer`, which submits every request and every message to the guard.
 
     Raises:
-        InputError: the internals of this version of viser are unknown, so that it could not be guarded.
+        InputError: this version of viser cannot be guarded.
     """
     filterwarnings("ignore", r"Queued a \w+ on a closed connection")  # a browser that goes while its page is made
     infra: Any = viser.infra
@@ -63,7 +63,7 @@ def listening(guard: Guard, host: str, port: int) -> viser.ViserServer:
 
 
 def browser_address(server: viser.ViserServer, client: int | None) -> str:
-    """Return the IP address of a connected browser as text, or "a browser that is gone"."""
+    """Return the IP address of a connected browser, or "a browser that is gone"."""
     inside: Any = server
     connection = inside._websock_server._live_connections.get(client)
     return "a browser that is gone" if connection is None else str(connection.remote_address[0])
@@ -94,7 +94,7 @@ class _Door:
         )
 
     def arrived(self, connection: ServerConnection) -> None:
-        """Note a connection that has sent no token yet; too many of them end the oldest."""
+        """Note a connection without a token yet; too many of them end the oldest."""
         self._pending[connection] = None
         while len(self._pending) > PENDING:
             oldest = next(iter(self._pending))
@@ -102,7 +102,7 @@ class _Door:
             oldest.transport.abort()
 
     def known(self, connection: ServerConnection) -> None:
-        """Forget a pending connection, as it has shown a token or is gone."""
+        """Forget a pending connection: it has shown a token or is gone."""
         self._pending.pop(connection, None)
 
     def _answer(
@@ -136,7 +136,7 @@ class _Door:
         return judged(raw, partial(self._widget, connection))
 
     def _widget(self, connection: ServerConnection, name: str) -> Widget | None:
-        """Return a widget that this browser sees, shared or private, by its name; None where there is none."""
+        """Return a widget that this browser sees, by its name; None without one."""
         server = self._server
         open_ones = server._websock_server._live_connections.items()
         client = server.get_clients().get(next((key for key, each in open_ones if each is connection), -1))
@@ -144,7 +144,8 @@ class _Door:
             handle = gui._gui_input_handle_from_uuid.get(name)
             if handle is not None and (kind := _KINDS.get(type(handle))) is not None:
                 usable, options = handle.visible and not handle.disabled, getattr(handle, "options", ())
-                return Widget(kind, usable, tuple(options), *_bounds(handle, kind))
+                bounds = (float(handle.min), float(handle.max)) if kind is WidgetKind.SET else ()
+                return Widget(kind, usable, tuple(options), *bounds)
         return None
 
 
@@ -175,14 +176,10 @@ class _Connection(ServerConnection):
 
 
 class _NoHandshakes(Filter):
-    """A log filter that drops failed handshakes: clients that connect and send no valid request are no event."""
+    """A log filter that drops failed handshakes."""
 
     def filter(self, record: LogRecord) -> bool:
         return not record.getMessage().startswith(("opening handshake failed", "connection rejected"))
-
-
-def _bounds(handle: Any, kind: WidgetKind) -> tuple[float, float]:
-    return (float(handle.min), float(handle.max)) if kind is WidgetKind.SET else (0.0, 0.0)
 
 
 def _response(status: HTTPStatus, text: str, cookie: str = "") -> Response:
@@ -197,7 +194,7 @@ def _response(status: HTTPStatus, text: str, cookie: str = "") -> Response:
 
 
 def _protection(host: str) -> dict[str, str]:
-    """Return headers that keep the page out of foreign frames and let it connect to its server alone."""
+    """Return headers that keep the page out of foreign frames, and connect it to its server alone."""
     return {
         "Content-Security-Policy": f"frame-ancestors 'none'; connect-src 'self' ws://{host} data: blob:",
         "Referrer-Policy": "no-referrer",
@@ -206,7 +203,7 @@ def _protection(host: str) -> dict[str, str]:
 
 
 def _with(module: Any, **changed: Any) -> Any:
-    """Return a copy of a module's namespace with other values for some names; the module stays unchanged."""
+    """Return a copy of a module's namespace with other values for some names."""
     return SimpleNamespace(**{**vars(module), **changed})
 
 
@@ -224,7 +221,7 @@ def _rebound(function: Any, **names: Any) -> Any:
 
 
 def _used(code: CodeType) -> Iterator[str]:
-    """Yield the names used in a function and in functions nested in it."""
+    """Yield the names used in a function and those nested in it."""
     yield from code.co_names
     for each in code.co_consts:
         if isinstance(each, CodeType):

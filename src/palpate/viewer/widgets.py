@@ -40,7 +40,7 @@ def theme(gui: GuiApi, dark: bool) -> None:
 
 
 def name(gui: GuiApi, title: str) -> None:
-    """Dock the panel at the right under the page's title; on a phone it is a sheet below that folds by a tap."""
+    """Dock the panel at the right under the page's title; on a phone it is a sheet below."""
     theme(gui, dark=False)
     gui.set_panel_label(f"Palpate \u00b7 {title}" if title else "Palpate")
     gui.main_panel.dock_right()
@@ -56,11 +56,11 @@ def card(number: str, status: str, ink: str, meaning: str, rows: Sequence[tuple[
     """Return a card with the current state as HTML.
 
     Args:
-        number: the main value with its unit.
-        status: a word, shown in a ring.
+        number: main value with its unit.
+        status: word, shown in a ring.
         ink: CSS colour of the ring.
         meaning: tooltip of the status.
-        rows: (name, value) of each row of a table below.
+        rows: (name, value) of the table below, HTML.
         more: HTML after the table.
     """
     ring = f"padding:.05em .7em;border-radius:1em;border:2px solid {ink}"
@@ -89,14 +89,14 @@ def add_curves(
     span: tuple[float, float] | None = None,
     target: str = "",
 ) -> GuiUplotHandle:
-    """Add a plot of lines over time [s]; return its `GuiUplotHandle`, whose `data` is set later: times, and each line.
+    """Add a plot of lines over time [s]; return its handle, whose `data` is set later: times, and each line.
 
     Args:
         gui: panel to add it to.
         names: names of the lines, with their units.
         inks: their colours.
         span: [s] that is shown; None: all data.
-        target: name of a dashed line behind the others, such as a wanted value; "": none.
+        target: name of a dashed line behind the others; "": none.
     """
     from viser import uplot
 
@@ -115,7 +115,7 @@ def add_curves(
 
 
 def along_time() -> dict[str, Any]:
-    """Return the options of `add_uplot` for a plot over time, a dict: axes, legend, height, padding for the numbers."""
+    """Return the options of `add_uplot` for a plot over time."""
     from viser import uplot
 
     bare = uplot.Axis_Ticks(show=False)

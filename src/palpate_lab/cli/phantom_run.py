@@ -11,12 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.contact import Locator, WrenchEstimator
-from palpate.control.admittance import Admittance
 from palpate.control.align import AlignController
 from palpate.control.arm import Arm
-from palpate.control.paper_law import Plain
 from palpate.control.probe_face import ProbeFace
 from palpate.control.servo import Servo
+from palpate.control.stability import Admittance
 from palpate.control.supervisor import Limits
 from palpate.files.arm import load_arm
 from palpate.sensors.force_torque.calibrate import identify_payload
@@ -25,6 +24,7 @@ from palpate.sensors.force_torque.model import ForceTorque
 from palpate.signals.filters import Kalman
 from palpate.signals.payload import Payload
 from palpate.surfaces.mesh import Mesh
+from palpate_lab.papers.probe_law import Plain
 from palpate_lab.simulation.phantom.elfin3 import urdf
 from palpate_lab.simulation.phantom.lab import PhantomLab, PhantomTruth, Reading
 from palpate_lab.simulation.phantom.probes import Probe

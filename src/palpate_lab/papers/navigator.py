@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
 from palpate.control.drive import DifferentialDrive
-from palpate.control.navigation import Speedometer, Steering, heading_error, require_goal
+from palpate.control.navigation import heading_error, require_goal
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
+from palpate_lab.papers.steering import Speedometer, Steering
 
 __all__ = ["Condition", "PaperNavigator", "PaperSettings", "PaperState"]
 

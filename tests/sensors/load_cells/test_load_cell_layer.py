@@ -5,9 +5,9 @@ import pytest
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
-from palpate.sensors.load_cells.view import LoadCellLayer, loads
 from palpate.sensors.load_cells.model import with_changes
 from palpate.sensors.load_cells.resolution import nominal_cells
+from palpate.sensors.load_cells.view import LoadCellLayer, loads
 from palpate.surfaces import EllipticCylinder
 from palpate.viewer.marker import arc, barbs
 from palpate.viewer.scene import prepare
@@ -77,7 +77,7 @@ def test_the_page_colours_the_cell_that_carries_most_and_shows_the_torque() -> N
     settings = DrawSettings(heat=True, trail=1.0, magnification=1)
     with Page(scene, port=0, together=True) as page:
         page.session.scene3d.show(scene.at(0), settings)
-        near, far = (sum(layer._drawn[cell][0].color) for cell in (0, 3))
+        near, far = (sum(layer._drawn[cell].color) for cell in (0, 3))
         assert near < far  # darker
         assert [name for name, _ in layer.rows(scene, 0)] == ["cell 1", "cell 2", "cell 3", "cell 4"]
         assert layer.rows(scene, 0)[0][1].endswith(" mV")

@@ -150,8 +150,8 @@ def test_channels_are_named() -> None:
 def test_a_corner_that_was_not_touched_is_named() -> None:
     run = log()
     part = run[~((run.point[:, 0] > 2e-3) & (run.point[:, 1] > 3e-3) & run.loaded)]
-    assert any("Nothing was touched around x = " in note for note in fitted(part).notes)
-    assert calibrated().notes == ()
+    assert any("Nothing was touched around x = " in note for note in fitted(part).cells.notes)
+    assert calibrated().cells.notes == ()
 
 
 def test_the_balls_centre_is_meant() -> None:
@@ -159,7 +159,7 @@ def test_the_balls_centre_is_meant() -> None:
     with pytest.raises(InputError, match=r"centre is .* off the surface"):  # millimetres for metres
         fitted(replace(run, position=run.position * 1e3))
     sunk = replace(run, position=run.position + np.array([0.0, 0.0, 2e-3]))
-    assert any("the ball's centre is" in note for note in fitted(sunk).notes)
+    assert any("the ball's centre is" in note for note in fitted(sunk).cells.notes)
 
 
 def test_too_little_friction_to_show_the_torque_is_said() -> None:

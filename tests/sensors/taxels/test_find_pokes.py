@@ -11,7 +11,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.sensors.taxels.places import TaxelPlaces
-from palpate.sensors.taxels.poking.activations import read_answers
+from palpate.sensors.taxels.poking.activations import AnswerReader
 from palpate.sensors.taxels.poking.plausibility import believed
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.segmentation import PokeSearch, _most, _runs, find_pokes
@@ -245,8 +245,9 @@ def test_noise_alone_hardly_answers() -> None:
     """Six deviations, half a million readings: a few at most."""
     rng = np.random.default_rng(0)
     frames = rng.normal(20.0, 0.7, (6000, 84))
-    answers = read_answers([(np.arange(6000) / 50, frames)])
-    assert len(answers.taxel) <= 3
+    reader = AnswerReader()
+    reader.take(np.arange(6000) / 50, frames)
+    assert len(reader.finish().taxel) <= 3
 
 
 def test_the_90th_percentile_of_each_run_is_that_of_numpy() -> None:

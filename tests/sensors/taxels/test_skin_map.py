@@ -159,6 +159,14 @@ def test_a_flat_patch_needs_no_axis() -> None:
     assert np.allclose(cells.areas, 2e-4, rtol=1e-9)
 
 
+def test_a_sheet_smaller_than_a_facet_is_laid(tmp_path: Path, wrist_like: Mesh) -> None:
+    alone = map_skin(wrist_like, Sheet(1, 1, (0.005, 0.005)), origin=START, heading=AHEAD)
+    assert np.linalg.norm(wrist_like.project(alone.centres[0])[0] - alone.centres[0]) < 0.3e-3
+    assert np.allclose(alone.areas, 25e-6, rtol=1e-3)
+    write_skin_map(tmp_path / "one.csv", alone)
+    assert read_skin_map(tmp_path / "one.csv").pitch == pytest.approx((0.005, 0.005), rel=1e-3)
+
+
 def test_stretch_is_found_from_a_few_known_cells() -> None:
     mesh = round_mesh(Cone(0.03, 0).point, 36, np.linspace(-0.05, 0.05, 5))
     start, along = {"origin": (0.03, 0, -0.02), "heading": (0, 1, 0)}, Sheet(3, 10, (0.01, 0.01), stretch=(1.05, 1.12))

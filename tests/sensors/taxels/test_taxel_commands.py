@@ -19,7 +19,7 @@ from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.places_page import TaxelPage
 from palpate.sensors.taxels.poking.evaluate import compare_places
-from palpate.sensors.taxels.poking.logs import open_pokes
+from palpate.sensors.taxels.poking.files import open_pokes
 from palpate.sensors.taxels.section import SkinSection
 from palpate.setup import load_rig
 from palpate.signals.recording import Recording
@@ -213,7 +213,7 @@ def test_joints_in_degrees_or_missing_are_a_sentence(
         (["--start", "{folder}/forearm.stl"], "forearm.stl"),
         (["--start", "{folder}/small.csv"], "CAD file of this skin"),
         (["-o", "{folder}/skin.xml"], "cannot write places of taxels as '.xml'"),
-        (["--threshold", "-3"], "threshold must be positive"),
+        (["--threshold", "-3"], "--threshold: must be positive"),
     ],
 )
 def test_what_cannot_be_meant_is_a_sentence(

@@ -86,7 +86,7 @@ def test_the_page_of_a_sheet_shows_both_contacts_and_the_cells_below_them() -> N
     low, high = CELLS[0].min(axis=0), CELLS[0].max(axis=0)
     np.testing.assert_array_equal(scene.bounds, [low, high])
     with Page(scene, port=0, together=True) as page:
-        assert page.index == 1  # the strongest
+        assert page.session.index == 1  # the strongest
         assert len(page.session.scene3d._markers) == 2
         shade = layer._cells.batched_colors.astype(int).sum(axis=1)
         order = np.argsort(shade, kind="stable")[:2]
@@ -113,5 +113,5 @@ def test_contacts_of_a_file_are_shown_without_the_forces_of_cells() -> None:
     contacts, _ = _sheet_contacts()
     layer = TaxelLayer(SHEET_BODY)
     with Page(prepare(None, contacts, "", [layer]), port=0, together=True) as page:
-        assert layer.rows(page.scene, page.index) == layer.legend() == []
+        assert layer.rows(page.scene, page.session.index) == layer.legend() == []
         assert layer._sheet is None

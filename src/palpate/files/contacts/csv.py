@@ -1,4 +1,4 @@
-"""Write and read contacts.csv in pieces, exact to the last bit; a file that was edited is checked row by row."""
+"""Write and read contacts.csv in pieces, exact to the last bit; an edited file is checked row by row."""
 
 from __future__ import annotations
 
@@ -24,26 +24,24 @@ _PIECE = 1 << 23  # bytes of text parsed at a time
 
 
 def header(features: tuple[str, ...]) -> bytes:
-    """Return the first line of a contacts.csv, the names of its columns, as bytes."""
+    """Return the first line of a contacts.csv, the names of its columns."""
     return (",".join((*COLUMNS, *features)) + "\n").encode()
 
 
 def to_csv(contacts: Contacts) -> bytes:
-    """Return the rows of a contacts.csv as bytes, without the header; numbers read back exactly."""
+    """Return the rows of a contacts.csv, without the header; numbers read back exactly."""
     text = io.BytesIO()
     table_of(contacts).write_csv(text, include_header=False)
     return text.getvalue()
 
 
 def csv_blocks(path: Path, *, torn: bool = False) -> Iterator[Contacts]:
-    """Yield the rows of a contacts.csv as `Contacts`, in pieces, at least one; an edited file is read at once.
+    """Yield the rows of a contacts.csv in pieces, at least one; an edited file is read at once.
 
-    Args:
-        path: of the file.
-        torn: the last line may be cut; it is then omitted, with a note.
+    If `torn`, a cut last line is omitted, with a note.
 
     Raises:
-        InputError: the file is missing or no contacts.csv, or a row in it is invalid.
+        InputError: the file cannot be read or is no contacts.csv, or a row in it is invalid.
     """
     done = 0
     try:
@@ -59,11 +57,10 @@ def csv_blocks(path: Path, *, torn: bool = False) -> Iterator[Contacts]:
 
 
 def read_csv(path: Path) -> Contacts:
-    """Read a contacts.csv that may have been edited by hand as `Contacts`, and check every row.
+    """Read a contacts.csv that may have been edited by hand, and check every row.
 
     Raises:
-        InputError: the file is not a contacts.csv, has an unknown status or a field that is not a number, or an
-            answered row has no point.
+        InputError: the file cannot be read or is no contacts.csv, or a row in it is invalid.
     """
     table = read_table(path)
     require_columns(path, table.names)
@@ -83,22 +80,23 @@ def read_csv(path: Path) -> Contacts:
 
 
 def require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:
-    """Raise an InputError if a column of a contacts.csv is missing from `names`."""
+    """Check that `names` has every column of a contacts.csv.
+
+    Raises:
+        InputError: one is missing.
+    """
     if missing := [name for name in COLUMNS if name not in names]:
-        raise InputError(
-            f"is not a contacts.csv: there is no column {missing[0]!r}.",
-            where=str(path),
-            hint="`palpate estimate` writes one.",
-        )
+        what = f"is not a contacts.csv: there is no column {missing[0]!r}."
+        raise InputError(what, where=str(path), hint="`palpate estimate` writes one.")
 
 
 def noted(contacts: Contacts, note: str) -> Contacts:
-    """Return the same rows as `Contacts`, with the note in place of their notes, unless it is ""."""
+    """Return the same rows with `note` in place of their notes, unless it is ""."""
     return replace(contacts, notes=(note,)) if note else contacts
 
 
 def _types(line: bytes) -> dict[str, Any] | None:
-    """Return the polars types of the columns that our header names; None if the header is a different one."""
+    """Return the types of the columns that our header names; None for another header."""
     names = line.decode("utf-8", "replace").rstrip("\n").split(",")
     features = tuple(names[len(COLUMNS) :])
     ours = tuple(names[: len(COLUMNS)]) == COLUMNS and len(set(names)) == len(names)
@@ -106,7 +104,7 @@ def _types(line: bytes) -> dict[str, Any] | None:
 
 
 def _pieces(file: BinaryIO, torn: bool, types: dict[str, Any]) -> Iterator[Contacts]:
-    """Yield the rows in pieces of about 8 MB, at least one piece."""
+    """Yield the rows in pieces of about 8 MB, at least one."""
     while True:
         text = file.read(_PIECE) + file.readline()
         whole, end, rest = text.rpartition(b"\n") if torn else (text, b"", b"")
@@ -116,7 +114,6 @@ def _pieces(file: BinaryIO, torn: bool, types: dict[str, Any]) -> Iterator[Conta
 
 
 def _parsed(text: bytes, types: dict[str, Any]) -> pl.DataFrame:
-    """Parse lines of text strictly, with the columns of our header."""
     return pl.read_csv(text, has_header=False, schema=types, quote_char=None) if text else pl.DataFrame(schema=types)
 
 
@@ -125,9 +122,5 @@ def _statuses(table: TextTable) -> np.ndarray:
     codes = text.replace_strict(LABELS, range(len(LABELS)), default=None, return_dtype=pl.Int8)
     if codes.null_count():
         at = int(np.flatnonzero(codes.is_null().to_numpy())[0])
-        raise InputError(
-            f"unknown status {text[at]!r}.",
-            where=f"{table.path}, line {table.lines[at]}",
-            hint=near(str(text[at]), LABELS),
-        )
+        table.refuse(at, f"unknown status {text[at]!r}", near(str(text[at]), LABELS))
     return codes.to_numpy().copy()

@@ -1,4 +1,4 @@
-"""Write touches.csv, the touches that were found, in the form that known touches have."""
+"""Write touches.csv, the touches that were found, in the form of known touches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["write_events"]
 
 
 def write_events(path: Path, events: Events) -> None:
-    """Write touches as CSV, in SI: start,end,px,py,pz,label, then the other columns; labels count from 1.
+    """Write touches as CSV, in SI: start,end,px,py,pz,label, then other columns; labels count from 1.
 
     Raises:
         InputError: the file cannot be written.

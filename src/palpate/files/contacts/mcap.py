@@ -1,4 +1,4 @@
-"""Convert contacts to and from MCAP messages: some that Foxglove, rerun and ROS 2 draw, and one with all numbers."""
+"""Convert contacts to and from MCAP messages: one with all numbers, and some that Foxglove, rerun and ROS 2 draw."""
 
 from __future__ import annotations
 
@@ -74,13 +74,9 @@ float64[9] covariance # of the point, m^2, row by row
 _STATUS = "uint8 status\n"
 KIND = "palpate_msgs/msg/Contact"
 _CONTACT_FIELDS: Fields = (
-    ("sample", "<i8", ()),
-    ("contact", "<i8", ()),
-    ("candidates", "<i8", ()),
+    *((name, "<i8", ()) for name in ("sample", "contact", "candidates")),
     ("time", "<f8", ()),
-    ("point", "<f8", (3,)),
-    ("normal", "<f8", (3,)),
-    ("force", "<f8", (3,)),
+    *((name, "<f8", (3,)) for name in ("point", "normal", "force")),
     ("torque", "<f8", ()),
     ("covariance", "<f8", (3, 3)),
 )
@@ -92,7 +88,7 @@ LATEST = 2**31 * 10**9 - 1  # ns: the largest stamp whose seconds fit an int32
 
 
 def topics(features: tuple[str, ...] = ()) -> tuple[WrittenTopic, ...]:
-    """Return each `WrittenTopic` of a file of contacts, a tuple: one with all numbers of each row, two for viewers."""
+    """Return the topics of a file of contacts: one with all numbers of each row, two for viewers."""
     added = "".join(f"float64 {name} # of the sensor, SI\n" for name in features)
     return (
         WrittenTopic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{STAMPED}{_POINT}{VECTOR}"),
@@ -102,7 +98,7 @@ def topics(features: tuple[str, ...] = ()) -> tuple[WrittenTopic, ...]:
 
 
 def named_features(definition: str) -> tuple[str, ...]:
-    """Return the names of the features in a definition of `KIND`: its numbers between covariance and status."""
+    """Return the names of the features in a definition of `KIND`."""
     own = definition.split(_RULE, 1)[0].partition("covariance")[2]
     return tuple(re.findall(r"^float64 (\w+)", own, re.MULTILINE))
 
@@ -113,7 +109,7 @@ def _contact_fields(features: tuple[str, ...]) -> Fields:
 
 @takes_arrays
 class ContactMessages:
-    """Converter of contacts to messages; all messages of a topic are equally long, since the frame's name is fixed.
+    """Converter of contacts to messages of the three `topics`.
 
     Args:
         frame_id: name of the frame of the contacts, for viewers.
@@ -129,22 +125,19 @@ class ContactMessages:
     def of(
         self, contacts: Contacts, stamps: Int[np.ndarray, " n"] | None = None
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return messages of the three `topics`: their bytes (uint8), and a list of views of these, structured arrays.
+        """Return the messages of contacts: their bytes (uint8), and a structured view of these per topic.
 
         Args:
-            contacts: n rows; those with a point and a normal are in the second and third topic too.
-            stamps: [ns] of the rows, where they are known more exactly than by the times.
+            contacts: n rows; only those with a point and a normal are in the second and third topic.
+            stamps: (n,) [ns] where they are known more exactly than by the times.
         """
         stamps = self._stamps(contacts.time) if stamps is None else stamps
         estimate = contacts.estimate
         placed = np.flatnonzero(np.isfinite(np.hstack([estimate.point, estimate.normal])).all(axis=1))
         raw, messages = made(self._kinds, [stamps, stamps[placed], stamps[placed]])
         everything, pose, wrench = messages
-        everything["sample"], everything["contact"], everything["time"] = (
-            contacts.sample,
-            contacts.identity,
-            contacts.time,
-        )
+        everything["sample"], everything["contact"] = contacts.sample, contacts.identity
+        everything["time"] = contacts.time
         for name in ("point", "normal", "force", "torque", "covariance", "candidates", "status"):
             everything[name] = getattr(estimate, name)
         for name in self._features:
@@ -156,7 +149,7 @@ class ContactMessages:
         return raw, messages
 
     def _stamps(self, time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Return stamps (n,) [ns], clipped to ROS's range; a missing time is replaced by the one before."""
+        """Return stamps [ns], clipped to ROS's range; one that is missing is the one before."""
         known = np.flatnonzero(np.isfinite(time))
         seconds = time[known].clip(0, LATEST / 1e9)
         whole = np.floor(seconds).clip(max=LATEST // 10**9)
@@ -168,11 +161,9 @@ class ContactMessages:
 
 
 def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Contacts:
-    """Return the `Contacts` in messages of `KIND` whose frame has one name.
+    """Return the contacts in messages of `KIND`, (n, length) bytes as uint8, whose frame has one name.
 
-    Args:
-        payloads: (n, length) bytes, as uint8.
-        features: names of the features in their definition.
+    `features` are those that their definition names.
 
     Raises:
         ValueError: a message is not of this type, has an unknown status, or is an answered row without a point.
@@ -197,11 +188,9 @@ def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Conta
 
 
 def _z_to(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
-    """Return the shortest rotations (n, 4), x, y, z, w, that turn z into `normal`; for -z, half a turn about x."""
+    """Return the shortest rotations (n, 4), x, y, z, w, that turn z into `normal`."""
     x, y, z = normal[:, 0], normal[:, 1], normal[:, 2]
-    above: Float[np.ndarray, " n"] = np.where(
-        z > 0, 1 + z, (x * x + y * y) / (1 - z.clip(max=0))
-    )  # 1 + z, without cancellation near z = -1
+    above = np.where(z > 0, 1 + z, (x * x + y * y) / (1 - z.clip(max=0)))  # 1 + z, without cancellation near z = -1
     quaternion = np.stack([-y, x, np.zeros_like(x), above], axis=1)
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
     return np.where(length > 0, quaternion, [1.0, 0.0, 0.0, 0.0]) / np.where(length > 0, length, 1.0)

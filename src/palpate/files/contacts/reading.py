@@ -1,4 +1,4 @@
-"""Read files of contacts in blocks, finished or not, in any of their formats."""
+"""Read files of contacts in blocks, finished or not, in any format."""
 
 from __future__ import annotations
 
@@ -27,18 +27,23 @@ _KIND = KIND.replace("/msg/", "/")
 
 
 def contact_blocks(path: Path) -> Iterator[Contacts]:
-    """Yield the rows of a file as `Contacts`, in order, in pieces, at least one; their notes have remarks on the file.
+    """Yield the rows of a file of contacts, in order, in pieces, at least one; their notes have remarks on the file.
 
-    From OUTPUT.part every complete block is read, and damage is noted.
+    Of OUTPUT.part every complete block is read.
 
     Raises:
-        InputError: the file is missing or holds no contacts, or a row in it is invalid.
+        InputError: the file cannot be read or holds no contacts, or a row in it is invalid.
     """
     require_polars_threads()
-    if path.is_dir():
-        yield from _folder(path)
+    if path.is_dir():  # OUTPUT.part of a Parquet file
+        files = sorted(path.glob("*.parquet"))
+        if not files:
+            raise InputError("is a folder without rows of contacts (*.parquet).", where=str(path))
+        for file in files:
+            yield from _parquet(file)
         return
-    start = _start(path)
+    with open_input(path) as file:
+        start = read_some(file, path, len(MAGIC))
     if start == MAGIC:
         yield from _mcap(path)
     elif start.startswith(b"PAR1"):
@@ -47,26 +52,7 @@ def contact_blocks(path: Path) -> Iterator[Contacts]:
         yield from csv_blocks(path, torn=path.suffix == PART)
 
 
-def _start(path: Path) -> bytes:
-    with open_input(path) as file:
-        return read_some(file, path, len(MAGIC))
-
-
-def _folder(path: Path) -> Iterator[Contacts]:
-    """Read OUTPUT.part of a Parquet file, a folder."""
-    files = sorted(path.glob("*.parquet"))
-    if not files:
-        raise InputError("is a folder without rows of contacts (*.parquet).", where=str(path))
-    for file in files:
-        yield from _parquet(file)
-
-
 def _parquet(path: Path) -> Iterator[Contacts]:
-    """Yield the rows of a Parquet file of contacts, in pieces.
-
-    Raises:
-        InputError: the file holds no contacts, or a row in it is invalid.
-    """
     try:
         rows = pl.scan_parquet(path, glob=False)
         names = rows.collect_schema().names()
@@ -81,7 +67,7 @@ def _parquet(path: Path) -> Iterator[Contacts]:
 
 
 def _mcap(path: Path) -> Iterator[Contacts]:
-    """Yield the rows of an MCAP file of contacts; a last piece without rows has the note on damage."""
+    """Yield the rows; a last piece without rows has the note on damage."""
     file, rows = McapFile(path), 0
     try:
         for messages in file.messages():
@@ -98,7 +84,7 @@ def _mcap(path: Path) -> Iterator[Contacts]:
 
 
 def _ours(messages: MessageBlock) -> Iterator[np.ndarray]:
-    """Yield the messages that hold contacts, (n, length) bytes, in order; each array has messages of one length."""
+    """Yield the messages that hold contacts, (n, length) bytes, one length at a time."""
     keys = [key for key, topic in messages.topics.items() if topic.kind == _KIND and topic.encoding == "cdr"]
     ours = np.isin(messages.topic, keys)
     start, length = messages.start[ours], messages.length[ours]

@@ -1,4 +1,4 @@
-"""Write files of contacts, with at least one row for every sample of the log, as CSV, Parquet or MCAP.
+"""Write files of contacts as CSV, Parquet or MCAP.
 
 While it is being written, OUTPUT is OUTPUT.part, which can be read up to its last block at any moment.
 """
@@ -24,15 +24,7 @@ from palpate.files.contacts.mcap import ContactMessages, topics
 from palpate.files.contacts.reading import contact_blocks
 from palpate.files.mcap.writer import McapWriter
 
-__all__ = [
-    "ContactsWriter",
-    "contact_blocks",
-    "open_contacts",
-    "read_contacts",
-    "require_format",
-    "unfinished",
-    "write_contacts",
-]
+__all__ = ["ContactsWriter", "open_contacts", "read_contacts", "require_format", "unfinished", "write_contacts"]
 
 _SMALL = 4096  # rows up to which Parquet files grow, should blocks be small
 _GROUP = 20_000  # rows of a group in the joined Parquet file: memory is a few of them
@@ -40,7 +32,7 @@ _CHUNK = 2048  # samples of a chunk of MCAP
 
 
 class _Appended:
-    """A file to which bytes are appended; a write that was interrupted is cut off when the file is finished."""
+    """A file to which bytes are appended; an interrupted write is cut off at the end."""
 
     def __init__(self, path: Path, head: bytes) -> None:
         self._path = path
@@ -95,7 +87,7 @@ class _Mcap(_Appended):
 
 
 class _Parquet:
-    """A folder of small, complete files, joined at the end: a Parquet file has its index at its end."""
+    """A folder of small, complete files, joined at the end."""
 
     def __init__(self, path: Path, _: str, features: tuple[str, ...]) -> None:
         self._folder = path
@@ -116,10 +108,9 @@ class _Parquet:
     def finish(self) -> None:
         if files := sorted(self._folder.glob("*.parquet")):
             beside = self._folder / f"joined{PART}"  # renamed to `WHOLE` only once it is complete
+            rows = pl.scan_parquet(files, glob=False)
             with _of_the_system():
-                pl.scan_parquet(files, glob=False).sink_parquet(
-                    beside, compression="zstd", compression_level=1, row_group_size=_GROUP
-                )
+                rows.sink_parquet(beside, compression="zstd", compression_level=1, row_group_size=_GROUP)
             beside.replace(self._folder / WHOLE)
         else:
             self._rows.write_parquet(self._folder / WHOLE)
@@ -131,7 +122,7 @@ class _Parquet:
 
 @contextmanager
 def _of_the_system() -> Generator[None]:
-    """Raise the operating system's error, such as that of a full disk, which polars wraps in a sentence."""
+    """Raise the system's error, such as that of a full disk, which polars wraps."""
     try:
         yield
     except pl.exceptions.ComputeError as problem:
@@ -139,13 +130,17 @@ def _of_the_system() -> Generator[None]:
         raise OSError(int(number[1]), os.strerror(int(number[1]))) if number else OSError(str(problem)) from problem
 
 
+# Unfinished files to which contacts are appended: `finish` completes one, `abandon` keeps or removes it.
 _Sink = _Csv | _Parquet | _Mcap
-"""An unfinished file to which contacts are appended: `finish` completes it, `abandon` keeps or removes it."""
 _SINKS: dict[str, type[_Sink]] = {".csv": _Csv, ".parquet": _Parquet, ".mcap": _Mcap}
 
 
 class ContactsWriter:
-    """A writer of contacts, block by block; each block is in the file when `write` returns."""
+    """A writer of contacts, block by block; each block is in the file when `write` returns.
+
+    Attributes:
+        rows: number of rows written so far.
+    """
 
     def __init__(self, path: Path, sink: _Sink, features: tuple[str, ...]) -> None:
         self._path, self._sink, self._features = path, sink, features
@@ -167,31 +162,27 @@ class ContactsWriter:
 
 
 def require_format(path: Path) -> None:
-    """Refuse an output whose suffix is that of no format, before any work is done.
+    """Check that an output has the suffix of a known format.
 
     Raises:
-        InputError: the suffix is unknown; the hint lists the known ones.
+        InputError: it has another one.
     """
     if path.suffix.lower() not in _SINKS:
-        raise InputError(
-            f"contacts cannot be written to a file that ends in {path.suffix!r}.",
-            where=str(path),
-            hint=f"Use one of {', '.join(_SINKS)}.",
-        )
+        what = f"contacts cannot be written to a file that ends in {path.suffix!r}."
+        raise InputError(what, where=str(path), hint=f"Use one of {', '.join(_SINKS)}.")
 
 
 @contextmanager
 def open_contacts(
     path: str | Path, *, frame_id: str = "surface", features: tuple[str, ...] = ()
 ) -> Generator[ContactsWriter]:
-    """Yield a `ContactsWriter`, which writes block by block, so that memory does not grow; the suffix gives the format.
+    """Yield a writer of contacts, block by block.
 
-    OUTPUT.part takes the name of OUTPUT when the block ends well, or by Ctrl-C once there is a row. After any other
-    error, or a kill, it stays, with every block that was written; without a row it is removed. OUTPUT itself is not
-    touched before.
+    OUTPUT.part takes the name of OUTPUT when the block ends well, or by Ctrl-C once there is a row. After another
+    error, or a kill, it stays with every block that was written, but is removed if it has no row.
 
     Args:
-        path: OUTPUT, ending in .csv, .parquet or .mcap.
+        path: OUTPUT; its suffix, .csv, .parquet or .mcap, gives the format.
         frame_id: name of the contacts' frame, for viewers; only MCAP stores it.
         features: names of the columns that the sensor adds, after the others.
 
@@ -218,7 +209,9 @@ def open_contacts(
 
 
 def write_contacts(path: str | Path, contacts: Contacts, *, frame_id: str = "surface") -> None:
-    """Write all contacts to a file at once; the suffix, .csv, .parquet or .mcap, gives the format.
+    """Write all contacts to a file; the suffix, .csv, .parquet or .mcap, gives the format.
+
+    Only MCAP stores `frame_id`, the name of their frame, for viewers.
 
     Raises:
         InputError: the suffix is unknown, or the file cannot be written.
@@ -228,16 +221,16 @@ def write_contacts(path: str | Path, contacts: Contacts, *, frame_id: str = "sur
 
 
 def read_contacts(path: str | Path) -> Contacts:
-    """Read all rows of a file as `Contacts`, finished or not; numbers equal those written, to the last bit.
+    """Read all rows of a file of contacts, finished or not; numbers equal those written, to the last bit.
 
     Raises:
-        InputError: the file is missing or holds no contacts, or a row in it is invalid.
+        InputError: the file cannot be read or holds no contacts, or a row in it is invalid.
     """
     return Contacts.joined(list(contact_blocks(Path(path))))
 
 
 def unfinished(path: Path) -> Path | None:
-    """Return OUTPUT.part if writing it was cut short: OUTPUT does not exist, or `path` names OUTPUT.part; else None."""
+    """Return OUTPUT.part if OUTPUT does not exist, or if `path` is OUTPUT.part; None if there is no such file."""
     if path.suffix == PART:
         return path if path.exists() else None
     try:

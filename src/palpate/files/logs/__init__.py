@@ -1,7 +1,7 @@
 """Read logs of any format as recordings in SI, block by block; `open_log` opens any of them."""
 
 from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
-from palpate.files.logs.log import Images, Log, LogContents, Stored
+from palpate.files.logs.log import Log, LogContents, Stored
 from palpate.files.logs.opening import (
     contents,
     image_size,
@@ -16,7 +16,6 @@ from palpate.files.logs.opening import (
 __all__ = [
     "ArrayChannel",
     "ImageChannel",
-    "Images",
     "Log",
     "LogContents",
     "LogLayout",

@@ -1,7 +1,4 @@
-"""Read a log of arrays with one row per sample: an .npz, the one array of an .npy, or arrays in memory.
-
-Pickled objects are never loaded.
-"""
+"""Read a log of arrays with one row per sample, from an .npz, an .npy or memory; Python objects are never loaded."""
 
 from __future__ import annotations
 
@@ -32,7 +29,6 @@ _DAMAGED = (
     KeyError,
     SyntaxError,
     MemoryError,
-    NotImplementedError,
     RuntimeError,
     BadZipFile,
     ZlibError,
@@ -40,13 +36,13 @@ _DAMAGED = (
 
 
 class ArrayLog(ColumnLog):
-    """A log in a NumPy file, with as many samples as the arrays have rows; a damaged file cannot be read at all."""
+    """A log in a NumPy file, with as many samples as the arrays have rows."""
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the names and sample shapes of the arrays, from their headers.
+        """Return the names and sample shapes of the arrays, from their headers.
 
         Raises:
-            InputError: the file is damaged, or holds Python objects.
+            InputError: the file does not exist, is damaged, or holds Python objects.
         """
         with self._reading(), open_input(self.path) as file:
             if file.read(len(_MAGIC)) == _MAGIC:
@@ -55,23 +51,21 @@ class ArrayLog(ColumnLog):
             else:
                 with ZipFile(file) as archive:
                     names = [name for name in archive.namelist() if name.endswith(".npy")]
-                    heads = {name.removesuffix(".npy"): _opened_head(archive, name) for name in names}
+                    heads = {name.removesuffix(".npy"): _head(archive.open(name)) for name in names}
         return LogContents(self.path, {name: _sample(shape) for name, shape in heads.items() if shape})
 
     def blocks(self) -> Iterator[Recording]:
         """Yield the rows as recordings in SI.
 
         Raises:
-            InputError: the layout does not fit the arrays, they differ in length, are empty or no numbers, or the file
-                is damaged.
+            InputError: the layout does not fit the arrays; they differ in length, are empty or no numbers; or the file
+                does not exist or is damaged.
         """
         shapes = self.contents().names
         if self._layout.rate is None and self._layout.time not in shapes:
-            raise InputError(
-                f"has no array of times, {self._layout.time!r}.",
-                where=str(self.path),
-                hint="Write the rate [Hz] of the samples in the rig, as rate in [time], or add the times as an array.",
-            )
+            what = f"has no array of times, {self._layout.time!r}."
+            hint = "Write the rate [Hz] of the samples in the rig, as rate in [time], or add the times as an array."
+            raise InputError(what, where=str(self.path), hint=hint)
         self._columns = columns = Columns(self._layout, self.path, shapes)
         arrays = self._arrays(list(dict.fromkeys(columns.places[column][0] for column in columns.names)))
         yield from self._cut(columns, arrays, 0, len(next(iter(arrays.values()))))
@@ -83,16 +77,14 @@ class ArrayLog(ColumnLog):
             return {SINGLE: loaded} if alone else {name: loaded[name] for name in names}
 
     def _arrays(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Return the arrays to be read, each as (n, k) and with the same number of rows."""
+        """Return the arrays, (n, k) each with the same n."""
         arrays, first = self._loaded(names), names[0]
         for name, values in arrays.items():
             if not (np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)):
                 raise InputError(f"array {name} holds {values.dtype}, not numbers.", where=str(self.path))
             if len(values) != len(arrays[first]):
-                raise InputError(
-                    f"has {len(arrays[first])} rows of {first} and {len(values)} rows of {name}: they must agree.",
-                    where=str(self.path),
-                )
+                what = f"has {len(arrays[first])} rows of {first} and {len(values)} rows of {name}: they must agree."
+                raise InputError(what, where=str(self.path))
         if not len(arrays[first]):
             raise InputError("holds no samples.", where=str(self.path))
         return {name: values.reshape(len(values), -1) for name, values in arrays.items()}
@@ -107,22 +99,20 @@ class ArrayLog(ColumnLog):
 
 @runtime_checkable
 class DataFrame(Protocol):
-    """A table of polars or pandas: `columns` are the names, and indexing by a name gives a column."""
+    """A table of polars or pandas."""
 
     @property
     def columns(self) -> Any:
         """Names of the columns."""
-        ...
 
     def __getitem__(self, name: Any, /) -> Any:
         """Return the column of this name."""
-        ...
 
 
 def arrays_of(log: DataFrame | Mapping[str, Any] | np.ndarray) -> dict[str, np.ndarray]:
-    """Return a dict of name -> array: the columns of a table, or the given arrays; dates become seconds since 1970.
+    """Return the columns of a table, or the given arrays, by name; dates become seconds since 1970.
 
-    A single array is named "array", like that of an .npy.
+    A single array is called "array".
     """
     if isinstance(log, np.ndarray):
         return {SINGLE: log}
@@ -142,7 +132,7 @@ class HeldLog(ArrayLog):
         self._held = arrays
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the names and sample shapes of the arrays.
+        """Return the names and sample shapes of the arrays.
 
         Raises:
             InputError: there is no array, or one is a single number.
@@ -157,13 +147,8 @@ class HeldLog(ArrayLog):
         return {name: self._held[name] for name in names}
 
 
-def _opened_head(archive: ZipFile, name: str) -> tuple[int, ...]:
-    with archive.open(name) as file:
-        return _head(file)
-
-
 def _head(file: Any) -> tuple[int, ...]:
-    """Return the shape of an array from its header in a file; raise a ValueError if it holds Python objects."""
+    """Return the shape of an array from its header; raise a ValueError if it holds Python objects."""
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, kind = read(file)
@@ -173,5 +158,4 @@ def _head(file: Any) -> tuple[int, ...]:
 
 
 def _sample(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of one row, () if that is one number."""
     return shape[1:] if prod(shape[1:]) != 1 else ()

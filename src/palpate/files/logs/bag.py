@@ -1,4 +1,4 @@
-"""Read the messages of a ROS 1 or ROS 2 bag through rosbags, and of a folder of MCAP files without it."""
+"""Read the messages of a ROS 1 or 2 bag through rosbags, and of a folder of MCAP files without it."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _MOST, _BYTES = 1 << 13, 1 << 22  # messages and bytes of a batch
 
 
 def open_folder(path: Path) -> MessageFile:
-    """Return the `MessageFile` of a ROS 2 bag; one of MCAP files needs no metadata.yaml, as after a kill.
+    """Return the messages of a ROS 2 bag, a folder; one of MCAP files needs no metadata.yaml.
 
     Raises:
-        InputError: the folder cannot be read or holds no bag, or MCAP files of several recordings.
+        InputError: the folder cannot be read, holds no bag, or holds MCAP files of several recordings.
     """
     try:
         files = [file for file in path.iterdir() if file.is_file()]
@@ -33,9 +33,8 @@ def open_folder(path: Path) -> MessageFile:
     parts = sorted((file for file in files if file.suffix == ".mcap"), key=natural)
     if len({re.sub(r"_\d+$", "", part.stem) for part in parts}) > 1:
         listed = ", ".join(part.name for part in parts[:5])
-        raise InputError(
-            f"holds MCAP files of several recordings: {listed}.", where=str(path), hint="Name one of these."
-        )
+        what = f"holds MCAP files of several recordings: {listed}."
+        raise InputError(what, where=str(path), hint="Name one of these.")
     if parts:
         return _Parts(path, [McapFile(part) for part in parts])
     if path / "metadata.yaml" not in files:
@@ -44,7 +43,7 @@ def open_folder(path: Path) -> MessageFile:
 
 
 def natural(path: Path) -> tuple[str | int, ...]:
-    """Return a sort key of a file's name by which bag_2 comes before bag_10."""
+    """Return a sort key for a file's name, by which bag_2 comes before bag_10."""
     return tuple(int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name))
 
 
@@ -78,14 +77,18 @@ class _Parts(MessageFile):
 
 
 class BagFile(MessageFile):
-    """A .bag file, a .db3 file or a folder of these; rosbags can read only an undamaged one."""
+    """A .bag file, a .db3 file or a folder of these; rosbags can read only an undamaged one.
+
+    Raises:
+        OSError: it does not exist, or its size cannot be read.
+    """
 
     def __init__(self, path: Path) -> None:
         files = [path] if path.is_file() else [file for file in path.iterdir() if file.is_file()]
         super().__init__(path, sum(file.stat().st_size for file in files))
 
     def topics(self) -> list[Topic]:
-        """Return the topics that the bag lists, a list of `Topic` with message counts.
+        """Return the topics that the bag lists, with their message counts.
 
         Raises:
             InputError: the bag cannot be read, or rosbags is not installed.
@@ -95,7 +98,7 @@ class BagFile(MessageFile):
             return _topics(bag)
 
     def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
-        """Yield the messages of the topics in `names`, or of all if it is empty, in blocks (`MessageBlock`).
+        """Yield the messages of the topics in `names`, or of all if it is empty, in blocks.
 
         Raises:
             InputError: the bag is damaged, or rosbags is not installed.
@@ -122,7 +125,7 @@ class BagFile(MessageFile):
 
     @contextmanager
     def _opened(self) -> Generator[Any]:
-        """Yield rosbags' reader of the bag; any error that it meets in a damaged bag becomes an InputError."""
+        """Yield rosbags' reader; its errors become InputErrors."""
         if self.path.is_file():
             open_input(self.path).close()
         try:
@@ -134,11 +137,9 @@ class BagFile(MessageFile):
             with (Reader1 if self.path.suffix == ".bag" else Reader2)(self.path) as bag:
                 yield bag
         except Exception as problem:
-            raise InputError(
-                f"is a bag that cannot be read ({type(problem).__name__}: {' '.join(str(problem).split())[:200]}).",
-                where=str(self.path),
-                hint="Repair a recording that was not finished with `rosbag reindex` or `ros2 bag reindex`.",
-            ) from problem
+            what = f"is a bag that cannot be read ({type(problem).__name__}: {' '.join(str(problem).split())[:200]})."
+            hint = "Repair a recording that was not finished with `rosbag reindex` or `ros2 bag reindex`."
+            raise InputError(what, where=str(self.path), hint=hint) from problem
 
 
 def _topics(bag: Any) -> list[Topic]:

@@ -1,9 +1,10 @@
-"""Read a log of columns in blocks, in any format: assign columns to channels, and count what cannot be read."""
+"""Read a log of columns in blocks: assign columns to channels, and count what cannot be read."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain, groupby
 from math import prod
 from pathlib import Path
@@ -12,41 +13,20 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.files.logs.layout import (
-    ACCELERATION_COLUMNS,
-    ORIENTATION_COLUMNS,
-    POSITION_COLUMNS,
-    ArrayChannel,
-    LogLayout,
-)
+from palpate.files.logs.layout import POSE_COLUMNS, ArrayChannel, LogLayout, require_stated, stated_layout
 from palpate.files.logs.log import Log
-from palpate.files.logs.naming import require_stated, stated_layout
 from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
 from palpate.files.tables.fields import Fields
 from palpate.files.tables.stated import Stated
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
-from palpate.signals.recording import (
-    ACCELERATION,
-    CELLS,
-    FORCE,
-    ORIENTATION,
-    POSITION,
-    TEMPERATURE,
-    TORQUE,
-    Recording,
-)
+from palpate.signals.recording import CELLS, FORCE, TEMPERATURE, TORQUE, Recording
 
-__all__ = ["BLOCK", "SINGLE", "ColumnLog", "Columns", "flattened", "plan"]
+__all__ = ["SINGLE", "ColumnLog", "Columns", "plan"]
 
 BLOCK = 1 << 13  # rows handed on at a time
 Read = Callable[[Sequence[str], Fields], Float[np.ndarray, "n k"]]
 Shapes = Mapping[str, tuple[int, ...]]
 _TIME = "time"
-_POSES = (
-    (ORIENTATION, ORIENTATION_COLUMNS),
-    (POSITION, POSITION_COLUMNS),
-    (ACCELERATION, ACCELERATION_COLUMNS),
-)
 SINGLE = "array"  # what the one array of an .npy is called
 _IMAGES = "Name a video, a folder of frames, an MCAP file or a bag."
 _OTHER_NAMES = {CELLS: "frames"}  # of arrays
@@ -56,16 +36,16 @@ class Columns:
     """Builder of the recordings of a log from its columns.
 
     Args:
-        layout: names of the columns to read, and their units.
+        layout: of the log.
         path: of the log.
         shapes: name -> () of a column, or the shape of one sample of an array, whose columns are named by `flattened`.
-        stated: units that the log states.
-
-    Raises:
-        InputError: the layout is invalid, a column that it names is missing, or the log states other units.
+        stated: units that the log states; None: those in the names.
 
     Attributes:
         places: column -> its array, and its index in a sample of this.
+
+    Raises:
+        InputError: the layout is invalid, a column that it names is missing, or the log states other units.
     """
 
     def __init__(self, layout: LogLayout, path: Path, shapes: Shapes, stated: Stated | None = None) -> None:
@@ -85,7 +65,7 @@ class Columns:
         return list(dict.fromkeys(chain.from_iterable(self._groups.values())))
 
     def block(self, read: Read) -> Recording:
-        """Return the next samples as a `Recording` in SI; `read` returns the numbers of given columns, (n, k)."""
+        """Return the next samples in SI; `read` returns the numbers of given columns, (n, k)."""
         values = {group: read(columns, self._fields[group]) for group, columns in self._groups.items()}
         if _TIME in values:  # 235 / 1e3 is 0.235, 235 * 1e-3 is not
             time = values.pop(_TIME)[:, 0] / self._per_second
@@ -95,13 +75,29 @@ class Columns:
         self._count += len(time)
         return self._samples.block(time, values)
 
+    def taken(
+        self, arrays: Mapping[str, np.ndarray], before: int, names: Sequence[str], fields: Fields
+    ) -> Float[np.ndarray, "n k"]:
+        """Return columns (n, k) of n rows of arrays, and count them; `before` rows precede them in the log."""
+        parts: list[np.ndarray] = []
+        for array, group in groupby(map(self.places.__getitem__, names), key=lambda place: place[0]):
+            values, columns = arrays[array], [k for _, k in group]
+            parts.append(values if columns == list(range(values.shape[1])) else values.take(columns, axis=1))
+        found = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)).astype(np.float64, order="C")
+        fields.count(found, lambda row: f"row {before + row + 1}")
+        return found
+
     def finish(self) -> None:
-        """Raise an InputError if a column contained no number from the first block to the last."""
+        """Check, after the last block, that no column has text and not a single number.
+
+        Raises:
+            InputError: one does.
+        """
         for fields in self._fields.values():
             fields.require_numbers(self._path)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the blocks so far, one sentence each: unreadable fields, odd times, an assumed rate."""
+        """Return notes on the blocks so far, one sentence each: unreadable fields, odd times, no times."""
         said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
         if _TIME not in self._groups:
             return (f"samples have no times: a rate of {self._layout.rate:g} Hz is assumed", *said)
@@ -109,7 +105,7 @@ class Columns:
 
 
 class ColumnLog(Log):
-    """A log of columns: one sample per row, in their order; what cannot be read is NaN and noted."""
+    """Base class of the logs of columns: one sample per row, in order; what cannot be read is NaN and noted."""
 
     def __init__(self, path: Path, layout: LogLayout) -> None:
         super().__init__(path, path.stat().st_size if path.exists() else 0)
@@ -117,41 +113,22 @@ class ColumnLog(Log):
         self._columns: Columns | None = None
 
     def notes(self) -> tuple[str, ...]:
-        """Return the notes on the columns read so far, one sentence each."""
+        """Return notes on the columns read so far, one sentence each."""
         return () if self._columns is None else tuple(dict.fromkeys(self._columns.notes()))
 
     def _cut(self, columns: Columns, arrays: Mapping[str, np.ndarray], before: int, total: int) -> Iterator[Recording]:
-        """Yield the rows of arrays, (n, k) each, in blocks; `before` rows of `total` precede them in the file."""
+        """Yield rows of arrays, (n, k) each, in blocks; `before` of `total` precede them in the file."""
         count, block = len(next(iter(arrays.values()))), rows_at_once(BLOCK, len(columns.names))
         for start in range(0, count, block):  # what follows needs far more memory than what is read
             self.position = self.size * (before + min(start + block, count)) // total
             rows = {name: values[start : start + block] for name, values in arrays.items()}
-            yield columns.block(_Rows(rows, columns.places, before + start).read)
-
-
-class _Rows:
-    """Rows of some arrays; `places` gives the array and index of each column."""
-
-    def __init__(self, arrays: Mapping[str, np.ndarray], places: Mapping[str, tuple[str, int]], before: int) -> None:
-        self._arrays, self._places, self._before = arrays, places, before
-
-    def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
-        parts: list[np.ndarray] = []
-        for array, group in groupby(map(self._places.__getitem__, names), key=lambda place: place[0]):
-            values, columns = self._arrays[array], [k for _, k in group]
-            parts.append(values if columns == list(range(values.shape[1])) else values.take(columns, axis=1))
-        found = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)).astype(np.float64, order="C")
-        fields.count(found, lambda row: f"row {self._before + row + 1}")
-        return found
+            yield columns.block(partial(columns.taken, rows, before + start))
 
 
 def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:
-    """Return a dict of "time", `WRENCH` and each channel -> the names of its columns.
+    """Return the names of the columns of "time", `WRENCH` and each channel of a layout.
 
-    Args:
-        layout: channels to read.
-        shapes: name -> sample shape of the columns and arrays that the log has.
-        path: of the log.
+    `shapes` has the sample shapes of the columns and arrays in the log `path`.
 
     Raises:
         InputError: a column is missing, an array has the wrong size, or images are requested.
@@ -166,7 +143,7 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
         groups[WRENCH] = layout.wrench
     groups |= {array.name: array.columns for array in layout.arrays if array.columns is not None}
     _require_known(list(chain.from_iterable(groups.values())), names, path)
-    for channel, usual in _POSES:
+    for channel, usual in POSE_COLUMNS.items():
         declared: tuple[str, ...] | None = getattr(layout, channel)
         if columns := declared or (usual if names.keys() >= set(usual) else ()):
             _require_known(columns, names, path)
@@ -183,15 +160,11 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
 
 
 def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
-    """Return a dict, column -> (its array, its index in a sample): an array's columns are named `force[0]`, ..."""
-    found: dict[str, tuple[str, int]] = {}
-    for name, shape in shapes.items():
-        found |= {column: (name, k) for k, column in enumerate(_columns(name, shape))}
-    return found
+    """Return column -> (its array, its index in a sample); an array's columns are `force[0]`, ..."""
+    return {column: (name, k) for name, shape in shapes.items() for k, column in enumerate(_columns(name, shape))}
 
 
 def _per_second(layout: LogLayout) -> float:
-    """Return the number of the time's units in a second."""
     if layout.time_unit == SAMPLES:
         return layout.rate or 1.0
     return float(round(1 / to_si(layout.time_unit, TIME_UNITS, where="time_unit")))
@@ -202,18 +175,17 @@ def _columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
 
 
 def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
-    """Return the layout with arrays in place of missing columns, if the log has arrays with names of channels."""
-    arrays = {name: shape for name, shape in shapes.items() if shape}
-    if not arrays:
+    """Return the layout with arrays that are named as channels in place of missing columns."""
+    made = {name: _columns(name, shape) for name, shape in shapes.items() if shape}
+    if not made:
         return layout
-    made = {name: _columns(name, shape) for name, shape in arrays.items()}
     changes: dict[str, object] = {}
     if layout.wrench is not None and not set(layout.wrench) <= shapes.keys():
         for names in ((FORCE, TORQUE), (WRENCH,), (SINGLE,)):
             columns = tuple(chain.from_iterable(made.get(name, ()) for name in names))
             if len(columns) == 6:
                 changes["wrench"] = columns
-    for channel, usual in _POSES:
+    for channel, usual in POSE_COLUMNS.items():
         if getattr(layout, channel) is None and len(made.get(channel, ())) == len(usual):
             changes[channel] = made[channel]
     changes["arrays"] = tuple(_found(array, shapes, made, path) for array in layout.arrays)
@@ -221,7 +193,7 @@ def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
 
 
 def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ...]], path: Path) -> ArrayChannel:
-    """Return the channel with the columns of the array of its name; raise an InputError if missing or misshapen."""
+    """Return the channel with the columns of the array of its name."""
     if array.columns is not None and set(array.columns) <= shapes.keys():
         return array
     name = next((name for name in (array.name, _OTHER_NAMES.get(array.name), SINGLE) if name in made), None)
@@ -230,25 +202,17 @@ def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ..
         raise InputError(f"has no array {wanted!r}.", where=str(path), hint=near(wanted, shapes))
     if shapes[name] not in (array.shape, (array.size,)):
         there = " x ".join(map(str, shapes[name]))
-        raise InputError(
-            f"holds {name} of shape n x {there}, not n x {array.described}.", where=str(path), hint=_mend(array)
-        )
+        what = f"holds {name} of shape n x {there}, not n x {array.described}."
+        raise InputError(what, where=str(path), hint=_mend(array))
     return replace(array, columns=made[name])
 
 
 def _require_size(array: ArrayChannel, columns: Sequence[str], path: Path) -> None:
-    if len(columns) == array.size:
-        return
-    has = (
-        f"has {len(columns)} columns in addition to the time"
-        if array.columns is None
-        else f"names {len(columns)} columns"
-    )
-    raise InputError(
-        f"{has}, but {array.size} {array.name} ({array.described}) are needed.",
-        where=str(path) if array.columns is None else array.table,
-        hint=_mend(array),
-    )
+    if (count := len(columns)) != array.size:
+        has = f"names {count} columns" if array.columns else f"has {count} columns in addition to the time"
+        where = array.table if array.columns else str(path)
+        what = f"{has}, but {array.size} {array.name} ({array.described}) are needed."
+        raise InputError(what, where=where, hint=_mend(array))
 
 
 def _mend(array: ArrayChannel) -> str:
@@ -256,11 +220,8 @@ def _mend(array: ArrayChannel) -> str:
 
 
 def _require_known(wanted: Sequence[str], names: Mapping[str, object], path: Path) -> None:
-    """Raise one InputError that names all missing columns, not one error after the other."""
     missing = [name for name in wanted if name not in names]
     if missing:
-        raise InputError(
-            f"there is no column {', '.join(map(repr, missing))}.",
-            where=str(path),
-            hint=f"{near(missing[0], names)} Name the columns in a rig; `palpate rig new` guesses them.".strip(),
-        )
+        what = f"there is no column {', '.join(map(repr, missing))}."
+        hint = f"{near(missing[0], names)} Name the columns in a rig; `palpate rig new` guesses them.".strip()
+        raise InputError(what, where=str(path), hint=hint)

@@ -29,10 +29,10 @@ class CsvLog(ColumnLog):
         self._rows = RowCount()
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the names, units and dialect of the table, from its header.
+        """Return the names, units and dialect of the table, from its header.
 
         Raises:
-            InputError: the file is no table of text.
+            InputError: the file cannot be read, or is no table of text.
         """
         with open_input(self.path) as file:
             dialect = next(tables(file, self.path, HEAD)).dialect
@@ -43,17 +43,16 @@ class CsvLog(ColumnLog):
         """Yield the rows as recordings in SI.
 
         Raises:
-            InputError: the file is no table, has no rows that fit its header or a column without numbers, or the layout
-                does not fit.
+            InputError: the file cannot be read, is no table, or has no rows that fit its header or a column without
+                numbers; or the layout does not fit.
         """
         self._rows, self._columns, self.torn = RowCount(), None, ""
         with open_input(self.path, pipe=True) as file:
             for table in tables(file, self.path, PIECE):
                 self.position = file.tell() if file.seekable() else 0
                 if self._columns is None:
-                    self._columns = Columns(
-                        self._layout, self.path, dict.fromkeys(table.names, ()), Stated.of_dialect(table.dialect)
-                    )
+                    shapes, stated = dict.fromkeys(table.names, ()), Stated.of_dialect(table.dialect)
+                    self._columns = Columns(self._layout, self.path, shapes, stated)
                 table.counted(self._rows)
                 if len(table):
                     yield self._columns.block(table.read)
@@ -66,5 +65,5 @@ class CsvLog(ColumnLog):
             self._columns.finish()
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the rows so far, one sentence each."""
+        """Return notes on the rows read so far, one sentence each."""
         return tuple(dict.fromkeys((*self._rows.notes(), *super().notes())))

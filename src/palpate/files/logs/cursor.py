@@ -1,4 +1,4 @@
-"""Parse many ROS messages at once, byte by byte."""
+"""Parse many ROS messages at once."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _MOST_DIMENSIONS = 16
 
 @takes_arrays
 class Cursor:
-    """A parser of many messages at once, with a read position in each.
+    """A parser of n messages at once, with a read position in each.
 
-    In CDR (ROS 2) the second of the first four bytes states the byte order, and numbers are aligned to their size from
-    the fifth on; in ROS 1 nothing is aligned, and a header begins with an additional number.
+    In CDR (ROS 2) the second byte states the byte order, and numbers are aligned to their size from the fifth byte on;
+    in ROS 1 nothing is aligned, and a header begins with an additional number.
 
     Attributes:
         data: bytes that contain the messages.
-        at: (n,) index of the byte at which each message is read next.
-        sound: (n,) False once a message is found to be cut or malformed; numbers read from it have no meaning.
+        at: (n,) index of the byte at which each is read next.
+        sound: (n,) False once one is found to be cut or malformed; numbers read from it mean nothing.
     """
 
     def __init__(self, messages: MessageBlock, encoding: str) -> None:
@@ -40,9 +40,9 @@ class Cursor:
             self._origin = self.at.copy()
 
     def numbers(self, code: str, count: int, before: int | np.ndarray = 0, after: int = 0) -> np.ndarray:
-        """Read (n, count) numbers of type `code`; skip `before` of them first and `after` of them last.
+        """Return `count` numbers of each message, (n, count), of a type such as "f8"; `sound` marks cut messages.
 
-        `code` is a NumPy type with its size, such as "f8". Cut messages are marked in `sound`.
+        `before` others of this type are skipped first, and `after` last.
         """
         size = int(code[1])
         self._align(size)
@@ -56,23 +56,23 @@ class Cursor:
         return values
 
     def number(self) -> Int[np.ndarray, " n"]:
-        """Read a four-byte unsigned integer from each message, (n,)."""
+        """Return the next four-byte unsigned integer of each message, (n,)."""
         return self.numbers("u4", 1)[:, 0].astype(np.int64)
 
     def length(self) -> Int[np.ndarray, " n"]:
-        """Read the number (n,) of bytes that follow; a message with fewer is marked as not sound, and has 0."""
+        """Return the number (n,) of bytes that follow; 0 in a message with fewer, which `sound` marks."""
         found = self.number()
         self.sound &= found <= self._end - self.at
         return np.where(self.sound, found, 0)
 
     def text(self) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-        """Read a string, and return the index of its first byte in `data` (n,), and its length (n,)."""
+        """Read a string; return the index of its first byte in `data`, and its length, (n,) each."""
         length = self.length()
         self.at = self.at + length
         return self.at - length, length
 
     def stamp(self) -> Int[np.ndarray, " n"]:
-        """Read a header, and return its stamp (n,) [ns]."""
+        """Read a header; return its stamp (n,) [ns]."""
         return self.header()[0]
 
     def header(self) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
@@ -91,7 +91,7 @@ class Cursor:
         return other
 
     def dimensions(self) -> None:
-        """Skip a list of array dimensions, each a label, a size and a stride; mark malformed messages in `sound`."""
+        """Skip a list of array dimensions; one of more than 16 is malformed."""
         left = self.number()
         self.sound &= left <= _MOST_DIMENSIONS
         while (more := self.sound & (left > 0)).any():
@@ -108,7 +108,7 @@ class Cursor:
 
 @takes_arrays
 def taken(data: bytes, at: Int[np.ndarray, " n"], width: int, sound: Bool[np.ndarray, " n"]) -> np.ndarray:
-    """Return (n, width) bytes from `at` on; those of messages that are not sound are 0xff, which is NaN as float64."""
+    """Return (n, width) bytes from each `at` on, as uint8; 0xff where not `sound`, which is NaN as float64."""
     if not sound.all():
         found = np.full((len(at), width), 0xFF, dtype=np.uint8)
         found[sound] = taken(data, at[sound], width, sound[sound])

@@ -12,18 +12,7 @@ from palpate.files.logs.cursor import Cursor, taken
 from palpate.files.messages import MessageBlock, Topic
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = [
-    "ARRAYS",
-    "FIXED",
-    "IMAGE",
-    "MessageLayout",
-    "decode",
-    "decode_array",
-    "has_header",
-    "role",
-    "seconds",
-    "shape_of",
-]
+__all__ = ["ARRAYS", "FIXED", "IMAGE", "decode", "decode_array", "has_header", "role", "seconds", "shape_of"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +22,7 @@ class MessageLayout:
     Args:
         role: "wrench", "pose", "acceleration" or "temperature".
         before, count, after: number of doubles before those wanted, of these, and after them.
-        strings: number of strings before them, with the one in the header; 0 for a type without a header.
+        strings: number of strings before them, with the header's; 0 without a header.
     """
 
     role: str
@@ -57,18 +46,9 @@ FIXED: Mapping[str, MessageLayout] = {
     "sensor_msgs/Temperature": MessageLayout("temperature", 0, 1, 1),
     "std_msgs/Float64": MessageLayout("temperature", 0, 1, 0, strings=0),
 }
-ARRAYS: Mapping[str, str] = {  # -> what each number is
-    f"std_msgs/{name}MultiArray": code
-    for name, code in (
-        ("Float64", "f8"),
-        ("Float32", "f4"),
-        ("UInt8", "u1"),
-        ("Int8", "i1"),
-        ("UInt16", "u2"),
-        ("Int16", "i2"),
-        ("UInt32", "u4"),
-        ("Int32", "i4"),
-    )
+ARRAYS: Mapping[str, str] = {  # -> NumPy's code of each number, such as "f8"
+    f"std_msgs/{name}MultiArray": np.dtype(name.lower()).str[1:]
+    for name in ("Float64", "Float32", "UInt8", "Int8", "UInt16", "Int16", "UInt32", "Int32")
 }
 IMAGE = "sensor_msgs/Image"
 _DEPTHS: Mapping[bytes, str] = {  # encoding of an image with one channel -> what each pixel is
@@ -93,19 +73,17 @@ def role(kind: str) -> str:
 
 
 def has_header(kind: str) -> bool:
-    """Return True if messages of a type have a header, with a stamp."""
+    """Return True if messages of a type that has a role have a header."""
     return FIXED[kind].strings > 0 if kind in FIXED else kind == IMAGE
 
 
 def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) -> Decoded:
-    """Return stamps (n,) [ns], numbers (n, k), and a bool for each message, (n,), True where it could be read.
+    """Return stamps (n,) [ns], numbers (n, k), and a mask (n,), True where a message is readable.
 
-    Stamps are 0 if the type has none. Numbers are float64 as recorded; those that cannot be read are NaN.
+    Stamps are 0 if the type has none. Numbers are as recorded; NaN where unreadable, as are arrays not of the `shape`.
 
-    Args:
-        messages: of the topic.
-        topic: of a type that has a role.
-        shape: of an array; a message with another count of numbers is unreadable.
+    Raises:
+        KeyError: the type of the topic has no role.
     """
     cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
@@ -118,7 +96,10 @@ def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) ->
 
 
 def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
-    """Return the shape of the array, or (rows, columns) of the image, in the first readable message; else None."""
+    """Return the shape of the array, or (rows, columns) of the one-channel image, in the first readable message.
+
+    None if no message is readable. The topic has images, or a type in `ARRAYS`.
+    """
     cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
         cursor.stamp()
@@ -136,7 +117,7 @@ def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
 
 @takes_arrays
 def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Convert nanoseconds (n,) to the nearest doubles in seconds (n,)."""
+    """Return nanoseconds (n,) as seconds (n,), to the nearest double."""
     whole = nanoseconds // 10**9
     split = whole + (nanoseconds - whole * 10**9) / 1e9
     if len(nanoseconds) and nanoseconds.min() >= 2**53:  # as all are since 1970
@@ -156,19 +137,18 @@ def _fixed(cursor: Cursor, kind: MessageLayout) -> tuple[np.ndarray, np.ndarray]
 def decode_array(
     messages: MessageBlock, topic: Topic, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
-    """Return the numbers of arrays, (n, k) in their stored type, and a mask (n,), True where the message is readable.
+    """Return the numbers of arrays, (n, k) in their stored type, and a mask (n,), True where a message is readable.
 
-    Args:
-        messages: n messages of the topic.
-        topic: of a type that holds an array.
-        shape: of one array of k numbers; a message with another count is unreadable, and its row means nothing.
+    `shape` is that of an array; a message with another count of numbers is unreadable, and its row means nothing.
+
+    Raises:
+        KeyError: the type is not in `ARRAYS`.
     """
     cursor = Cursor(messages, topic.encoding)
     return _stored(cursor, ARRAYS[topic.kind], shape), cursor.sound
 
 
 def _stored(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Read the numbers of arrays, after their dimensions, which are not needed, and after `offset` other numbers."""
     count = int(np.prod(shape))
     cursor.dimensions()
     offset, held = cursor.number(), cursor.number()
@@ -177,7 +157,6 @@ def _stored(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _array(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Read the numbers of arrays as float64; NaN for messages that cannot be read."""
     values = _stored(cursor, code, shape)
     with np.errstate(invalid="ignore"):  # bytes make NaNs of which arithmetic warns
         values = values.astype(np.float64, copy=False)
@@ -188,7 +167,7 @@ def _array(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _image(cursor: Cursor, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Read the pixels of images of this shape; rows may be longer than their pixels."""
+    """Return stamps and pixels of images of this shape; rows may be longer than their pixels."""
     rows, columns = shape
     stamps = cursor.stamp()
     cursor.sound &= (cursor.number() == rows) & (cursor.number() == columns)

@@ -1,4 +1,4 @@
-"""Read a folder of images, one file each, in the natural order of their names."""
+"""Read a folder of images, one file each."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def holds_frames(path: Path) -> bool:
 class FrameFolder(ImageLog):
     """A log in a folder of image files, one sample each, in the natural order of their names.
 
-    Times are a column of `times.csv` in the folder, or else of `truth.csv`, if it has as many rows; else k / rate.
+    Times are a column of `times.csv` in it, or else of `truth.csv`, if it has as many rows; else k / rate.
 
     Raises:
         OSError: the folder cannot be read.
@@ -81,7 +81,6 @@ class FrameFolder(ImageLog):
             yield time, decoded(cv2, raw), file.name
 
     def _times(self) -> Float[np.ndarray, " n"]:
-        """Return the time [s] of each image, (n,)."""
         count = len(self._files)
         for name in TIMES:
             if not (self.path / name).is_file():
@@ -108,7 +107,6 @@ def _column(file: Path, layout: LogLayout) -> Float[np.ndarray, " n"] | None:
 
 
 def _bytes(file: Path) -> bytes:
-    """Return the content of a file; no bytes where it cannot be read."""
     try:
         return file.read_bytes()
     except OSError:

@@ -83,12 +83,12 @@ class ImageMessage:
     content: _Raw | bytes | None
 
     def image(self, cv2: Any) -> np.ndarray | None:
-        """Return (height, width, 3) uint8, blue, green, red; None if the image cannot be read."""
+        """Return the image, (height, width, 3) uint8, blue, green, red; None if it cannot be read. `cv2` is OpenCV."""
         content = self.content
         return content.image(cv2) if isinstance(content, _Raw) else decoded(cv2, content or b"")
 
     def size(self, cv2: Any) -> tuple[int, int, int] | None:
-        """Return height, width and channels of the image as sent; None if it cannot be read."""
+        """Return height, width and channels of the image as sent; None if it cannot be read. `cv2` is OpenCV."""
         image = self.image(cv2)
         if image is None or self.content is None:
             return None
@@ -99,12 +99,7 @@ class ImageMessage:
 
 
 def image_messages(messages: MessageBlock, topic: Topic) -> Iterator[ImageMessage]:
-    """Yield the messages of a topic of images, one by one, each as an `ImageMessage`.
-
-    Args:
-        messages: of the topic.
-        topic: of one of the types `IMAGES`.
-    """
+    """Yield the messages of a topic of one of the types `IMAGES`, one by one."""
     cursor = Cursor(messages, topic.encoding)
     stamps, stamped = cursor.stamp(), cursor.sound.copy()
     head: list[np.ndarray] = []

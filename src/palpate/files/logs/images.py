@@ -26,29 +26,19 @@ Frame = tuple[float, np.ndarray | None, str]  # time [s], image (None: it could 
 
 
 def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
-    """Raise an error if the layout requests a wrench or arrays, or no images.
-
-    Args:
-        layout: of the log.
-        path: of the log, for the message.
-        called: what the log is, such as "a video", for the message.
+    """Check that a layout requests images alone; `called` says what the log is, such as "a video".
 
     Raises:
-        InputError: it does.
+        InputError: it requests a wrench or arrays, or no images.
     """
     if layout.images is None or layout.wrench is not None or layout.arrays:
         wanted = [*(["a wrench"] if layout.wrench is not None else []), *(array.name for array in layout.arrays)]
-        raise InputError(
-            f"is {called}, which holds only images; requested is {' and '.join(wanted) or 'something else'}.",
-            where=str(path),
-        )
+        what = f"is {called}, which holds only images; requested is {' and '.join(wanted) or 'something else'}."
+        raise InputError(what, where=str(path))
 
 
 def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Return an image as uint8 (height, width, 3): grey repeated, alpha dropped, the upper 8 of 16 bits.
-
-    None if its numbers are not uint8 or uint16.
-    """
+    """Return an image of uint8 or uint16 (upper bits) as uint8 (height, width, 3), grey repeated; None for others."""
     if image.dtype.kind != "u" or image.dtype.itemsize > 2:
         return None
     if image.dtype.itemsize == 2:
@@ -58,14 +48,9 @@ def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
 
 
 def decoded(cv2: Any, raw: bytes, *, as_stored: bool = False) -> np.ndarray | None:
-    """Return the image in a JPEG, PNG, BMP, TIFF or WebP file; None if it cannot be decoded.
+    """Return the image in a JPEG, PNG, BMP, TIFF or WebP file, uint8 (height, width, 3); None if it cannot be decoded.
 
-    It is uint8 (height, width, 3), blue, green, red.
-
-    Args:
-        cv2: the module of OpenCV.
-        raw: bytes of the file.
-        as_stored: keep the type and the number of channels; grey is (height, width).
+    `as_stored` keeps the type and the number of channels. `cv2` is OpenCV.
     """
     if not raw:
         return None
@@ -115,11 +100,7 @@ class ImageLog(Log):
         return opencv()
 
     def _recordings(self, frames: Iterable[Frame]) -> Iterator[Recording]:
-        """Yield all images, in their order, as recordings with `IMAGE` (n, height, width, 3).
-
-        Raises:
-            InputError: there are no images, or none could be decoded.
-        """
+        """Yield all images, in order; raise an InputError if there are none, or none could be decoded."""
         held: list[tuple[float, np.ndarray | None]] = []
         for time, image, name in frames:
             self._count += 1
@@ -149,7 +130,6 @@ class ImageLog(Log):
         return max(1, min(ROWS, BYTES // (3 * height * width)))
 
     def _cut(self, held: Sequence[tuple[float, np.ndarray | None]]) -> Iterator[Recording]:
-        """Yield images in blocks; there are several blocks if the log begins with images that cannot be decoded."""
         for start in range(0, len(held), self._rows):
             part = held[start : start + self._rows]
             images = np.zeros((len(part), *(self._size or (0, 0)), 3), dtype=np.uint8)

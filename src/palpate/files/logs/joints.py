@@ -1,4 +1,4 @@
-"""Convert sensor_msgs/JointState messages to joint positions, and these to the pose of one link in another."""
+"""Convert sensor_msgs/JointState messages to the pose of one link in another."""
 
 from __future__ import annotations
 
@@ -24,13 +24,12 @@ Read = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, "
 
 
 def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str]) -> Read:
-    """Read stamps (n,) [ns] and positions (n, k) [rad, m] of the wanted joints; NaN for those not in the message.
-
-    Each message may name its joints in another order; those with the same list of names are read at once.
+    """Return stamps and positions of the wanted joints in messages of joint states.
 
     Returns:
-        Stamps, positions, and two bools for each message, (n,): True where it could be read, and True where it
-        names a wanted joint.
+        Stamps (n,) [ns]; positions (n, k) [rad, m], NaN where there is none; masks (n,), True where a message can be
+            read,
+        and where it names a wanted joint (or none is wanted).
     """
     cursor = Cursor(messages, topic.encoding)
     stamp, count = cursor.stamp(), cursor.number()
@@ -72,7 +71,7 @@ def joint_stamps(messages: MessageBlock, topic: Topic) -> Int[np.ndarray, " n"]:
 
 
 def joint_names(messages: MessageBlock, topic: Topic) -> list[str]:
-    """Return the names of the joints in the first readable message; an empty list if no message is readable."""
+    """Return the names of the joints in the first readable message; [] if no message is readable."""
     cursor = Cursor(messages, topic.encoding)
     cursor.stamp()
     count = cursor.number()
@@ -83,7 +82,7 @@ def joint_names(messages: MessageBlock, topic: Topic) -> list[str]:
 
 
 def _listed(cursor: Cursor, count: int) -> tuple[list[str] | None, int]:
-    """Return the joint names in the one message of a cursor and the bytes they take; None if it is cut."""
+    """Return the joint names in a cursor's one message and their bytes; None if it is cut."""
     names, start = list[str](), int(cursor.at[0])
     for _ in range(count):
         (at,), (length,) = cursor.text()
@@ -94,7 +93,14 @@ def _listed(cursor: Cursor, count: int) -> tuple[list[str] | None, int]:
 
 
 class JointPoses:
-    """The pose of one link in another from joint states; a `PoseSource` of `palpate.files.logs.topic_log`."""
+    """The pose of one link in another over time, computed from joint states.
+
+    Args:
+        topic: of joint states.
+        kinematics: of the two links.
+        track: receives the poses.
+        stamped: take the headers' times, not the recorder's.
+    """
 
     def __init__(self, topic: Topic, kinematics: Kinematics, track: PoseTrack, *, stamped: bool) -> None:
         self.topics, self.track = (topic,), track
@@ -103,10 +109,10 @@ class JointPoses:
         self._lacks = dict[str, None]()
 
     def add(self, messages: MessageBlock) -> None:
-        """Read the joint states in a block of the log, and add the poses to the track.
+        """Add the poses in a block of messages to the track.
 
         Raises:
-            InputError: most positions of a joint exceed a turn: they are in degrees.
+            InputError: most positions of a limited revolute joint exceed a turn: they seem to be in degrees.
         """
         topic, joints = self.topics[0], self._kinematics.joints
         own = messages.of(topic)
@@ -126,7 +132,7 @@ class JointPoses:
             self.track.add(time, *self._kinematics.poses(values[good]))
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes, one sentence each: how the sensor's pose was found, and which messages lack joints."""
+        """Return notes, one sentence each: where the pose is from, and which messages lack joints."""
         name, joints = self.topics[0].name, self._kinematics.joints
         said = [f"the sensor's pose is computed from the URDF and the joint states on {name!r}"]
         if not self._used and self._count:
@@ -144,10 +150,10 @@ class JointPoses:
 
 
 def joint_topic(topics: Sequence[Topic], name: str | None, where: str) -> Topic:
-    """Return the `Topic` of joint states called `name`, or the only topic of joint states if `name` is None.
+    """Return the topic of joint states called `name`, or the only one if that is None.
 
     Raises:
-        InputError: there is no such topic, or there are several and `name` is None.
+        InputError: there is no such topic in the log `where`, or there are several.
     """
     fitting = [topic for topic in topics if topic.kind == JOINTS and topic.encoding in ("cdr", "ros1")]
     found = [topic for topic in fitting if topic.name == name] if name is not None else fitting

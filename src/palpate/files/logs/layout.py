@@ -1,8 +1,9 @@
-"""Describe the layout of a log: columns, arrays or topics, their units and axes, and the frame of the wrench."""
+"""Describe the layout of a log: columns, arrays or topics, units and axes."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
@@ -11,34 +12,41 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.files.tables.stated import Stated
+from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, SAMPLES, TIME_UNITS, TORQUE_UNITS, split_unit, to_si
+from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION
 
 __all__ = [
     "ACCELERATION_COLUMNS",
     "ORIENTATION_COLUMNS",
+    "POSE_COLUMNS",
     "POSITION_COLUMNS",
     "WRENCH_COLUMNS",
     "ArrayChannel",
     "ImageChannel",
     "LogLayout",
     "axis_matrix",
+    "require_stated",
+    "stated_layout",
 ]
 
 WRENCH_COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz")
 ORIENTATION_COLUMNS = ("qx", "qy", "qz", "qw")
 POSITION_COLUMNS = ("x", "y", "z")
 ACCELERATION_COLUMNS = ("ax", "ay", "az")
+POSE_COLUMNS = {ORIENTATION: ORIENTATION_COLUMNS, POSITION: POSITION_COLUMNS, ACCELERATION: ACCELERATION_COLUMNS}
 
 
 @dataclass(frozen=True)
 class ArrayChannel:
-    """A channel with an array per sample: voltages of load cells, readings of taxels, the reference of a test bench.
+    """A channel with an array per sample: voltages of load cells, readings of taxels.
 
     Args:
         name: of the channel of the `Recording`.
         shape: of one sample: (12,), or (6, 22).
-        columns: of a table, the last axis running fastest; None: all that are not named otherwise, in their order. In
-            an .npz an array called `name` is used instead, if it exists.
-        topic: of a log with topics. None: the only one that holds arrays.
+        columns: of a table, the last axis running fastest; None: all that are not named otherwise, in order. An array
+            called `name` is used instead, if there is one.
+        topic: of a log with topics; None: the only one that holds arrays.
         scale: SI value of one unit of the log, for all numbers or for each.
         table: of the rig that declares this channel, for messages.
     """
@@ -63,10 +71,10 @@ class ArrayChannel:
 
 @dataclass(frozen=True)
 class ImageChannel:
-    """The channel `IMAGE`, images of a camera.
+    """The images of a camera.
 
     Args:
-        topic: of a log with topics. None: the only one that holds images.
+        topic: of a log with topics; None: the only one that holds images.
         table: of the rig that declares this channel, for messages.
     """
 
@@ -76,42 +84,40 @@ class ImageChannel:
 
 @dataclass(frozen=True)
 class LogLayout:
-    """The columns or topics of a log that are read, with their units and axes. The defaults need no mapping.
+    """The columns or topics of a log that are read, with their units and axes.
 
     Args:
-        time, time_unit: the column of the time, and its unit; "samples" for a counter, which needs the rate.
-        wrench: the six columns, force first; None: no wrench is read.
-        arrays: other channels that are read. In a log of topics one at most; if a wrench is read too, it is averaged
-            about each row of the array.
-        images: images of a camera. None: no images are read. They are read alone: `wrench` is None, and no `arrays`.
-        rate: [Hz] of a log without a time column. None: it must have one. For a video it replaces the stamps (of one
-            that plays slower than it was recorded); for a folder of images without times None is 30 Hz.
+        time, time_unit: column of the time, and its unit; "samples" for a counter, which needs the rate.
+        wrench: six columns, force first; None: no wrench is read.
+        arrays: other channels; of a log with topics one at most. A wrench is averaged about each row of that.
+        images: of a camera, which are read alone: `wrench` is None, and no `arrays`. None: no images are read.
+        rate: [Hz] of a log without a time column; None: it must have one. For a video it replaces the stamps; for a
+            folder of images without times None is 30 Hz.
         force_unit, torque_unit: see `palpate.files.units`.
-        axes: recorded axes that are the sensor's x, y, z; "-x" flips. Applied to force and to torque alike.
+        axes: recorded axes that are the sensor's x, y, z, of force and torque alike; "-x" flips.
         left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
         torque_axes: as `axes`, of the torque; None: those of the force. They may be a reflection.
         acts_on: "body", or "environment" where the recorded wrench is what the robot does to the world.
         frame: "sensor" or "base", of the recorded wrench.
         torque_frame: as `frame`, of the torque; None: that of the force.
-        reference: point about which the torque is recorded: "sensor" (its origin), "base" (its origin), or a point
-            [m] in the sensor's frame, such as of a flange or a TCP.
-        wrench_range: of each channel as recorded, in SI; a reading at it is saturated, which an average must not hide.
-        orientation: columns of the orientation, in `orientation_form`. None: qx, qy, qz, qw where the log has them.
+        reference: point about which the torque is recorded: the origin of the "sensor" or of the "base", or a point [m]
+            in the sensor's frame, such as of a flange or a TCP.
+        wrench_range: [N, N m] of the sensor's axes (6,); a reading at it is saturated.
+        orientation: columns of the orientation, in `orientation_form`; None: qx, qy, qz, qw, if there.
         orientation_form: see `palpate.files.logs.orientation`.
-        inverse: whether the orientation, and the position, are those of the base in the sensor.
+        inverse: whether orientation and position are those of the base in the sensor.
         sensor_rotation: quaternion x, y, z, w of the sensor in the frame whose orientation is logged.
-        position: of the sensor in the base [m]. None: x, y, z where the log has them.
-        acceleration: of the sensor in its own frame. None: ax, ay, az where the log has them.
+        position: columns of the sensor's position in the base [m]; None: x, y, z, if there.
+        acceleration: columns of the acceleration in the sensor's frame; None: ax, ay, az, if there.
         acceleration_unit: see `palpate.files.units`.
-        wrench_topic, orientation_topic: of a log with topics. None: the only one of its kind; an orientation_topic of
-            "none" reads no poses.
-        frames: base and sensor, of a log with topics: the pose of one in the other is read from the tree of /tf.
+        wrench_topic, orientation_topic: topics; None: the only ones of their kind. "none" as the latter: no poses.
+        frames: base and sensor: the pose of one in the other is read from the tree of /tf.
         urdf: description with these links: the pose is computed from joint states instead.
-        joints_topic: of joint states. None: the only one.
-        acceleration_topic: of a log with topics. None: no acceleration, as an accelerometer may be mounted anywhere.
+        joints_topic: of joint states; None: the only one.
+        acceleration_topic: None: no acceleration.
         offset: [s] added to the stamps of the poses of a topic to put them on the samples' clock.
-        temperature: column, or topic of a log with topics: [K or degrees C]. None: it is not read.
-        max_gap: [s] largest gap between poses or accelerations of a topic that is interpolated.
+        temperature: column or topic of a temperature [K or degrees C]; None: it is not read.
+        max_gap: [s] largest gap between poses, accelerations or wrenches of a topic that is interpolated.
     """
 
     time: str = "time"
@@ -178,29 +184,81 @@ def axis_matrix(axes: tuple[str, ...], *, left_handed: bool | None, where: str) 
     """Return the signed permutation (3, 3) that takes recorded components to the sensor's x, y, z.
 
     Raises:
-        InputError: the axes are not three different ones, or `left_handed` does not match their handedness; None is
-            either.
+        InputError: the axes are not three different ones, or `left_handed`, if it is not None, contradicts them.
     """
-    matrix = np.zeros((3, 3))
+    matrix = np.zeros((len(axes), 3))
     for row, axis in enumerate(axes):
         if not re.fullmatch(r"[-+]?[xyz]", axis):
-            raise InputError(
-                f"{axis!r} is not an axis.",
-                where=where,
-                hint="Write x, y or z, or -x, -y or -z for the opposite direction.",
-            )
+            hint = "Write x, y or z, or -x, -y or -z for the opposite direction."
+            raise InputError(f"{axis!r} is not an axis.", where=where, hint=hint)
         matrix[row, "xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0
     if len(axes) != 3 or np.linalg.matrix_rank(matrix) != 3:
         raise InputError(f"{list(axes)} does not name three different axes.", where=where)
     reflected = np.linalg.det(matrix) < 0
     if reflected and left_handed is False:
-        raise InputError(
-            f"{list(axes)} turns a right-handed frame into a left-handed one.",
-            where=where,
-            hint="If the driver really mirrors the wrench (or reports the reaction), declare left_handed = true.",
-        )
+        what = f"{list(axes)} turns a right-handed frame into a left-handed one."
+        hint = "If the driver really mirrors the wrench (or reports the reaction), declare left_handed = true."
+        raise InputError(what, where=where, hint=hint)
     if left_handed and not reflected:
-        raise InputError(
-            f"{list(axes)} is right-handed, but left_handed = true.", where=where, hint="Remove left_handed."
-        )
+        what = f"{list(axes)} is right-handed, but left_handed = true."
+        raise InputError(what, where=where, hint="Remove left_handed.")
     return matrix
+
+
+def stated_layout(layout: LogLayout, names: Iterable[str], stated: Stated) -> LogLayout:
+    """Return the layout with columns such as `Fx [N]`, `Time [ms]` in place of missing `fx`, `time`, and their units.
+
+    It is unchanged if it names other columns, or if not each missing one of the wrench has exactly one match with a
+    unit.
+    """
+    if layout.wrench != WRENCH_COLUMNS or layout.time != "time":
+        return layout
+    known = set(names)
+    wanted = [name for name in (layout.time, *WRENCH_COLUMNS) if name not in known]
+    if not wanted:
+        return layout
+    found: dict[str, list[str]] = {name: [] for name in wanted}
+    for name in known:
+        bare = split_unit(name)[0].lower()
+        if name in stated.units and bare in found:
+            found[bare].append(name)
+    if not all(len(found[name]) == 1 for name in wanted if name in WRENCH_COLUMNS):
+        return layout
+    columns = tuple(found[name][0] if name in found else name for name in WRENCH_COLUMNS)
+    changes: dict[str, object] = {"wrench": columns}
+    for key, part in (("force_unit", columns[:3]), ("torque_unit", columns[3:])):
+        units = {stated.units[name] for name in part if name in stated.units}
+        if len(units) == 1:
+            changes[key] = units.pop()
+    if len(time := found.get("time", [])) == 1:
+        changes |= {"time": time[0], "time_unit": stated.units[time[0]]}
+    return replace(layout, **changes)
+
+
+def require_stated(layout: LogLayout, stated: Stated, path: Path) -> None:
+    """Check that the log `path` states no unit that differs from the one in the layout.
+
+    Raises:
+        InputError: it does.
+    """
+    wrench = layout.wrench or ()
+    for kind, columns, unit, table, key in (
+        ("force", wrench[:3], layout.force_unit, FORCE_UNITS, "[force_torque]"),
+        ("torque", wrench[3:], layout.torque_unit, TORQUE_UNITS, "[force_torque]"),
+        ("time", (layout.time,), layout.time_unit, TIME_UNITS, "[time] unit"),
+        ("acceleration", layout.acceleration or (), layout.acceleration_unit, ACCELERATION_UNITS, "[acceleration]"),
+    ):
+        for name in columns if unit != SAMPLES else ():
+            said = stated.unit(name, kind)
+            if said and not _same(said, unit, table):
+                what = f"the log states that {name!r} is in {said!r}, but it is read in {unit!r}."
+                hint = f"Correct the unit in the rig's {key}, or let `palpate rig new` write it."
+                raise InputError(what, where=str(path), hint=hint)
+
+
+def _same(unit: str, other: str, table: Mapping[str, float]) -> bool:
+    """Check whether two units are equal, or one is unknown: a rig may know better."""
+    try:
+        return abs(to_si(unit, table, where="") / to_si(other, table, where="") - 1.0) < 1e-9
+    except InputError:
+        return True

@@ -1,4 +1,4 @@
-"""Define the interfaces of logs and of message files, which can be read in blocks, any number of times."""
+"""Define the interface of logs, which can be read in blocks, any number of times."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Stored = tuple[Float[np.ndarray, " n"], np.ndarray]  # times [s], and frames (n,
 
 @dataclass(frozen=True)
 class Images:
-    """The metadata of a video or a folder of images.
+    """A video or a folder of images.
 
     Attributes:
-        size: height, width, channels of the first image; 0, 0, 0 if it is not stated or cannot be read.
-        count: number of images; of a video the announced number, 0 if unknown.
-        rate: [Hz]; None of a folder.
-        codec: of a video as its four characters, of a folder the suffixes.
+        size: height, width, channels of the first image; 0, 0, 0 if unknown.
+        count: number of images, as a video announces it; 0 if unknown.
+        rate: [Hz] of a video; None if unknown.
+        codec: four characters of a video; suffixes of a folder.
     """
 
     size: tuple[int, int, int]
@@ -42,13 +42,13 @@ class LogContents:
 
     Attributes:
         path: of the log.
-        names: column -> (), array of a NumPy file -> the shape of one sample; empty for a log with topics.
+        names: column -> (), array -> shape of one sample; empty for other logs.
         topics: of an MCAP file or a bag.
-        duration: [s] of a log with topics; 0 if the file does not state it.
-        torn: sentence on where the file was cut, as far as it was read.
-        stated: units and rate that a table states.
-        written: how a text differs from a plain table, in words.
-        images: of a video or a folder of images, which has no names and no topics.
+        torn: sentence on where the file was cut, as far as it was read, or "".
+        duration: [s] of a log with topics; 0 if unknown.
+        stated: units and rate of a table.
+        written: how a text differs from a plain table, or "".
+        images: of a video or a folder of images.
     """
 
     path: Path
@@ -62,29 +62,30 @@ class LogContents:
 
 
 class Log(Watched, ABC):
-    """An opened log; every reader of a format is a subclass."""
+    """An opened log."""
 
     @abstractmethod
     def contents(self) -> LogContents:
-        """Return `LogContents`, for any layout; only an MCAP file without an index is read completely for it.
+        """Return what is known of the log before its samples are read, whatever the layout.
 
         Raises:
-            InputError: the log cannot be read.
+            InputError: the log cannot be read, or needs a library that is not installed.
         """
 
     @abstractmethod
     def blocks(self) -> Iterator[Recording]:
-        """Yield the samples from the start, in the order of the file, each once, in recordings of arbitrary length.
+        """Yield the samples from the start, in the order of the file, each once, in recordings of any length.
 
         Raises:
-            InputError: something that the layout requests is missing.
+            InputError: the log cannot be read, or lacks something that the layout requests.
         """
 
     def stored(self) -> Iterator[Stored]:
-        """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type if that is faster, as integers may be.
+        """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type where that is faster.
 
         Raises:
-            InputError: the log cannot be read, or something that the layout requests is missing.
+            InputError: the log cannot be read, or lacks something that the layout requests.
+            KeyError: the layout requests no taxels.
         """
         for block in self.blocks():
             yield block.time, block.channels[CELLS].reshape(len(block), -1)
@@ -92,10 +93,10 @@ class Log(Watched, ABC):
     def merged_with(self, frames: Log) -> Iterator[Recording | Stored]:
         """Yield the `blocks` of this log and the `stored` of `frames`, the same file in another layout.
 
-        Items are recordings, or pairs of times (n,) [s] and frames (n, k). The file is read in one pass if possible.
+        Items are recordings, or pairs of times (n,) [s] and frames (n, k).
 
         Raises:
-            InputError: something that one of the layouts requests is missing.
+            InputError: the file cannot be read, or lacks something that one of the layouts requests.
         """
         yield from self.blocks()
         yield from frames.stored()

@@ -31,17 +31,7 @@ from palpate.files.messages import MessageFile, Topic
 from palpate.files.tables.lines import open_input, read_some
 from palpate.signals.recording import ORIENTATION, POSITION, Recording, sealed
 
-__all__ = [
-    "contents",
-    "image_size",
-    "join",
-    "missing",
-    "open_log",
-    "read_poses",
-    "read_recording",
-    "survey",
-    "topic_shapes",
-]
+__all__ = ["contents", "image_size", "join", "missing", "open_log", "read_poses", "read_recording", "topic_shapes"]
 
 _KINDS: dict[str, tuple[str, tuple[bytes, ...]]] = {  # usual suffix -> what it is, and its first bytes
     ".parquet": ("a Parquet file", (b"PAR1",)),
@@ -54,84 +44,72 @@ _KINDS: dict[str, tuple[str, tuple[bytes, ...]]] = {  # usual suffix -> what it 
 }
 _ARRAYS = (".npy", ".npz")
 _VIDEO, _FRAMES = "video", "frames"
-_WITHOUT_TOPICS = ("", ".parquet", *_ARRAYS, _VIDEO, _FRAMES)
 _FOREIGN: dict[bytes, tuple[str, str]] = {  # first bytes of a file -> what it is, and what to do; Excel's first
     b"PK\x03\x04": ("is a workbook", "Save its sheet as CSV."),
     b"\xd0\xcf\x11\xe0": ("is a workbook", "Save its sheet as CSV."),
     b"\x1f\x8b": ("is compressed", "Unpack it first."),
     b"MATLAB 5.0 MAT": ("is a MAT file of MATLAB", "Write a table of it as CSV (writetable, writematrix)."),
     b"\x89HDF": ("is an HDF5 file", "Write a table of it as CSV or Parquet."),
-    **{
-        magic: ("is one image", "Name the folder of the frames, or a video.") for magic in (b"\x89PNG", b"\xff\xd8\xff")
-    },
+    b"\x89PNG": ("is one image", "Name the folder of the frames, or a video."),
+    b"\xff\xd8\xff": ("is one image", "Name the folder of the frames, or a video."),
 }
 _WORKBOOKS = (b"[Content_Types]", b"_rels/", b"xl/", b"docProps/", b"mimetype")  # what their archive begins with
 
 
 def contents(path: str | Path | Mapping[str, np.ndarray]) -> LogContents:
-    """Return the `LogContents` of a log: all that is known before its samples are read.
-
-    They are the names and shapes of columns or arrays, or the topics and the duration, or the size and number of
-    images.
+    """Return what is known of a log before its samples are read.
 
     Args:
         path: file, or folder of a bag or of images, or arrays by name.
 
     Raises:
-        InputError: the file does not exist, is not what its suffix indicates, or needs a library that is not installed.
+        InputError: the file cannot be read, is not what its suffix indicates, or needs a library that is not installed.
     """
     return open_log(path).contents()
 
 
 def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return a dict, topic -> shape of an array, or (rows, columns) of a one-channel image, from its first message.
-
-    It is empty for a log without topics.
+    """Return topic -> shape of an array, or (rows, columns) of a one-channel image; {} without topics.
 
     Raises:
         InputError: the file is not a log, or needs a library that is not installed.
     """
-    kind = _kind(path)
-    if kind in _WITHOUT_TOPICS:
+    source = _messages(path, _kind(path))
+    if source is None:
         return {}
-    source, found = _messages(path, kind), dict[str, tuple[int, ...]]()
-    for topic in source.topics():
-        if topic.count and role(topic.kind) == "array" and (shape := _shape(source, topic)) is not None:
-            found[topic.name] = shape
-    return found
+    arrays = [topic for topic in source.topics() if topic.count and role(topic.kind) == "array"]
+    return {topic.name: shape for topic in arrays if (shape := _shape(source, topic)) is not None}
 
 
 def image_size(path: str | Path, topic: str | None = None) -> tuple[int, int, int] | None:
     """Return height, width and channels of the first image of a log; None if it has no readable image.
 
-    Args:
-        path: of the log.
-        topic: of the images. None: the first that has an image, compressed ones last.
+    It is of `topic`; if that is None, of the first topic that has an image, compressed ones last.
 
     Raises:
-        InputError: the file is not a log, or OpenCV or another library that it needs is not installed.
+        InputError: the file is not a log, or needs a library that is not installed.
     """
     path = Path(path)
     kind = _kind(path)
     if kind in (_VIDEO, _FRAMES):
         said = open_log(path).contents().images
         return said.size if said is not None and all(said.size) else None
-    if kind in _WITHOUT_TOPICS:
-        return None
     source = _messages(path, kind)
+    if source is None:
+        return None
     fitting = [each for each in source.topics() if each.kind in IMAGES and each.count and topic in (None, each.name)]
     fitting.sort(key=lambda each: IMAGES.index(each.kind))
     return next((size for each in fitting if (size := first_size(source, each)) is not None), None)
 
 
 def survey(path: Path) -> Survey | None:
-    """Return a `Survey` of the frames, poses and joints that a log's messages mention; None for a log without topics.
+    """Return the frames, poses and joints that a log's messages mention; None for a log without topics.
 
     Raises:
         InputError: the file is not a log, or needs a library that is not installed.
     """
-    kind = _kind(path)
-    return None if kind in _WITHOUT_TOPICS else survey_of(_messages(path, kind))
+    source = _messages(path, _kind(path))
+    return None if source is None else survey_of(source)
 
 
 def _shape(source: MessageFile, topic: Topic) -> tuple[int, ...] | None:
@@ -139,7 +117,7 @@ def _shape(source: MessageFile, topic: Topic) -> tuple[int, ...] | None:
 
 
 def missing(there: LogContents, layout: LogLayout) -> list[str]:
-    """Return a list with the reason why a log cannot be read with a layout; empty if it can."""
+    """Return the reason why a log cannot be read with a layout, in a list; [] if it can."""
     try:
         if there.images is not None:
             refuse_others(layout, there.path, "a folder of frames" if there.path.is_dir() else "a video")
@@ -155,13 +133,15 @@ def missing(there: LogContents, layout: LogLayout) -> list[str]:
 
 
 def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | None = None) -> Log:
-    """Open a `Log`: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
+    """Open a log: text such as CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag, a video, a folder of images, or arrays.
 
-    Images are read from a video, a folder of images, MCAP and bags. Arrays in memory are a log, too.
+    Args:
+        path: file, or folder of a bag or of images, or arrays by name.
+        layout: what is read by `Log.blocks`; None: the defaults.
 
     Raises:
-        InputError: the file does not exist, cannot be read, is not what its suffix indicates, or has a format that is
-            not supported, such as a workbook; or a folder holds neither images nor the bag of one recording.
+        InputError: the file cannot be read, is not what its suffix indicates, or has a format that is not supported; a
+            folder holds neither images nor the bag of one recording; or the layout is invalid (for images).
     """
     layout = layout or LogLayout()
     if isinstance(path, Mapping):
@@ -170,23 +150,26 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
     kind = _kind(path)
     if kind in (_VIDEO, _FRAMES):
         return (VideoLog if kind == _VIDEO else FrameFolder)(path, layout)
-    if layout.images is not None and kind not in _WITHOUT_TOPICS:
-        return ImageTopicLog(path, layout, _messages(path, kind))
     if kind == ".parquet":
         return ParquetLog(path, layout)
     if kind in _ARRAYS:
         return ArrayLog(path, layout)
-    if kind == "":
+    source = _messages(path, kind)
+    if source is None:
         return CsvLog(path, layout)
-    return TopicLog(path, layout, _messages(path, kind))
+    return (TopicLog if layout.images is None else ImageTopicLog)(path, layout, source)
 
 
 def read_recording(path: str | Path, layout: LogLayout | None = None) -> Recording:
-    """Read a complete log as one `Recording`, one row per sample, in order; what cannot be read is NaN and noted.
+    """Read a complete log in SI, one row per sample, in order; what cannot be read is NaN and noted.
+
+    Args:
+        path: file, or folder of a bag or of images.
+        layout: what is read, and its units; None: the defaults.
 
     Raises:
-        InputError: the file is not a log, something that the layout requests is missing, or a library that it needs is
-            not installed.
+        InputError: the file is not a log, lacks something that the layout requests, or needs a library that is not
+            installed.
     """
     log = open_log(path, layout)
     recording = join(list(log.blocks()))
@@ -196,12 +179,12 @@ def read_recording(path: str | Path, layout: LogLayout | None = None) -> Recordi
 def read_poses(
     path: str | Path, layout: LogLayout | None = None
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 4"], Float[np.ndarray, "k 3"]]:
-    """Read the poses alone: stamps (k,) [s], quaternions x, y, z, w (k, 4) and positions (k, 3) [m].
+    """Return the poses in a log: stamps (k,) [s], quaternions x, y, z, w (k, 4) and positions (k, 3) [m].
 
-    Stamps are without the layout's offset. In a log of columns each row is a pose; unknown positions are NaN.
+    Stamps are without the layout's offset; unknown positions are NaN. In a log of columns each row is a pose.
 
     Raises:
-        InputError: the file is not a log, it has no orientations or poses, or a library that it needs is not installed.
+        InputError: the file is not a log, has no poses, or needs a library that is not installed.
     """
     log = open_log(path, layout)
     if isinstance(log, TopicLog):
@@ -209,17 +192,19 @@ def read_poses(
         return time, values[:, 3:], values[:, :3]
     recording = join(list(log.blocks()))
     if ORIENTATION not in recording.channels:
-        raise InputError(
-            "the log has no orientation.",
-            where=str(path),
-            hint="Add columns qx, qy, qz, qw (sensor in base), or name them in the rig's [orientation].",
-        )
+        what = "the log has no orientation."
+        hint = "Add columns qx, qy, qz, qw (sensor in base), or name them in the rig's [orientation]."
+        raise InputError(what, where=str(path), hint=hint)
     unknown = np.full((len(recording), 3), np.nan)
     return recording.time, recording.channels[ORIENTATION], recording.channels.get(POSITION, unknown)
 
 
 def join(blocks: Sequence[Recording]) -> Recording:
-    """Join the blocks of one log, at least one, in their order, to one `Recording`."""
+    """Join the blocks of one log, in their order, to one recording.
+
+    Raises:
+        IndexError: there are no blocks.
+    """
     if len(blocks) == 1:
         return blocks[0]
     channels = {name: _joined([block.channels[name] for block in blocks]) for name in blocks[0].channels}
@@ -230,14 +215,16 @@ def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
     return sealed(np.concatenate(arrays), own=True, dtype=arrays[0].dtype)
 
 
-def _messages(path: Path, kind: str) -> MessageFile:
+def _messages(path: Path, kind: str) -> MessageFile | None:
+    """Return the messages of a log; None if it has no topics."""
     if kind == ".mcap":
         return McapFile(path)
-    return open_folder(path) if kind == "folder" else BagFile(path)
+    if kind in (".bag", ".db3"):
+        return BagFile(path)
+    return open_folder(path) if kind == "folder" else None
 
 
 def _require_ours(first: bytes, path: Path) -> None:
-    """Raise an InputError if a file begins with the bytes of a foreign format that cannot be read here."""
     for magic, (what, hint) in _FOREIGN.items():
         archive = magic.startswith(b"PK")
         if first.startswith(magic) and (not archive or first[30:].startswith(_WORKBOOKS)):
@@ -245,7 +232,7 @@ def _require_ours(first: bytes, path: Path) -> None:
 
 
 def _kind(path: Path) -> str:
-    """Return the format of a file by its first bytes: its usual suffix, "" for text, "video", "frames" or "folder"."""
+    """Return the format by the first bytes: its usual suffix, "" for text, "video", "frames" or "folder"."""
     if path.is_dir():
         return _FRAMES if holds_frames(path) else "folder"
     if path.is_fifo():  # it gives its first bytes once

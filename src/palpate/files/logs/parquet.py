@@ -23,13 +23,13 @@ PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so
 
 
 class ParquetLog(ColumnLog):
-    """A log in a Parquet file; a damaged file cannot be read at all."""
+    """A log in a Parquet file."""
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the names of the columns and the units in them.
+        """Return the names of the columns and the units in them.
 
         Raises:
-            InputError: the file is damaged.
+            InputError: the file does not exist or is damaged.
         """
         open_input(self.path).close()
         with self._reading():
@@ -40,8 +40,8 @@ class ParquetLog(ColumnLog):
         """Yield the rows as recordings in SI.
 
         Raises:
-            InputError: the file is damaged or has no rows, a column is not numbers or dates, or the layout does not
-                fit.
+            InputError: the file does not exist, is damaged or has no rows; a column is not numbers or dates; or the
+                layout does not fit.
         """
         open_input(self.path).close()
         with self._reading():
@@ -52,11 +52,9 @@ class ParquetLog(ColumnLog):
         try:
             yield
         except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as problem:
-            raise InputError(
-                f"cannot be read as Parquet ({str(problem).splitlines()[0]}).",
-                where=str(self.path),
-                hint="Copy it again: a Parquet file that was cut cannot be repaired, as its index is at its end.",
-            ) from problem
+            what = f"cannot be read as Parquet ({str(problem).splitlines()[0]})."
+            hint = "Copy it again: a Parquet file that was cut cannot be repaired, as its index is at its end."
+            raise InputError(what, where=str(self.path), hint=hint) from problem
 
     def _blocks(self) -> Iterator[Recording]:
         require_polars_threads()
@@ -78,6 +76,5 @@ class ParquetLog(ColumnLog):
 
 
 def _number(name: str, *, date: bool) -> pl.Expr:
-    """Return a column as numbers, a date with a time as seconds since 1970, to the nearest double."""
     column = pl.col(name).dt.epoch("ns").cast(pl.Float64) / 1e9 if date else pl.col(name).cast(pl.Float64)
     return column.fill_null(np.nan)

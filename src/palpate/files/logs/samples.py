@@ -1,4 +1,4 @@
-"""Convert the raw numbers of a log to recordings: units to SI, axes to the sensor's, with notes on irregularities."""
+"""Convert the raw numbers of a log to SI and the sensor's axes, with notes on irregularities."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 
 @takes_arrays
 class SampleReader:
-    """Converter of the raw numbers of one log to recordings, which also counts irregularities.
+    """Converter of the raw numbers of one log to recordings, which counts irregularities.
 
     Raises:
-        InputError: the axes or units of the layout are invalid.
+        InputError: axes or units of the layout are invalid.
     """
 
     def __init__(self, layout: LogLayout, path: Path) -> None:
@@ -75,12 +75,13 @@ class SampleReader:
         self._infinite = self._none = self._far = 0
 
     def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray]) -> Recording:
-        """Return the next samples as a `Recording` in SI.
+        """Return the next samples in SI, at times (n,) [s].
 
-        Args:
-            time: [s].
-            read: name -> numbers as recorded: `WRENCH`, arrays and other channels, (n, k) each; or `IMAGE`, (n, height,
-                width, 3). The caller must not use the arrays afterwards.
+        `read` has the numbers as recorded: `WRENCH`, arrays and other channels, (n, k) each; or `IMAGE`, (n, height,
+        width, 3). The caller must not use them afterwards.
+
+        Raises:
+            KeyError: an array of the layout is not in `read`.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
         channels: dict[str, np.ndarray] = {}
@@ -91,8 +92,7 @@ class SampleReader:
             if self._both and AVERAGED not in read:
                 channels[AVERAGED] = np.ones((len(time), 1))
         apart = (WRENCH, IMAGE, *(array.name for array in self._arrays))
-        bounded = [name for name in read if name not in apart]
-        channels |= {name: self._bounded(name, read[name]) for name in bounded}
+        channels |= {name: self._bounded(name, values) for name, values in read.items() if name not in apart}
         if not self._times.count and {FORCE, ORIENTATION} <= channels.keys():
             self._require_one_stream(channels)
         if ORIENTATION in channels and not self._pose.plain:
@@ -103,8 +103,7 @@ class SampleReader:
             channels[TORQUE] = self._torque(channels)
         if ACCELERATION in channels and self._acceleration != 1.0:
             channels[ACCELERATION] = self._acceleration * channels[ACCELERATION]
-        for array in self._arrays:
-            channels[array.name] = self._scaled(array, read[array.name])
+        channels |= {array.name: self._scaled(array, read[array.name]) for array in self._arrays}
         self._times.add(time)
         channels = {name: sealed(values, own=True) for name, values in channels.items()}
         if IMAGE in read:
@@ -112,10 +111,10 @@ class SampleReader:
         return Recording(sealed(time, own=True), channels, frame=self._frame, source=self._source)
 
     def readings(self, values: np.ndarray) -> np.ndarray:
-        """Convert readings of a stream, (n, k) as recorded, to the input of the sensor's update, (n, ...) in SI.
+        """Return readings of a stream, (n, k) as recorded, as the sensor's update takes them, (n, ...) in SI.
 
-        The bits are those of `block`. If an array and a wrench are read, (n, k + 7), the wrench follows the array, then
-        the number of readings of which it is the mean.
+        The bits are those of `block`. If array and wrench are read, the wrench (6) follows the array, then the number
+        of readings of which it is the mean.
         """
         if self._both:
             array = self._scaled(self._arrays[0], values[:, :-7].copy()).reshape(len(values), -1)
@@ -127,7 +126,7 @@ class SampleReader:
         return values if not self._arrays else self._scaled(self._arrays[0], values.reshape(len(values), -1))
 
     def recorded(self, limits: Sequence[float]) -> Float[np.ndarray, "6"]:
-        """Return the magnitudes (6,), in the log's columns and units, of limits [N, N m] along the sensor's axes."""
+        """Return limits (6,) [N, N m] along the sensor's axes as magnitudes (6,) in the log's columns and units."""
         made = np.empty(6)
         made[self._picked] = np.abs(np.asarray(limits) / self._factors)
         return made
@@ -157,10 +156,7 @@ class SampleReader:
         return values.reshape(-1, *array.shape)
 
     def _wrenches(self, wrench: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 6"]:
-        """Return force and torque along the sensor's axes, in SI.
-
-        Columns are picked and flipped, not multiplied by a matrix, so that an infinite component does not spoil others.
-        """
+        """Return wrenches in SI along the sensor's axes; no infinite component spoils others."""
         with np.errstate(over="ignore"):
             made = wrench.take(self._picked, axis=1) * self._factors  # by rows: an index would leave columns
         if not np.abs(made).max(initial=0.0) <= LARGEST:  # NaN too
@@ -212,13 +208,13 @@ class SampleReader:
         return torque + np.cross(point, force)
 
     def _bounded(self, name: str, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
-        """Replace numbers beyond `LARGEST`, which are faults of the file, by NaN, and count their rows."""
+        """Replace numbers beyond `LARGEST` by NaN, and count their rows."""
         wrong = np.abs(values) > LARGEST
         self._beyond[name] += int(np.count_nonzero(wrong.any(axis=1)))
         return np.where(wrong, np.nan, values)
 
     def _sound(self, quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-        """Replace quaternions whose length is far from 1, which are no rotations, by NaN, and count them."""
+        """Replace quaternions of lengths far from 1 by NaN, and count them."""
         length = np.linalg.norm(quaternion, axis=1)
         none = (length < 0.5) | (length > 2.0)
         self._none += int(np.count_nonzero(none))
@@ -227,12 +223,12 @@ class SampleReader:
 
 
 def rows_at_once(most: int, width: int, numbers: int = NUMBERS) -> int:
-    """Return the number of rows of `width` numbers to process at once: `most`, or fewer so that `numbers` suffice."""
+    """Return how many rows of `width` numbers to process at once: `most`, or at least 1 with `numbers` in all."""
     return max(1, min(most, numbers // max(width, 1)))
 
 
 class _Times:
-    """Counts of the times of a log that are missing, repeat, run backwards or follow a gap."""
+    """Counts of the times that are missing, repeat, run backwards or follow a gap."""
 
     def __init__(self) -> None:
         self.count = self.missing = self.backwards = self.repeated = self.gaps = 0

@@ -1,8 +1,8 @@
-"""List the frames in a log of topics: names in headers, the tree of /tf, moving poses, joint names."""
+"""List the frames, poses and joints in a log of topics."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,7 +22,7 @@ class Survey:
 
     Attributes:
         frames: the tree of /tf.
-        named: topic of wrenches or poses -> frame of its header and child frame, "" where it has none.
+        named: topic of wrenches or poses -> frame of its header and child frame, or "".
         poses: topic of poses -> their number, and if they move.
         joints: topic of joint states -> names of the joints.
     """
@@ -33,29 +33,21 @@ class Survey:
     joints: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
 
     def add(self, messages: MessageBlock, topics: Mapping[str, Topic]) -> None:
-        """Add a block of messages of the log; `topics` are those of wrenches, poses and joint states, by name."""
+        """Add a block of messages; `topics` are those of wrenches, poses and joint states, by name."""
         self.frames.add(messages)
         for name, topic in topics.items():
-            if topic.kind == JOINTS:
-                if not self.joints.get(name):
-                    self.joints[name] = joint_names(messages.of(topic), topic)
-                continue
-            pose = role(topic.kind) == "pose"
-            if not pose and name in self.named:
-                continue
             own = messages.of(topic)
-            if name not in self.named and len(own.length):
-                self.named[name] = _frames_of(own, topic)
-            if pose and len(own.length):
-                stamps, values, sound = decode(own, topic)
-                self.poses.setdefault(name, SeenEdge()).add(values[sound], stamps[sound], static=False)
+            if topic.kind == JOINTS:
+                self.joints[name] = self.joints.get(name) or joint_names(own, topic)
+            elif len(own.length):
+                self.named[name] = self.named.get(name) or _frames_of(own, topic)
+                if role(topic.kind) == "pose":
+                    stamps, values, sound = decode(own, topic)
+                    self.poses.setdefault(name, SeenEdge()).add(values[sound], stamps[sound], static=False)
 
 
 def survey_of(source: MessageFile) -> Survey:
-    """Read the log once, and return a `Survey` of the frames, poses and joints in it.
-
-    Args:
-        source: file of the log's messages.
+    """Read a file of messages once, and return the frames, poses and joints in it.
 
     Raises:
         InputError: the file cannot be read, or needs a library that is not installed.
@@ -70,19 +62,10 @@ def survey_of(source: MessageFile) -> Survey:
 
 
 def _frames_of(messages: MessageBlock, topic: Topic) -> tuple[str, str]:
-    """Return the header's frame and the child frame of the first readable message; "" for those it lacks."""
-    strings = FIXED[topic.kind].strings
-    if not strings:
-        return "", ""
+    """Return the header's frame and the child frame of the first readable message; "" for none."""
     cursor = Cursor(messages, topic.encoding)
-    _, *first = cursor.header()
-    second = cursor.text() if strings > 1 else None
-    whole = np.flatnonzero(cursor.sound)
-    if not len(whole):
-        return "", ""
-
-    def name(text: Sequence[np.ndarray]) -> str:
-        at, length = (int(each[whole[0]]) for each in text)
-        return frame_name(messages.data[at : at + length])
-
-    return name(first), "" if second is None else name(second)
+    texts = [cursor.text() if k else cursor.header()[1:] for k in range(FIXED[topic.kind].strings)]
+    first = np.flatnonzero(cursor.sound)[:1]
+    names = [frame_name(messages.data[at[k] : at[k] + length[k]]) for k in first for at, length in texts]
+    frame, child = [*names, "", ""][:2]
+    return frame, child

@@ -1,4 +1,4 @@
-"""Read a log of topics: wrenches or arrays row by row, joined with poses and other topics by their times."""
+"""Read a log of topics: wrenches or arrays row by row, with poses and other topics at their times."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class TopicLog(Log):
         """Yield the samples as recordings in SI.
 
         Raises:
-            InputError: the file cannot be read; a topic is missing or empty, or several could be meant; the frames,
-                URDF or pinocchio that poses need are missing.
+            InputError: the file cannot be read; a topic is missing or empty, or several could be meant; or poses lack
+                frames, a URDF or pinocchio.
         """
         join, wanted = self._started()
         for messages in self._pieces(wanted):
@@ -58,7 +58,8 @@ class TopicLog(Log):
         """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type where possible.
 
         Raises:
-            InputError: as `blocks` does.
+            InputError: the file cannot be read, or lacks something that the layout requests.
+            KeyError: the layout requests no taxels.
         """
         main = self._as_stored()
         if main is None:
@@ -70,8 +71,7 @@ class TopicLog(Log):
     def merged_with(self, frames: Log) -> Iterator[Recording | Stored]:
         """Yield the `blocks` of this log and the `stored` of `frames`, the same file in another layout.
 
-        Items are recordings, or pairs of times (n,) [s] and frames (n, k). They alternate if one pass is possible,
-        else the recordings come first.
+        Items are recordings, or pairs of times (n,) [s] and frames (n, k); they alternate if one pass is possible.
 
         Raises:
             InputError: the file cannot be read, or lacks something that one of the layouts requests.
@@ -87,14 +87,13 @@ class TopicLog(Log):
         yield from self._ended(join)
 
     def _pieces(self, names: Collection[str]) -> Iterator[MessageBlock]:
-        """Yield blocks of messages from the file, and copy its position and `torn`."""
         for messages in self._source.messages(names):
             self.position = self._source.position
             yield messages
         self.torn = self._source.torn
 
     def _as_stored(self) -> _Stream | None:
-        """Return the stream of the array if its stored numbers can be used unconverted, or else None."""
+        """Return the stream of the array if its stored numbers need no conversion, else None."""
         array, topic = main_channel(self._layout), self._chosen().get("main")
         if array is None or topic is None or topic.kind not in ARRAYS or array.scale != 1.0:
             return None
@@ -102,13 +101,13 @@ class TopicLog(Log):
         return self._main
 
     def _started(self) -> tuple[_Join, set[str]]:
-        """Return a new join of messages to samples, and the names of the topics that it needs."""
+        """Return a new join, and the names of the topics that it needs."""
         layout, array, chosen = self._layout, main_channel(self._layout), self._chosen()
         if "both" in chosen and array is not None:
             array = replace(array, shape=(array.size + BESIDE,))
         main = _Stream(chosen.get("both") or chosen["main"], self._source, array)
         poses = self._poses(chosen, layout.offset)
-        sources = {} if poses is None else {"pose": poses}
+        sources: dict[str, _Source] = {} if poses is None else {"pose": poses}
         if (topic := chosen.get("acceleration")) is not None:
             gap = 0.0 if topic.name == LIVE_ACCELERATION else layout.max_gap
             sources["acceleration"] = self._tracked(topic, PoseTrack(0.0, gap))
@@ -125,7 +124,6 @@ class TopicLog(Log):
         return _Tracked(_Stream(topic, self._source), track)
 
     def _ended(self, join: _Join) -> Iterator[Recording]:
-        """Yield the remaining samples; raise an InputError if there were none at all."""
         yield from join.finish()
         if not join.rows:
             what = f"topic {join.main.topic.name!r} has no messages."
@@ -134,11 +132,10 @@ class TopicLog(Log):
     def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
         """Return stamps (k,) [s] without the layout's offset, and poses (k, 7): position [m], quaternion x, y, z, w.
 
-        From the tree of /tf they are taken at the stamps of the most frequent transform.
+        From /tf they are taken at the stamps of the most frequent transform.
 
         Raises:
-            InputError: the file cannot be read, no topic holds poses, or the frames, URDF or pinocchio that they need
-                are missing.
+            InputError: the file cannot be read, no topic holds poses, or they lack frames, a URDF or pinocchio.
         """
         poses = self._poses(self._chosen(), 0.0)
         if poses is None:
@@ -157,7 +154,7 @@ class TopicLog(Log):
         return time[known], np.concatenate([position, quaternion], axis=1)[known]
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the topics of the log, its duration and any damage.
+        """Return the topics of the log, its duration and any damage.
 
         Raises:
             InputError: the file cannot be read.
@@ -166,19 +163,19 @@ class TopicLog(Log):
         return LogContents(self.path, {}, topics, self._source.torn, self._source.duration)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the file, its topics and the samples so far, one sentence each."""
-        unsure, joined = self._unsure, () if self._join is None else self._join.notes()
-        joined = (*joined, *(() if self._main is None else self._main.notes()))
-        several = f"{len(unsure)} topics hold poses, and none is used: {', '.join(unsure)}; name one in [orientation]"
-        return (*self._source.notes(), *([several] if unsure else []), *joined)
+        """Return notes on the file, its topics and the samples read so far, one sentence each."""
+        unsure, said = self._unsure, list(self._source.notes())
+        if unsure:
+            listed = ", ".join(unsure)
+            said.append(f"{len(unsure)} topics hold poses, and none is used: {listed}; name one in [orientation]")
+        return (*said, *(note for part in (self._join, self._main) if part is not None for note in part.notes()))
 
     def _chosen(self) -> dict[str, Topic]:
         there = self.contents()
-        self._unsure = doubtful(there.topics, self._layout)
+        self._unsure = doubtful(there, self._layout)
         return choose(there, self._layout)
 
     def _poses(self, chosen: dict[str, Topic], offset: float) -> _Source | None:
-        """Return the source of the sensor's poses that the layout selects, or None."""
         layout, where, track = self._layout, str(self.path), PoseTrack(offset, self._layout.max_gap)
         pose = chosen.get("pose")
         if pose is not None and pose.name == LIVE_POSE:  # at the readings' own stamps, and nowhere between
@@ -193,9 +190,8 @@ class TopicLog(Log):
         if self._frames is None:
             self._frames = read_frames(self._source, tree_topics(topics))
         if not self._frames.edges:
-            raise InputError(
-                "the log has no transforms (/tf).", where=where, hint="Name a topic of poses in [orientation]."
-            )
+            what = "the log has no transforms (/tf)."
+            raise InputError(what, where=where, hint="Name a topic of poses in [orientation].")
         return TreePoses(self._frames, *layout.frames, offset, layout.max_gap, where)
 
 
@@ -209,7 +205,7 @@ class _Stream:
         self._stamped = has_header(topic.kind) and source.has_stamps(topic, self._stamps)
 
     def read(self, messages: MessageBlock) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
-        """Return times (n,) [s] and numbers (n, k) of the topic; NaN where a message is cut or of another form."""
+        """Return times (n,) [s] and numbers (n, k); NaN where a message is unreadable."""
         messages = messages.of(self.topic)
         stamps, values, sound = decode(messages, self.topic, self._shape)
         self.count += len(sound)
@@ -219,7 +215,7 @@ class _Stream:
         return np.where(sound, seconds(stamps), np.nan), values
 
     def stored(self, messages: MessageBlock) -> tuple[Float[np.ndarray, " n"], np.ndarray]:
-        """Return times [s] and numbers of an array in their stored type, for the messages that can be read."""
+        """Return times [s] and stored numbers of the messages that can be read."""
         messages = messages.of(self.topic)
         values, sound = decode_array(messages, self.topic, self._shape)
         self.count += len(sound)
@@ -227,7 +223,6 @@ class _Stream:
         return seconds(messages.time[sound]), values if sound.all() else values[sound]
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on unreadable messages and missing stamps."""
         name, unread, array = repr(self.topic.name), self.unread, self._array
         made = f"are not {self.topic.kind}" if array is None else f"do not hold {array.described} numbers"
         said = (
@@ -242,13 +237,12 @@ class _Stream:
 
 
 class _Tracked:
-    """The poses, accelerations, temperatures or wrenches of one topic, to be taken at the times of rows."""
+    """The poses, accelerations, temperatures or wrenches of one topic."""
 
     def __init__(self, stream: _Stream, track: PoseTrack | WrenchMeans) -> None:
         self.stream, self.track, self.topics = stream, track, (stream.topic,)
 
     def add(self, messages: MessageBlock) -> None:
-        """Add the messages of the topic in a block to the track."""
         time, values = self.stream.read(messages)
         if isinstance(self.track, WrenchMeans):
             self.track.add(time, values)
@@ -259,7 +253,6 @@ class _Tracked:
             self.track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), three)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on unreadable messages and on those that the track dropped."""
         return (*self.stream.notes(), *self.track.notes())
 
 
@@ -267,7 +260,7 @@ _Source = _Tracked | JointPoses | TreePoses
 
 
 class _Join:
-    """A join that delays rows until poses, accelerations and wrenches around their time have arrived."""
+    """A join that delays rows until everything around their time has arrived."""
 
     def __init__(self, main: _Stream, sources: Mapping[str, _Source], samples: SampleReader, layout: LogLayout) -> None:
         self.main, self._sources, self._samples, self._layout = main, sources, samples, layout
@@ -279,7 +272,7 @@ class _Join:
         self._fresh = self.rows = self._lost = 0
 
     def take(self, messages: MessageBlock) -> Iterator[Recording]:
-        """Add a block of messages, and yield the rows that are now complete."""
+        """Add a block of messages, and yield the rows that are complete."""
         for source in self._sources.values():
             source.add(messages)
         time, values = self.main.read(messages)
@@ -291,14 +284,12 @@ class _Join:
             yield from self._release(complete=False)
 
     def finish(self) -> Iterator[Recording]:
-        """Yield the remaining rows, once there are no more messages."""
         for source in self._sources.values():
             source.track.complete()
         if self._time:
             yield from self._release(complete=True)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on all streams and on samples without a pose, one sentence each."""
         said = [note for source in (self.main, *self._sources.values()) for note in source.notes()]
         pose = self._sources.get("pose")
         if isinstance(pose, _Tracked) and self._layout.orientation_topic is None:
@@ -324,7 +315,6 @@ class _Join:
             source.track.forget(oldest)
 
     def _rows(self, values: Float[np.ndarray, "n k"]) -> dict[str, np.ndarray]:
-        """Return the readings; those of a live record with a wrench are split into array, wrench and count."""
         if values.shape[1] != self._width + BESIDE:
             return {self._name: values}
         ends = (self._width, self._width + 6)

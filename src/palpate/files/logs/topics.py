@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from palpate.errors import InputError
 from palpate.files.logs.decoding import ARRAYS, FIXED, IMAGE, role
@@ -14,20 +12,7 @@ from palpate.files.logs.log import LogContents
 from palpate.files.messages import Topic
 from palpate.files.units import near
 
-__all__ = [
-    "LIVE",
-    "LIVE_ACCELERATION",
-    "LIVE_BOTH",
-    "LIVE_POSE",
-    "NONE",
-    "POSE_KINDS",
-    "RESULTS",
-    "choose",
-    "choose_images",
-    "doubtful",
-    "main_channel",
-    "sentence",
-]
+__all__ = ["POSE_KINDS", "choose", "choose_images", "doubtful", "main_channel", "sentence"]
 
 _ENCODINGS = ("cdr", "ros1")
 _SHOWN = 12  # topics in a sentence
@@ -40,7 +25,7 @@ LIVE_POSE, LIVE_ACCELERATION = f"{LIVE}pose", f"{LIVE}acceleration"  # one of th
 
 @dataclass(frozen=True)
 class _Wanted:
-    """A topic to look for: its role, the array it must hold, and the table of the rig that may name it."""
+    """A topic to look for, the array it must hold, and the table of the rig that may name it."""
 
     role: str
     table: str
@@ -49,11 +34,9 @@ class _Wanted:
 
     @property
     def called(self) -> str:
-        """Name of the contents of its messages, in a sentence."""
         return self.role if self.array is None else self.array.name
 
     def fits(self, topic: Topic) -> bool:
-        """Check whether the messages of a topic have this role; images fit two-dimensional arrays only."""
         if self.role == "image":
             return topic.encoding in _ENCODINGS and topic.kind in IMAGES
         flat = self.array is not None and len(self.array.shape) != 2
@@ -76,9 +59,7 @@ _ACCELERATION = _Wanted("acceleration", "acceleration", f"Accelerations are read
 
 
 def main_channel(layout: LogLayout) -> ArrayChannel | None:
-    """Return the `ArrayChannel` whose messages make the rows of a log of topics; None if wrenches make the rows.
-
-    If the layout requests an array and a wrench, the array makes the rows.
+    """Return the channel whose messages are the rows of a log of topics: the array; None if only wrenches are read.
 
     Raises:
         InputError: the layout requests several arrays, whose messages have different times, or nothing, or images.
@@ -88,80 +69,71 @@ def main_channel(layout: LogLayout) -> ArrayChannel | None:
         return asked[-1]
     said = ["wrench" if array is None else array.name for array in asked] + ["image"] * (layout.images is not None)
     names = " and ".join(said) or "nothing"
-    raise InputError(
-        f"{names} cannot be read from one log of topics.",
-        where="layout",
-        hint="Write them as a table with one row per time: samples of several topics are not joined.",
-    )
+    hint = "Write them as a table with one row per time: samples of several topics are not joined."
+    raise InputError(f"{names} cannot be read from one log of topics.", where="layout", hint=hint)
 
 
 def choose(there: LogContents, layout: LogLayout) -> dict[str, Topic]:
-    """Return a dict, role -> `Topic`: "main" (wrench or array), "wrench" next to an array, "pose" and others.
+    """Return role -> topic: "main" (wrench or array), "wrench" next to an array, "pose" and others.
 
-    "both", in place of the first two: an array with the wrench in one message, as a live record has them.
-
-    "pose", "acceleration" and "temperature" may be missing. There is no "pose" if several topics hold poses and none is
-    named (`doubtful`).
+    "both" replaces the first two if a live record has array and wrench in one message. "pose", "acceleration" and
+    "temperature" may be missing; "pose" is if several topics hold poses and none is named.
 
     Raises:
-        InputError: a topic that is named does not exist or has another type, or no topic or several could be "main" or
-            "wrench".
+        InputError: a named topic does not exist or has another type; no topic or several could be "main" or "wrench";
+            or the layout requests several arrays, nothing, or images.
     """
-    array, topics, path = main_channel(layout), there.topics, there.path
-    if array is not None and layout.wrench is not None and (both := _recorded(topics, LIVE_BOTH)) is not None:
-        pose, pushed = _recorded(topics, LIVE_POSE), _recorded(topics, LIVE_ACCELERATION)
-        return {"both": both} | ({"pose": pose} if pose else {}) | ({"acceleration": pushed} if pushed else {})
-    main = _WRENCH if array is None else _wanted(array)
-    rows = _required(there, main, layout.wrench_topic if array is None else array.topic)
-    pose = _pose(topics, layout, path)
-    acceleration = _recorded(topics, LIVE_ACCELERATION) or _named(
-        topics, _ACCELERATION, layout.acceleration_topic, path
-    )  # an accelerometer may sit anywhere
-    temperature = _named(topics, _TEMPERATURE, layout.temperature, path)
-    beside = _required(there, _WRENCH, layout.wrench_topic) if array is not None and layout.wrench is not None else None
-    chosen = {"main": rows, "wrench": beside, "pose": pose, "acceleration": acceleration, "temperature": temperature}
+    array, pushed = main_channel(layout), _recorded(there, LIVE_ACCELERATION)
+    beside = array is not None and layout.wrench is not None
+    if beside and (both := _recorded(there, LIVE_BOTH)) is not None:
+        chosen = {"both": both, "pose": _recorded(there, LIVE_POSE), "acceleration": pushed}
+    else:
+        main, named = (_WRENCH, layout.wrench_topic) if array is None else (_wanted(array), array.topic)
+        chosen = {
+            "main": _required(there, main, named),
+            "pose": _pose(there, layout),
+            "acceleration": pushed or _named(there, _ACCELERATION, layout.acceleration_topic),  # it may sit anywhere
+            "temperature": _named(there, _TEMPERATURE, layout.temperature),
+            "wrench": _required(there, _WRENCH, layout.wrench_topic) if beside else None,
+        }
     return {role: topic for role, topic in chosen.items() if topic is not None}
 
 
 def choose_images(there: LogContents, channel: ImageChannel) -> Topic:
-    """Return the `Topic` of images that the channel names, or the only one.
+    """Return the topic of images that the channel names, or the only one.
 
     Raises:
-        InputError: a topic that is named does not exist or holds no images; or none, or several, could be meant.
+        InputError: the named topic does not exist or holds no images; or none is named, and not exactly one does.
     """
     kinds = ", ".join(name.split("/")[1] for name in IMAGES)
     return _required(there, _Wanted("image", channel.table, f"Images are read from {kinds}."), channel.topic)
 
 
 def _required(there: LogContents, wanted: _Wanted, name: str | None) -> Topic:
-    """Return the topic called `name`, or the only one of its kind; raise an InputError if there is not exactly one."""
-    topics, path = there.topics, there.path
-    found = _named(topics, wanted, name, path) or _only(topics, wanted, path)
+    """Return the topic called `name`, or the only one of its kind."""
+    found = _named(there, wanted, name) or _only(there, wanted)
     if found is None:
-        listed = ", ".join(f"{t.name} ({t.kind or 'of no type'}, {t.count:,})" for t in topics[:_SHOWN])
+        listed = ", ".join(f"{t.name} ({t.kind or 'of no type'}, {t.count:,})" for t in there.topics[:_SHOWN])
         held = wanted.called if wanted.array is not None else f"{wanted.called}{'es' if wanted is _WRENCH else 's'}"
-        raise InputError(
-            f"no topic holds {held}; the log has {listed or 'no topics'}.",
-            where=str(path),
-            hint=sentence(there.torn) or wanted.read,
-        )
+        what = f"no topic holds {held}; the log has {listed or 'no topics'}."
+        raise InputError(what, where=str(there.path), hint=sentence(there.torn) or wanted.read)
     return found
 
 
-def _pose(topics: Sequence[Topic], layout: LogLayout, path: Path) -> Topic | None:
+def _pose(there: LogContents, layout: LogLayout) -> Topic | None:
     if layout.orientation_topic == NONE:
         return None
-    if (recorded := _recorded(topics, LIVE_POSE)) is not None or layout.frames is not None:
+    if (recorded := _recorded(there, LIVE_POSE)) is not None or layout.frames is not None:
         return recorded
-    named = _named(topics, _POSE, layout.orientation_topic, path)
-    return named if named is not None or doubtful(topics, layout) else _only(topics, _POSE, path)
+    named = _named(there, _POSE, layout.orientation_topic)
+    return named if named is not None or doubtful(there, layout) else _only(there, _POSE)
 
 
-def doubtful(topics: Sequence[Topic], layout: LogLayout) -> list[str]:
-    """Return the names of several topics of poses of which none is used, because none is named; else an empty list."""
-    if layout.orientation_topic is not None or layout.frames is not None or _recorded(topics, LIVE_POSE):
+def doubtful(there: LogContents, layout: LogLayout) -> list[str]:
+    """Return the names of topics of poses of which none is used, as none of several is named; else []."""
+    if layout.orientation_topic is not None or layout.frames is not None or _recorded(there, LIVE_POSE):
         return []
-    fitting = [topic.name for topic in topics if _meant(topic, _POSE)]
+    fitting = [topic.name for topic in there.topics if _meant(topic, _POSE)]
     return fitting if len(fitting) > 1 else []
 
 
@@ -177,47 +149,39 @@ def _wanted(array: ArrayChannel) -> _Wanted:
     return _Wanted("array", array.table, read, array)
 
 
-def _named(topics: Sequence[Topic], wanted: _Wanted, name: str | None, path: Path) -> Topic | None:
-    """Return the topic that the rig names; None if it names none. Raise an InputError if missing or of another type."""
+def _named(there: LogContents, wanted: _Wanted, name: str | None) -> Topic | None:
+    """Return the topic that the rig names; None if it names none."""
     if name is None:
         return None
-    found = [topic for topic in topics if topic.name == name]
+    found = [topic for topic in there.topics if topic.name == name]
     if not found:
-        raise InputError(f"there is no topic {name!r}.", where=str(path), hint=near(name, (t.name for t in topics)))
-    fitting = [topic for topic in found if wanted.fits(topic)]
-    if not fitting:
-        raise InputError(
-            f"topic {name!r} holds {found[0].kind or 'messages of no type'} ({found[0].encoding or 'no encoding'}), "
-            "which does not fit.",
-            where=str(path),
-            hint=wanted.read,
-        )
-    return fitting[0]
+        hint = near(name, (topic.name for topic in there.topics))
+        raise InputError(f"there is no topic {name!r}.", where=str(there.path), hint=hint)
+    fitting = next((topic for topic in found if wanted.fits(topic)), None)
+    if fitting is None:
+        kind, encoding = found[0].kind or "messages of no type", found[0].encoding or "no encoding"
+        what = f"topic {name!r} holds {kind} ({encoding}), which does not fit."
+        raise InputError(what, where=str(there.path), hint=wanted.read)
+    return fitting
 
 
-def _only(topics: Sequence[Topic], wanted: _Wanted, path: Path) -> Topic | None:
-    """Return the only topic of a fitting type; for a list of numbers, doubles are preferred. None if no topic fits.
-
-    Topics of a live record are preferred to others. Raise an InputError if several fit.
-    """
-    fitting = [topic for topic in topics if _meant(topic, wanted)]
+def _only(there: LogContents, wanted: _Wanted) -> Topic | None:
+    """Return the only fitting topic, or None; live records and lists of doubles are preferred."""
+    fitting = [topic for topic in there.topics if _meant(topic, wanted)]
     fitting = [topic for topic in fitting if topic.name.startswith(LIVE)] or fitting
     if wanted.array is not None and len(wanted.array.shape) == 1:
         fitting = [topic for topic in fitting if topic.kind == _DOUBLES] or fitting
     if len(fitting) > 1:
-        raise InputError(
-            f"{len(fitting)} topics hold a {wanted.called}: {', '.join(topic.name for topic in fitting)}.",
-            where=str(path),
-            hint=f"Name one in the rig, as topic in [{wanted.table}], or with --topic.",
-        )
+        what = f"{len(fitting)} topics hold a {wanted.called}: {', '.join(topic.name for topic in fitting)}."
+        hint = f"Name one in the rig, as topic in [{wanted.table}], or with --topic."
+        raise InputError(what, where=str(there.path), hint=hint)
     return fitting[0] if fitting else None
 
 
 def _meant(topic: Topic, wanted: _Wanted) -> bool:
-    """Check whether a topic may be used where none is named: it fits, has messages and holds no contacts."""
+    """Check whether a topic may be used where none is named."""
     return wanted.fits(topic) and topic.count > 0 and not topic.name.startswith(RESULTS)
 
 
-def _recorded(topics: Sequence[Topic], name: str) -> Topic | None:
-    """Return the topic of a live record with this name, which takes precedence over the rig's; None if it has none."""
-    return next((topic for topic in topics if topic.name == name and topic.count), None)
+def _recorded(there: LogContents, name: str) -> Topic | None:
+    return next((topic for topic in there.topics if topic.name == name and topic.count), None)

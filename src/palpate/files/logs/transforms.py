@@ -1,4 +1,4 @@
-"""Read the tree of /tf and /tf_static: its frames, those that move, and the pose of one frame in another over time."""
+"""Read the tree of /tf and /tf_static: its frames, and the pose of one in another over time."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ _FORMS = 32  # forms of messages of one length that are looked for among all of 
 
 @dataclass(frozen=True)
 class Transforms:
-    """The transforms in some messages, one per row.
+    """The m transforms in some messages.
 
     Attributes:
-        parent, child: numbers of the frames' names.
-        stamp: [ns] of each header.
-        message: index of the message that contains it.
-        values: position [m] and quaternion x, y, z, w of the child in the parent.
+        parent, child: (m,) numbers of the frames' names.
+        stamp: (m,) [ns].
+        message: (m,) index of the message of each.
+        values: (m, 7) position [m] and quaternion x, y, z, w of the child in the parent.
     """
 
     parent: Int[np.ndarray, " m"]
@@ -45,7 +45,7 @@ class Transforms:
     values: Float[np.ndarray, "m 7"]
 
     def edges(self) -> Iterator[tuple[int, int, Int[np.ndarray, " k"]]]:
-        """Yield the numbers of parent and child, and the indices (k,) of the rows of each edge, in their order."""
+        """Yield the numbers of parent and child, and the indices (k,) of the rows, of each edge."""
         key = (self.parent << 32) + self.child
         order = np.argsort(key, kind="stable")
         starts = np.flatnonzero(np.diff(key[order], prepend=-1))
@@ -56,10 +56,7 @@ class Transforms:
 def transforms(
     messages: MessageBlock, topic: Topic, names: dict[str, int]
 ) -> tuple[Transforms, Bool[np.ndarray, " n"]]:
-    """Read all `Transforms` in some messages, in order; return them, and a bool (n,), True for each readable message.
-
-    A publisher sends the same frames again and again, so that its messages differ only in stamps and numbers: the first
-    is parsed, and those of the same form are read at once.
+    """Return all transforms in n messages, in order, and a mask (n,), True for each readable message.
 
     Args:
         messages: of the topic.
@@ -90,10 +87,9 @@ class _Form:
     """The common form of messages that differ only in stamps and numbers.
 
     Attributes:
-        little: True if their numbers are little-endian.
-        fixed: pairs of byte offset and bytes that all of them share: counts, names and their lengths.
+        fixed: byte offset, and bytes that all share: counts, names and their lengths.
         frames: parent and child of each transform.
-        stamps, values: byte offsets of the stamp and the numbers of each transform.
+        stamps, values: byte offsets of the stamp and the numbers of each.
     """
 
     little: bool
@@ -103,7 +99,6 @@ class _Form:
     values: list[int]
 
     def fits(self, data: bytes, start: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, " n"]:
-        """Return True (n,) for the messages of this size that have this form."""
         same = np.ones(len(start), dtype=bool)
         for at, wanted in self.fixed:
             if at + len(wanted) > size:
@@ -114,7 +109,6 @@ class _Form:
     def read(
         self, data: bytes, start: Int[np.ndarray, " n"], message: Int[np.ndarray, " n"], names: dict[str, int]
     ) -> Transforms:
-        """Read the transforms of messages that have this form."""
         order = "<" if self.little else ">"
         each = np.zeros((len(self.frames), 3, len(start)), dtype=np.int64)
         values = np.zeros((len(self.frames), len(start), 7))
@@ -129,7 +123,7 @@ class _Form:
 
 
 def _form(raw: bytes, cdr: bool) -> _Form | None:
-    """Return the form of one message; None if it is cut or malformed."""
+    """Return the form of one message; None if it is malformed."""
     origin = 4 if cdr else 0
     if cdr and (len(raw) < 4 or raw[0] or raw[1] > 1):
         return None
@@ -162,18 +156,18 @@ def _form(raw: bytes, cdr: bool) -> _Form | None:
 
 
 def frame_name(text: bytes) -> str:
-    """Return a frame's name as tf2 spells it: without the leading slash that ROS 1 allows."""
+    """Return a frame's name without the leading slash that ROS 1 allows."""
     return text.rstrip(b"\0").decode(errors="replace").removeprefix("/")
 
 
 def _bytes(data: bytes, at: Int[np.ndarray, " n"], width: int) -> np.ndarray:
-    """Return (n, width) bytes from `at` on; all must be within `data`."""
     return taken(data, at, width, np.ones(len(at), dtype=bool))
 
 
 def _in_order(pieces: list[Transforms]) -> Transforms:
-    """Join transforms and sort them by message, in the order within each."""
-    pieces = [Transforms(*np.zeros((4, 0), dtype=np.int64), np.zeros((0, 7))), *pieces]
+    """Join transforms, sorted by message."""
+    none = np.zeros(0, dtype=np.int64)
+    pieces = [Transforms(none, none, none, none, np.zeros((0, 7))), *pieces]
     joined = [np.concatenate([getattr(piece, each.name) for piece in pieces]) for each in fields(Transforms)]
     order = np.argsort(joined[3], kind="stable")
     return Transforms(*(values[order] for values in joined))
@@ -182,14 +176,14 @@ def _in_order(pieces: list[Transforms]) -> Transforms:
 @takes_arrays
 @dataclass
 class SeenEdge:
-    """The transforms of one edge that were found in a log.
+    """The transforms of one edge in a log.
 
     Attributes:
-        count: number of transforms on topics that are not static.
-        first: the first of these: position [m] and quaternion.
+        count: number of those on topics that are not static.
+        first: the first of these, (7,): position [m] and quaternion.
         moves: True if another of these differs from it.
         stamped: True if one of these has a stamp.
-        constant: the last one of /tf_static; None if it has none.
+        constant: the last one of /tf_static; None without any.
     """
 
     count: int = 0
@@ -199,7 +193,10 @@ class SeenEdge:
     constant: Float[np.ndarray, "7"] | None = None
 
     def add(self, values: Float[np.ndarray, "k 7"], stamp: Int[np.ndarray, " k"], *, static: bool) -> None:
-        """Add transforms (k, 7) with stamps (k,) [ns]; invalid ones are not used."""
+        """Add transforms (k, 7) with stamps (k,) [ns]; those that are not finite, or no rotations, only count.
+
+        `static`: they are from /tf_static.
+        """
         fine = values[sound_quaternions(values[:, 3:]) & np.isfinite(values).all(axis=1)]
         if static and len(fine):
             self.constant = fine[-1]
@@ -214,7 +211,7 @@ class SeenEdge:
 
     @property
     def holds(self) -> bool:
-        """True if the edge is one pose for the complete log: it is on /tf_static, and /tf does not differ."""
+        """True if the edge is one pose in the complete log: it is on /tf_static, and /tf does not differ."""
         return self.constant is not None and not self.contradicted
 
     @property
@@ -226,7 +223,7 @@ class SeenEdge:
 
 
 def _differs(values: Float[np.ndarray, "k 7"], first: Float[np.ndarray, "7"]) -> bool:
-    """Check whether a pose differs from the first by more than rounding; q and -q are the same rotation."""
+    """Check whether a pose differs by more than rounding; q and -q are one rotation."""
     turn = np.minimum(*(np.abs(values[:, 3:] + sign * first[3:]).max(axis=1, initial=0.0) for sign in (1, -1)))
     shift = np.abs(values[:, :3] - first[:3]).max(axis=1, initial=0.0)
     return bool((np.maximum(turn, shift) > _MOVED).any())
@@ -234,10 +231,10 @@ def _differs(values: Float[np.ndarray, "k 7"], first: Float[np.ndarray, "7"]) ->
 
 @dataclass
 class TransformTree:
-    """All edges of a log's tree, found in one pass over its topics.
+    """All edges of a log's tree.
 
     Attributes:
-        topics: topics of transforms.
+        topics: of transforms.
         edges: (parent, child) -> transforms found.
         names: name of a frame -> its number.
     """
@@ -256,9 +253,9 @@ class TransformTree:
                 seen.add(rows.values[which], rows.stamp[which], static=_static(topic))
 
     def tree(self, offset: float = 0.0, max_gap: float = 0.25) -> FrameTree:
-        """Return a `FrameTree` with constant poses, and with an empty track for each edge that may move.
+        """Return the tree with constant poses, and with an empty `PoseTrack` for each edge on /tf.
 
-        An edge of /tf that did not move in the log is interpolated over gaps of any length.
+        Its tracks have `offset` [s], and `max_gap` [s] if they move, else any gap.
         """
         made = FrameTree()
         for (parent, child), seen in self.edges.items():
@@ -269,13 +266,13 @@ class TransformTree:
         return made
 
     def moving(self, frames: Sequence[str]) -> list[tuple[str, str]]:
-        """Return a list of the edges (parent, child) between neighbours in `frames` that move."""
+        """Return the edges (parent, child) between neighbours in `frames` that move."""
         pairs = {frozenset(pair) for pair in pairwise(frames)}
         return [edge for edge, seen in self.edges.items() if seen.moves and frozenset(edge) in pairs]
 
 
 def tree_topics(topics: Sequence[Topic]) -> list[Topic]:
-    """Return a list of those topics that hold transforms and can be read."""
+    """Return those topics that hold transforms and can be read."""
     return [topic for topic in topics if topic.kind in TREES and topic.encoding in ("cdr", "ros1")]
 
 
@@ -284,7 +281,7 @@ def _static(topic: Topic) -> bool:
 
 
 def read_frames(source: MessageFile, topics: Sequence[Topic]) -> TransformTree:
-    """Read the topics of transforms in the complete file, and return their `TransformTree`.
+    """Return the tree of the topics of transforms in the complete file.
 
     Raises:
         InputError: the file cannot be read.
@@ -296,7 +293,18 @@ def read_frames(source: MessageFile, topics: Sequence[Topic]) -> TransformTree:
 
 
 class TreePoses:
-    """The pose of one frame in another from /tf; a `PoseSource` of `palpate.files.logs.topic_log`."""
+    """The pose of frame `sensor` in frame `base` over time, from /tf.
+
+    Args:
+        frames: tree of the log.
+        base, sensor: frames.
+        offset: [s] added to the stamps.
+        max_gap: [s] largest gap that is interpolated.
+        where: path of the log.
+
+    Raises:
+        InputError: there is no such frame, or not one path between the two.
+    """
 
     def __init__(
         self, frames: TransformTree, base: str, sensor: str, offset: float, max_gap: float, where: str
@@ -318,7 +326,7 @@ class TreePoses:
         self._names = dict[str, int]()
 
     def add(self, messages: MessageBlock) -> None:
-        """Add the transforms in a block of messages to the tracks of moving edges."""
+        """Add the transforms in a block of messages to the track."""
         for topic in self.topics:
             own = messages.of(topic)
             rows, sound = transforms(own, topic, self._names)
@@ -333,7 +341,7 @@ class TreePoses:
                     track.add(seconds(time), rows.values[which, 3:], rows.values[which, :3])
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes, one sentence each: the path from base to sensor, and contradictory or unreadable transforms."""
+        """Return notes, one sentence each: the path of frames, contradictory or unreadable transforms."""
         said = [f"the sensor's pose is taken from {' -> '.join(self.track.frames)} in the tree of /tf"]
         if not self._needed:
             said.append("none of these transforms changes: the sensor is assumed not to move")

@@ -1,4 +1,4 @@
-"""Read a video file through OpenCV's FFmpeg: one sample per frame, at the time that the file gives it."""
+"""Read a video through OpenCV's FFmpeg: one sample per frame."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class VideoLog(ImageLog):
             self.torn = f"the video is cut short: it announces {announced:,} frames and holds {len(stamps):,}"
 
     def _stamps(self, cv2: Any) -> tuple[Float[np.ndarray, " n"], int]:
-        """Return the stamps (n,) [s] of all frames in display order, and the number announced if more, else 0."""
+        """Return the stamps [s] of all frames in display order, and the number announced if more, else 0."""
         with _opened(cv2, self.path, packed=True) as video:
             announced, rate = int(video.get(cv2.CAP_PROP_FRAME_COUNT)), _rate(cv2, video)
             found: list[float] = []
@@ -94,7 +94,7 @@ class VideoLog(ImageLog):
         return even if np.abs(even - stamps).max() < _ROUNDED else stamps
 
     def _decoded(self, cv2: Any, stamps: Float[np.ndarray, " n"]) -> Iterator[Frame]:
-        """Yield each frame, decoded or None; the decoder skips bad frames, which are identified by stamps."""
+        """Yield each frame; the decoder skips bad ones, which stamps identify."""
         with _opened(cv2, self.path) as video:
             times, count = self._times(stamps, _rate(cv2, video)), len(stamps)
             named, listed = _told_apart(stamps), stamps.tolist()
@@ -130,18 +130,13 @@ def _rate(cv2: Any, video: Any) -> float | None:
 
 
 def _codec(cv2: Any, video: Any) -> str:
-    """Return the four characters of the codec."""
     code = int(video.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
     return "".join(chr(byte) if 32 <= byte < 127 else "?" for byte in code.to_bytes(4, "little"))
 
 
 @contextmanager
 def _opened(cv2: Any, path: Path, *, packed: bool = False) -> Generator[Any]:
-    """Yield the video opened by OpenCV; `packed`: its frames are skipped, not decoded.
-
-    Raises:
-        InputError: the file cannot be read, or not be decoded.
-    """
+    """Yield the opened video; `packed`: its frames are skipped, not decoded."""
     open_input(path).close()
     logging = cv2.utils.logging
     before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
@@ -159,26 +154,20 @@ def _opened(cv2: Any, path: Path, *, packed: bool = False) -> Generator[Any]:
 
 
 def _closed(cv2: Any, path: Path, *, packed: bool) -> InputError:
-    """Return an InputError with the reason why a video cannot be opened."""
     if not packed:  # it could be opened to pass over its frames
         with _opened(cv2, path, packed=True) as video:
             codec = _codec(cv2, video)
-        return InputError(
-            f"is a video whose frames cannot be decoded: OpenCV has no decoder for {codec!r} here.",
-            where=str(path),
-            hint="Convert it, as with ffmpeg -i IN -c:v mjpeg -q:v 2 OUT.avi.",
-        )
+        what = f"is a video whose frames cannot be decoded: OpenCV has no decoder for {codec!r} here."
+        return InputError(what, where=str(path), hint="Convert it, as with ffmpeg -i IN -c:v mjpeg -q:v 2 OUT.avi.")
     if _lacks_index(path):
-        return InputError(
-            "is a video without its index (moov): its recording was not finished, or the file is cut.",
-            where=str(path),
-            hint="Copy it again, or repair it with a tool like untrunc; .mkv and .avi can be read up to a cut.",
-        )
+        what = "is a video without its index (moov): its recording was not finished, or the file is cut."
+        hint = "Copy it again, or repair it with a tool like untrunc; .mkv and .avi can be read up to a cut."
+        return InputError(what, where=str(path), hint=hint)
     return InputError("is a video that cannot be opened: it is damaged, or its format is not known.", where=str(path))
 
 
 def _lacks_index(path: Path) -> bool:
-    """Check whether an MP4 or QuickTime file lacks a complete index (a box called moov)."""
+    """Check whether an MP4 or QuickTime file lacks a complete index (moov)."""
     size, at = path.stat().st_size, 0
     with open_input(path) as file:
         if file.read(12)[4:8] not in _BOXES:

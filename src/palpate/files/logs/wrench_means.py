@@ -14,15 +14,14 @@ SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this
 
 @takes_arrays
 class WrenchMeans:
-    """Wrenches that are added in pieces, and averaged about the times of rows, such as frames of a skin, in order.
+    """Wrenches that are added in pieces, and averaged about the times of rows, in order.
 
-    The mean of a row is over the readings within half a step to either side of it, so that each is used once. If there
-    are none, the wrench is interpolated linearly between its neighbours. How rows or wrenches are cut into pieces makes
-    no difference.
+    A row's mean is over the readings within half a step to either side, each used once; without any, the wrench is
+    interpolated linearly.
 
     Args:
         max_gap: [s] largest gap between neighbours that is interpolated, and the longest step between rows.
-        limits: (6,) as recorded, at which a reading is saturated: a mean that includes it is replaced by it.
+        limits: (6,) as recorded, at which a reading is saturated: it replaces a mean that includes it.
     """
 
     def __init__(self, max_gap: float = 0.25, limits: Float[np.ndarray, "6"] | None = None) -> None:
@@ -49,12 +48,12 @@ class WrenchMeans:
         self._complete = True
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
-        """Return how many of the next rows, at times (n,) [s], have means that future readings cannot change."""
+        """Return how many of the next rows, at times (n,) [s], have means that later readings cannot change."""
         waits = np.flatnonzero(time + self._halves(time)[0] > self._newest)
         return len(time) if self._complete or not len(waits) else int(waits[0])
 
     def means(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 1"]]:
-        """Return the wrenches of the next rows, at times (n,) [s], and the number of readings averaged in each, (n, 1).
+        """Return the wrenches of the next rows, at times (n,) [s], and the numbers of readings averaged, (n, 1).
 
         Wrenches are (n, 6) as recorded, NaN if unknown; the number is 0 if one was interpolated or is unknown.
         """
@@ -80,7 +79,7 @@ class WrenchMeans:
             self._kept = kept[first:].copy()
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on late wrenches and on rows without a wrench, one sentence each."""
+        """Return notes on late wrenches and on rows without one, one sentence each."""
         said = (
             (self.late, f"{self.late} wrenches have times that are not later than the one before, and were left out"),
             (self.unanswered, f"{self.unanswered} of {self.rows} rows have no wrench within {self.max_gap:g} s"),
@@ -88,7 +87,7 @@ class WrenchMeans:
         return tuple(sentence for count, sentence in said if count)
 
     def _halves(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], float]:
-        """Return half the step to each row (n,) [s], after a gap half the step before it; and the last step."""
+        """Return half the step to each row [s], after a gap that before it; and the last step."""
         halves, step, last = np.zeros(len(time)), self._step, self._last
         for k, now in enumerate(time.tolist()):
             passed = now - last
@@ -101,7 +100,7 @@ class WrenchMeans:
     def _mean(
         self, values: Float[np.ndarray, "k 6"], first: Int[np.ndarray, " n"], counts: Int[np.ndarray, " n"]
     ) -> Float[np.ndarray, "n 6"]:
-        """Return the means of `counts` readings from `first` on; if one is saturated, the first such reading."""
+        """Return the means of `counts` readings from `first` on; or the first saturated one."""
         made = np.zeros((len(first), 6))
         for k in range(int(counts.max(initial=0))):
             more = counts > k
@@ -116,7 +115,7 @@ class WrenchMeans:
     def _between(
         self, time: Float[np.ndarray, " n"], stamps: Float[np.ndarray, " k"], values: Float[np.ndarray, "k 6"]
     ) -> Float[np.ndarray, "n 6"]:
-        """Interpolate linearly between the neighbours of each row; NaN over gaps longer than `max_gap`."""
+        """Interpolate linearly between the neighbours of each row; NaN over longer gaps."""
         if len(stamps) < 2:
             return np.full((len(time), 6), np.nan)
         after = np.clip(np.searchsorted(stamps, time, side="left"), 1, len(stamps) - 1)

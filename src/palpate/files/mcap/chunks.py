@@ -16,9 +16,9 @@ _STEP = 1 << 17  # bytes: what was decompressed before damage is kept in steps o
 
 
 def inflate(content: memoryview) -> tuple[bytes, str]:
-    """Return the decompressed records of an MCAP chunk as bytes, and a sentence on its damage, "" if there is none.
+    """Return the decompressed records of an MCAP chunk, and a sentence on its damage, or "".
 
-    Of a damaged chunk they are those that could be decompressed, from its start on; b"" if its header is unusable.
+    Of a damaged chunk they are those before the damage; b"" if its header is unusable.
     """
     try:
         _, _, size, checksum, named = unpack_from("<QQQII", content)

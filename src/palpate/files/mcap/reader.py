@@ -1,7 +1,7 @@
-"""Read the messages of an MCAP file from its start; its index is not needed, so that a cut file is read up to the cut.
+"""Read the messages of an MCAP file from its start, without its index, so that a cut file is read up to the cut.
 
-The format: MAGIC, then records, each a kind (1 byte), a length (8 bytes) and content of that length. Messages are in
-chunks, compressed or not, or between them; an index, a footer and MAGIC follow.
+The format: MAGIC, then records of a kind (1 byte), a length (8 bytes) and content; at the end an index, a footer and
+MAGIC. Messages are in chunks, compressed or not, or between them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _DECLARING: Mapping[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema,
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Complete records up to `end`, listed as by `walk`; a chunk or the footer, if there is one, is the last."""
+    """Complete records up to `end`, as `walk` lists them."""
 
     messages: Int[np.ndarray, "4 k"]
     others: list[list[int]]
@@ -50,12 +50,18 @@ class _Stretch:
 
     @property
     def last(self) -> int:
-        """Kind of the last record that is not a message; 0 if all are messages."""
         return self.others[-1][0] if self.others else 0
 
 
 class McapFile(MessageFile):
-    """The messages of one MCAP file."""
+    """The messages of one MCAP file.
+
+    Attributes:
+        definitions: type -> its fields, as text.
+
+    Raises:
+        OSError: the file does not exist.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, path.stat().st_size)
@@ -66,7 +72,7 @@ class McapFile(MessageFile):
         self._forget()
 
     def topics(self) -> list[Topic]:
-        """Return a list of `Topic` with message counts, from the index at the end or by reading the complete file.
+        """Return the topics with their message counts, by the index at the end or by reading the complete file.
 
         Raises:
             InputError: the file cannot be read.
@@ -77,7 +83,7 @@ class McapFile(MessageFile):
         return merged(replace(topic, count=self._counts[key]) for key, topic in self._topics.items())
 
     def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
-        """Yield all messages in the order of the file, whatever `names`, in blocks; `torn` then describes any damage.
+        """Yield all messages in the order of the file, in blocks, whatever `names`; `torn` then describes any damage.
 
         Raises:
             InputError: the file cannot be read.
@@ -106,7 +112,7 @@ class McapFile(MessageFile):
         self._damage = self._damage or (at, what)  # the first is reported
 
     def _read(self, file: BinaryIO) -> Iterator[MessageBlock]:
-        """Yield the messages of an open file, in pieces, up to the footer or a record that is cut or invalid."""
+        """Yield the messages up to the footer or a record that is cut or invalid."""
         at, held, want = file.seek(len(MAGIC)), b"", PIECE
         while more := read_some(file, self.path, want):
             held += more
@@ -141,14 +147,12 @@ class McapFile(MessageFile):
         self._damaged(at, "it ends within a record" if held else "it ends without its footer")
 
     def _pass_over(self, kind: int, head: bytes, at: int) -> None:
-        """Note a record that is too long to be read."""
         if kind == Opcode.CHUNK:
             self._damaged(at, "a chunk of more than 1 GiB")
         if kind == Opcode.MESSAGE:
             self._counts[unpack_from("<H", head, _HEAD)[0]] += 1
 
     def _unpack(self, content: memoryview, at: int) -> Iterator[MessageBlock]:
-        """Yield the messages of the chunk that begins at byte `at`."""
         data, problem = inflate(content)
         end = 0
         for stretch in _stretches(data):
@@ -172,7 +176,7 @@ class McapFile(MessageFile):
             yield MessageBlock(data, self._topics, topic, time, start, length)
 
     def _declare(self, record: Schema | Channel) -> None:
-        """Register a type or a topic; geometry_msgs/msg/Wrench and geometry_msgs/Wrench are the same type."""
+        """Register a type or a topic; geometry_msgs/msg/Wrench is geometry_msgs/Wrench."""
         if isinstance(record, Schema):
             name = record.name.replace("/msg/", "/")
             self._schemas[record.id] = name
@@ -186,7 +190,7 @@ class McapFile(MessageFile):
             self._topics[channel.id] = Topic(channel.topic, kind, channel.message_encoding)
 
     def _read_index(self) -> bool:
-        """Read the index; return True if it exists and names every topic, with its number of messages."""
+        """Read the index; return True if it exists and names every topic."""
         self._forget()
         with suppress(Exception):  # whatever the library meets in a damaged one
             summary = self._summary
@@ -200,13 +204,13 @@ class McapFile(MessageFile):
 
     @cached_property
     def _summary(self) -> Summary | None:
-        """Read the summary at the file's end; only once, because the library is slow, record by record."""
+        """Read the summary, only once: the library is slow."""
         with open_input(self.path) as file:
             return make_reader(file).get_summary()
 
 
 def _stretches(data: bytes) -> Iterator[_Stretch]:
-    """Yield all complete records, in pieces that end with a chunk, with the footer, or when they are long."""
+    """Yield all complete records, in pieces that end with a chunk or the footer, or when long."""
     from palpate.files.mcap._walk import walk
 
     raw, end = np.frombuffer(data, dtype=np.uint8), 0

@@ -1,4 +1,4 @@
-"""Recover an MCAP file of `McapWriter` whose process was killed: its complete chunks, and a writer to continue it."""
+"""Recover an MCAP file of `McapWriter` whose process was killed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ENTRY = 16  # bytes of an index for each message
 
 
 class SequenceSpan(NamedTuple):
-    """Sequence numbers of a channel: the first, the last, and the largest of those that begin or end a chunk."""
+    """Sequence numbers of a channel: first, last, and the largest of those that begin or end a chunk."""
 
     first: int
     last: int
@@ -40,9 +40,9 @@ class Regained(NamedTuple):
     """The part of a file that is complete.
 
     Attributes:
-        writer: has the complete chunks; they end at byte `writer.size` of the file.
-        topics: those that the file declares.
-        sequences: channel -> its sequence numbers, for each channel that has messages.
+        writer: with the complete chunks, which end at byte `writer.size`.
+        topics: that the file declares.
+        sequences: channel -> its sequence numbers, where it has messages.
     """
 
     writer: McapWriter
@@ -51,10 +51,9 @@ class Regained(NamedTuple):
 
 
 def regained(path: Path) -> Regained | None:
-    """Read a file as far as it is complete, and check each chunk by its checksum; the file is not changed.
+    """Return the part of a file that is complete and whose checksums agree.
 
-    Returns:
-        The complete part; None where not even the head is complete, or the file is not from `McapWriter`.
+    None if its head is incomplete, or not that of a `McapWriter`.
 
     Raises:
         OSError: the file cannot be read.
@@ -73,7 +72,7 @@ def regained(path: Path) -> Regained | None:
 
 
 def _head(file: BinaryIO) -> tuple[McapWriter, tuple[WrittenTopic, ...]] | None:
-    """Return a writer that makes the same head as this file has, and its topics; None if no writer does."""
+    """Return a writer whose head is the file's, and its topics; else None."""
     if file.read(len(MAGIC)) != MAGIC:
         return None
     library, schemas, topics = "", dict[int, Schema](), list[WrittenTopic]()
@@ -97,7 +96,7 @@ def _head(file: BinaryIO) -> tuple[McapWriter, tuple[WrittenTopic, ...]] | None:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Yield the kind and content of each complete record, from the current position of the file."""
+    """Yield kind and content of each complete record."""
     at = file.tell()
     size = file.seek(0, SEEK_END)
     file.seek(at)
@@ -109,7 +108,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
 
 
 def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, SequenceSpan]]:
-    """Yield the sequence numbers of each channel, chunk by chunk; each complete chunk is appended to the writer's."""
+    """Append each complete chunk to the writer's, and yield its channels' sequence numbers."""
     content, data, counts, places, numbers = b"", b"", dict[int, int](), dict[int, int](), dict[int, SequenceSpan]()
     at = left = 0
     for kind, held in _records(file):
@@ -139,7 +138,7 @@ def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, SequenceSp
 
 
 def _numbers(data: bytes, starts: Int[np.ndarray, " n"]) -> tuple[SequenceSpan, int] | None:
-    """Return the sequence numbers of equally long messages and their total bytes; None if an index is wrong."""
+    """Return sequence numbers and total bytes of equally long messages; None if an index is wrong."""
     ends = int(starts[0]), int(starts[-1])
     if min(ends) < 0 or max(ends) + _SEQUENCE + 4 > len(data):
         return None

@@ -1,4 +1,4 @@
-"""Make many equally long ROS 2 messages at once: rows of a structured array, ready for a chunk of MCAP."""
+"""Make many equally long ROS 2 messages at once: rows of a structured array, for a chunk of MCAP."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["CDR", "ChannelRows", "Fields", "layout", "made", "stamped"]
 
+# Name, type code and shape of each field; the code of a string is "S" and its length in bytes, with the final NUL.
 Fields = tuple[tuple[str, str, tuple[int, ...]], ...]
-"""Name, type code and shape of each field; the code of a string is "S" and its length in bytes, with the final NUL."""
 CDR = 0x100  # the bytes 0, 1, 0, 0: plain, little-endian
 
 
@@ -32,27 +32,22 @@ def layout(fields: Fields) -> np.dtype[np.void]:
 
 
 def stamped(frame_id: str, fields: Fields) -> tuple[Fields, Mapping[str, object]]:
-    """Return the fields of a message that begins with a header, and a dict of the header values that all share."""
+    """Return the fields of a message with a header, and the header values that all such messages share."""
     frame = frame_id.encode() + b"\0"
-    header: Fields = (
-        ("sec", "<i4", ()),
-        ("nanosec", "<u4", ()),
-        ("named", "<u4", ()),
-        ("frame", f"S{len(frame)}", ()),
-    )
+    header: Fields = (("sec", "<i4", ()), ("nanosec", "<u4", ()), ("named", "<u4", ()), ("frame", f"S{len(frame)}", ()))
     return (*header, *fields), {"named": len(frame), "frame": frame}
 
 
 class ChannelRows:
-    """The messages of one channel: their common values, and the number made so far.
+    """The messages of one channel.
 
     Args:
-        channel: number of the channel, from 1.
-        fields: of the message.
+        channel: its number, from 1.
+        fields: of a message.
         common: values that all messages share.
 
     Attributes:
-        record: (1,) the template that is copied for each message.
+        record: (1,) the template of a message.
         count: messages so far; the next sequence number.
     """
 
@@ -68,7 +63,11 @@ class ChannelRows:
 
 @takes_arrays
 def made(kinds: Sequence[ChannelRows], stamps: Sequence[Int[np.ndarray, " _"]]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Make a message of each kind for each stamp [ns]; return all bytes (uint8), and a structured view per kind."""
+    """Return messages for the stamps (n,) [ns] of each kind: their bytes (uint8), and a structured view (n,) per kind.
+
+    Raises:
+        ValueError: there are not as many `stamps` as `kinds`.
+    """
     ends = np.cumsum([len(each) * kind.record.itemsize for kind, each in zip(kinds, stamps, strict=True)])
     raw = np.empty(ends[-1], dtype=np.uint8)
     views: list[np.ndarray] = []

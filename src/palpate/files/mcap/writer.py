@@ -1,7 +1,4 @@
-"""Write an MCAP file chunk by chunk, whose messages are the rows of structured arrays.
-
-The records around the messages are those of the `mcap` library, which writes messages one by one.
-"""
+"""Write an MCAP file chunk by chunk, whose messages are the rows of structured arrays."""
 
 from __future__ import annotations
 
@@ -25,10 +22,10 @@ MESSAGE = np.dtype(  # what stands before the bytes of a message
 
 
 class Written(NamedTuple):
-    """A chunk that is in the file, in as little memory as possible: a file may have many.
+    """A chunk that is in the file.
 
     Attributes:
-        entry: its record in the summary (a chunk index).
+        entry: its record in the summary.
         end: byte of the file at which the next chunk begins.
         span: first and last time of its messages [ns].
         counts: number of its messages in each channel.
@@ -41,7 +38,7 @@ class Written(NamedTuple):
 
 
 class WrittenTopic(NamedTuple):
-    """A channel: its name, the type of its messages and the definition of that type (ros2msg); messages are CDR."""
+    """A channel of CDR messages: its name, their type and the definition of that (ros2msg)."""
 
     name: str
     kind: str
@@ -49,13 +46,15 @@ class WrittenTopic(NamedTuple):
 
 
 class McapWriter:
-    """Maker of the bytes of an MCAP file, in the order in which they are to be written.
+    """Maker of the bytes of an MCAP file, in their order.
 
-    Channels are numbered from 1 in the order of `topics`.
+    Args:
+        topics: the channels, numbered from 1.
+        library: named in the head.
 
     Attributes:
         head: bytes with which the file begins.
-        chunks: chunks that were written.
+        chunks: that were written.
     """
 
     def __init__(self, topics: Sequence[WrittenTopic], library: str) -> None:
@@ -72,17 +71,16 @@ class McapWriter:
         return self.chunks[-1].end if self.chunks else len(self.head)
 
     def chunk(self, records: np.ndarray, messages: Sequence[np.ndarray]) -> tuple[bytes, Written]:
-        """Return the bytes of the next chunk, and the `Written` entry to append to `chunks` once they are written.
+        """Return the bytes of the next chunk, and the entry to append to `chunks` once they are written.
 
         Args:
-            records: bytes of all its messages.
-            messages: the same bytes as rows of one topic each, in order; their type begins with `MESSAGE`'s fields.
+            records: bytes of all its messages, at least one.
+            messages: the same as rows of one topic each, in order; their type begins with `MESSAGE`'s fields.
         """
         present = {int(rows["channel"][0]): rows for rows in messages if len(rows)}
         times = np.concatenate([rows["log"] for rows in present.values()])
-        span = {"message_start_time": int(times.min()), "message_end_time": int(times.max())}
-        packed, checksum = _compressed(records), zlib.crc32(records.data)
-        made = mcap.Chunk("lz4", packed, uncompressed_crc=checksum, uncompressed_size=len(records), **span)
+        first, last, checksum = int(times.min()), int(times.max()), zlib.crc32(records.data)
+        made = mcap.Chunk("lz4", _compressed(records), last, first, checksum, len(records))
         raw = chunk = _raw(made)
         places, offset = dict[int, int](), 0
         for channel, rows in present.items():
@@ -95,11 +93,11 @@ class McapWriter:
     def written(
         self, chunk: mcap.Chunk, lengths: tuple[int, int], places: dict[int, int], counts: dict[int, int]
     ) -> Written:
-        """Return the `Written` entry to append to `chunks` for a chunk that follows them in the file.
+        """Return the entry to append to `chunks` for a chunk that follows them in the file.
 
         Args:
             chunk: the record.
-            lengths: bytes of the record, without and with the message indices after it.
+            lengths: bytes of the record, without and with its message indices.
             places: channel -> byte of the file at which its message index begins.
             counts: channel -> number of messages.
         """
@@ -120,16 +118,15 @@ class McapWriter:
         return Written(_raw(index), self.size + whole, span, counted)
 
     def tail(self) -> bytes:
-        """Return the bytes that end the file, with the summary by which readers find topics and chunks."""
+        """Return the bytes that end the file, with the summary."""
         end = _raw(mcap.DataEnd(0))
         start = self.size + len(end)
-        groups: tuple[tuple[Opcode, Sequence[mcap.McapRecord]], ...] = (
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [self._statistics()]),
+        records = (
+            (Opcode.SCHEMA, _raw(*self._schemas)),
+            (Opcode.CHANNEL, _raw(*self._channels)),
+            (Opcode.STATISTICS, _raw(self._statistics())),
+            (Opcode.CHUNK_INDEX, b"".join(chunk.entry for chunk in self.chunks)),
         )
-        records = [(opcode, _raw(*group)) for opcode, group in groups]
-        records.append((Opcode.CHUNK_INDEX, b"".join(chunk.entry for chunk in self.chunks)))
         summary, offsets = b"", b""
         for opcode, raw in records:
             if raw:
@@ -142,24 +139,20 @@ class McapWriter:
     def _statistics(self) -> mcap.Statistics:
         sums = np.sum([chunk.counts for chunk in self.chunks], axis=0) if self.chunks else [0] * len(self._channels)
         counts = {channel.id: int(count) for channel, count in zip(self._channels, sums, strict=True)}
-        span = {
-            "message_start_time": min((chunk.span[0] for chunk in self.chunks), default=0),
-            "message_end_time": max((chunk.span[1] for chunk in self.chunks), default=0),
-        }
         return mcap.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=counts,
             chunk_count=len(self.chunks),
             message_count=sum(counts.values()),
+            message_end_time=max((chunk.span[1] for chunk in self.chunks), default=0),
+            message_start_time=min((chunk.span[0] for chunk in self.chunks), default=0),
             metadata_count=0,
             schema_count=len(self._schemas),
-            **span,
         )
 
 
 def _raw(*records: mcap.McapRecord) -> bytes:
-    """Return the bytes of records, one after the other."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -167,14 +160,14 @@ def _raw(*records: mcap.McapRecord) -> bytes:
 
 
 def _message_index(channel: int, rows: np.ndarray, offset: int) -> bytes:
-    """Return the message index of a channel, made at once: the library's own writes entry by entry."""
+    """Return a message index, made at once: the library's own writes entry by entry."""
     entries = np.column_stack([rows["log"], offset + rows.itemsize * np.arange(len(rows), dtype=np.uint64)])
     content = pack("<HI", channel, entries.nbytes) + entries.astype("<u8").tobytes()
     return pack("<BQ", Opcode.MESSAGE_INDEX, len(content)) + content
 
 
 def _compressed(records: np.ndarray) -> bytes:
-    """Compress fast rather than well: the noise in doubles cannot be compressed, and NaN always can."""
+    """Compress fast: the noise in doubles cannot be compressed, and NaN always can."""
     from lz4 import frame  # pyright: ignore[reportMissingTypeStubs] - it has none
 
     return cast(bytes, frame.compress(records, compression_level=-4, store_size=False))

@@ -1,13 +1,11 @@
 """Read and write all kinds of models as files, and record the provenance of results."""
 
 from palpate.files.models.kinds import MODELS, read_model, write_model
-from palpate.files.models.model import Model
 from palpate.files.models.provenance import printable, provenance, read_provenance, write_provenance
 from palpate.files.models.toml import load_toml, toml_array
 
 __all__ = [
     "MODELS",
-    "Model",
     "load_toml",
     "printable",
     "provenance",

@@ -15,25 +15,25 @@ from palpate.files.models.toml import load_toml, toml_lines
 from palpate.files.schema import Key, TableForm, parse
 from palpate.registry import Registry
 
-__all__ = ["MODELS", "Model", "read_model", "write_model"]
+__all__ = ["MODELS", "read_model", "write_model"]
 
 Value = TypeVar("Value")
 
 
+# Kind of a model, as in its file -> its description; other packages add theirs by an entry point `palpate.models`.
 MODELS = Registry(
     {
         "payload": "palpate.sensors.force_torque.files.PAYLOAD",
         "load_cells": "palpate.sensors.load_cells.files.LOAD_CELLS",
-        "intensity": "palpate.sensors.taxels.intensity_file.INTENSITY",
+        "intensity": "palpate.sensors.taxels.files.INTENSITY",
         "skin map": "palpate.sensors.taxels.skin_map.model_file.SKIN_MAP",
-        "taxels": "palpate.sensors.taxels.places_file.TAXELS",
+        "taxels": "palpate.sensors.taxels.files.TAXELS",
         "marker ring": "palpate.sensors.marker_ring.files.MARKER_RING",
-        "camera": "palpate.sensors.marker_ring.camera_file.CAMERA",
+        "camera": "palpate.sensors.marker_ring.files.CAMERA",
     },
     Model,
     "palpate.models",
 )
-"""Kind of a model, as in its file -> its description; other packages add theirs by an entry point `palpate.models`."""
 
 
 @overload
@@ -41,15 +41,15 @@ def read_model(path: str | Path) -> Any: ...
 @overload
 def read_model(path: str | Path, holds: type[Value]) -> Value: ...
 def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
-    """Read a model from its file, as an instance of its class; numbers equal those written, to the last bit.
+    """Read a model from its file; numbers equal those written, to the last bit.
 
     Args:
         path: of the file.
         holds: class of the model that is wanted; None: any.
 
     Raises:
-        InputError: the file is missing, not a model, or not of that class; a key is misspelt or missing, or a value has
-            the wrong type or shape.
+        InputError: the file cannot be read, is no model, or not one of that class; a key is unknown or missing, or a
+            value has the wrong type, shape or range.
         TypeError: `holds` is no class of models.
     """
     try:
@@ -61,15 +61,14 @@ def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
         hint = f"`{model.command}` writes {model.called}. {problem.hint}".strip()
         raise InputError(problem.what, where=problem.where, hint=hint) from None
     kind = table.pop("kind", None)
-    if holds is None:
-        if not isinstance(kind, str) or kind not in MODELS:
-            known = ", ".join(repr(name) for name in MODELS)
-            raise InputError("is not a model.", where=str(path), hint=f"Write its kind, one of {known}.")
-    else:
+    if holds is not None:
         wanted, model = _model(holds)
         if kind != wanted:
             hint = f"`{model.command}` writes one (kind = {wanted!r})."
             raise InputError(f"is not {model.called}.", where=str(path), hint=hint)
+    elif not isinstance(kind, str) or kind not in MODELS:
+        known = ", ".join(repr(name) for name in MODELS)
+        raise InputError("is not a model.", where=str(path), hint=f"Write its kind, one of {known}.")
     model = MODELS[kind]
     return parse(table, model.holds, file=str(path), forms=model.forms)
 
@@ -87,7 +86,7 @@ def write_model(path: str | Path, value: Any) -> None:
 
 
 def _model(holds: type[Any]) -> tuple[str, Model]:
-    """Return name and description of the kind whose values are of a class; raise a TypeError for other classes."""
+    """Return name and description of the kind of a class, or raise a TypeError."""
     for kind, model in MODELS.items():
         if model.holds is holds:
             return kind, model
@@ -95,7 +94,7 @@ def _model(holds: type[Any]) -> tuple[str, Model]:
 
 
 def _table(value: Any, forms: Mapping[type, TableForm], place: str, *, commented: bool = True) -> list[str]:
-    """Return the lines of a value's keys, then of its tables, whose names begin with `place`."""
+    """Return the lines of a value's keys, then of its tables."""
     form = forms[type(value)]
     spelled = form.spell(value) if form.spell else {each.name: getattr(value, each.name) for each in fields(value)}
     keys = [*form.keys, *(name for name in spelled if name not in form.keys)]
@@ -118,6 +117,6 @@ def _table(value: Any, forms: Mapping[type, TableForm], place: str, *, commented
 
 
 def _unknown(value: Any) -> bool:
-    """Check whether a number, or every number of a tuple, is NaN; it is then not written."""
+    """Check whether a number, or all of a tuple, is NaN."""
     values = cast("tuple[Any, ...]", value if isinstance(value, tuple) else (value,))
     return bool(values) and all(isinstance(each, float) and isnan(each) for each in values)

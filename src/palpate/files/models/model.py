@@ -22,12 +22,11 @@ class Model:
 
     Args:
         holds: class of its values.
-        called: name of the model in a sentence.
+        called: its name in a sentence.
         description: first line of its files.
-        command: command that writes one.
-        summary: function that returns a value's main figures, each with its name.
-        forms: class -> form, for `holds` and the classes in it: comments and bounds of keys, and keys that differ from
-            the fields.
+        command: that writes one.
+        summary: returns a value's main figures, each with its name.
+        forms: class -> form in the file, for `holds` and the classes in it.
     """
 
     holds: type[Any]
@@ -39,6 +38,10 @@ class Model:
 
 
 def span(values: Float[np.ndarray, " n"]) -> str:
-    """Return the least and the largest of some values, as text "0.1 to 2", or one number if they are equal."""
+    """Return the least and the largest of some values as text, "0.1 to 2", or "2" if they are equal.
+
+    Raises:
+        ValueError: there are no values.
+    """
     low, high = f"{values.min():.3g}", f"{values.max():.3g}"
     return low if low == high else f"{low} to {high}"

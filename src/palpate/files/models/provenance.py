@@ -1,4 +1,4 @@
-"""Record the provenance of a result: the version, each input by its content, each option that was set."""
+"""Record the provenance of a result: version, inputs by their content, options."""
 
 from __future__ import annotations
 
@@ -17,22 +17,20 @@ __all__ = ["printable", "provenance", "read_provenance", "write_provenance"]
 
 
 def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, str]:
-    """Return the provenance of a result as a dict of texts.
+    """Return Palpate's version, each input's name and SHA-256, and each option that was set, as texts.
 
-    They are Palpate's version, each input's name and SHA-256, and each option that was set.
+    Inputs and options that are None are left out.
 
     Raises:
-        OSError: an input cannot be read.
+        OSError: an input is a file that cannot be read.
     """
-    record = {"palpate": version("palpate")}
-    for name, path in inputs.items():
-        if path is not None:
-            record[name] = f"{printable(path.name)} {_sha256(path)}"
-    return record | {name: str(value) for name, value in options.items() if value is not None}
+    read = {name: f"{printable(path.name)} {_sha256(path)}" for name, path in inputs.items() if path is not None}
+    said = {name: str(value) for name, value in options.items() if value is not None}
+    return {"palpate": version("palpate")} | read | said
 
 
 def write_provenance(path: Path, record: Mapping[str, object]) -> None:
-    """Write the provenance of a result as TOML to `path`.
+    """Write the provenance of a result as TOML.
 
     Raises:
         InputError: the file cannot be written.
@@ -41,17 +39,17 @@ def write_provenance(path: Path, record: Mapping[str, object]) -> None:
 
 
 def read_provenance(path: Path) -> dict[str, Any]:
-    """Read the provenance of a result as a dict from PATH.toml next to it; return {} if that does not exist.
+    """Return the provenance of a result from PATH.toml next to it; {} if that does not exist.
 
     Raises:
-        InputError: the file is not TOML.
+        InputError: the file cannot be read, or is not TOML.
     """
     beside = path.with_name(f"{path.name}.toml")
     return load_toml(beside) if beside.exists() else {}
 
 
 def printable(name: str) -> str:
-    """Return a file name with unprintable characters replaced, so that it can be written in a line of UTF-8."""
+    """Return a file name with unprintable characters replaced."""
     return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in name)
 
 

@@ -24,10 +24,10 @@ _LARGEST = 1 << 25  # characters
 
 
 def load_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file into a dictionary.
+    """Read a TOML file.
 
     Raises:
-        InputError: the file does not exist, is longer than 32 MB, or is not TOML; the message names the line.
+        InputError: the file cannot be read, is longer than 32 MB, or is not TOML (the message names the line).
     """
     path = Path(path)
     try:
@@ -52,7 +52,7 @@ def toml_array(rows: Float[np.ndarray, "n k"] | Sequence[Sequence[float]]) -> Ar
 
 
 def toml_lines(name: str, value: Any, comment: str = "") -> list[str]:
-    """Return a list of the lines of one key and its value; a matrix has one row per line and its comment above."""
+    """Return the lines of one key and its value; a matrix has one row per line and its comment above."""
     if not (isinstance(value, np.ndarray) and value.ndim == 2):
         return [f"{_key(name)} = {_literal(value)}{f'  # {comment}' if comment else ''}"]
     above = [f"# {comment}"] if comment else []
@@ -64,7 +64,7 @@ def _key(name: str) -> str:
 
 
 def _literal(value: Any) -> str:
-    """Return a value in TOML, a float with the fewest digits that read back to it."""
+    """Return a value in TOML, with the fewest digits that read back to it."""
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind == "f":  # of a large skin there are many
         return f"[{', '.join(map(repr, cast('Any', value).tolist()))}]"
     if isinstance(value, (np.ndarray, np.generic)):

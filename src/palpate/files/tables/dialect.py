@@ -1,4 +1,4 @@
-"""Find the dialect of a delimited text: lines before the rows, delimiter, decimal point and column names."""
+"""Find the dialect of a delimited text: delimiter, decimal point, column names, and lines before the rows."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Dialect:
         delimiter: comma, semicolon, tab, bar, or `SPACES`.
         decimal: "." or ",".
         names: of the columns.
-        units: of the columns, from a second row of the header; "" where it states none.
-        first: index of the line at which rows may begin, counted from 0.
-        header: index of the line with the names, counted from 0; -1: there are none, and `column_1`, ... are used.
+        units: of the columns, from a row of their own, "" where it has none; empty without that row.
+        first: index of the line at which rows may begin.
+        header: index of the line with the names; -1: there are none, and `column_1`, ... are used.
         stated: key in lower case -> value, from the lines before the header.
     """
 
@@ -52,7 +52,7 @@ class Dialect:
     stated: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def described(self) -> str:
-        """Describe in words how this text differs from a plain table; return "" if it does not."""
+        """Return in words how the text differs from a plain table; "" if it does not."""
         said = [
             (self.delimiter not in ",;\t", f"separated by {_CALLED[self.delimiter]}"),
             (self.decimal == "," and self.delimiter == ",", "decimal commas in quotes"),
@@ -64,11 +64,11 @@ class Dialect:
 
 
 def find_dialect(text: bytes, path: Path) -> Dialect:
-    """Return the `Dialect` of a text, determined from its first `LOOKED_AT` bytes.
+    """Return the dialect of a text, found in its first `LOOKED_AT` bytes.
 
     Raises:
-        InputError: the text is empty, is XML or HTML, has only one column or more than 20,000, has a header with an
-            open quote, or its commas may be decimal points or marks between thousands.
+        InputError: the text is empty, is XML or HTML, has only one column or more than 20,000, an open quote in its
+            header, or numbers that have, or may have, marks between thousands.
     """
     if text[:LOOKED_AT].lstrip().startswith(b"<"):
         raise InputError("is XML or HTML, not a table.", where=str(path))
@@ -76,11 +76,8 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
     filled = [k for k, line in enumerate(lines) if line.strip()]
     found = _plain(lines, filled, path) or _found(lines[:_LINES], path) or _header_only(lines, filled, path)
     if len(found.names) > _MOST:
-        raise InputError(
-            f"the first line has {len(found.names):,} fields, which is too many.",
-            where=str(path),
-            hint="Name the columns in it.",
-        )
+        what = f"the first line has {len(found.names):,} fields, which is too many."
+        raise InputError(what, where=str(path), hint="Name the columns in it.")
     found = replace(found, names=tuple(name or f"column_{k + 1}" for k, name in enumerate(found.names)))
     if found.delimiter == "," and b'"' not in text[:LOOKED_AT]:
         return found
@@ -88,12 +85,12 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
 
 
 def spaces_to_tabs(text: bytes) -> bytes:
-    """Replace each run of spaces and tabs by one tab, and remove those at the ends of lines."""
+    """Return a text with each run of spaces and tabs as one tab, and none at the ends of lines."""
     return re.sub(rb"(?m)^\t|\t?\r?$", b"", re.sub(rb"[ \t]+", b"\t", text))
 
 
 def _whole_lines(text: bytes) -> list[bytes]:
-    """Return the complete lines in the first `LOOKED_AT` bytes, or three lines where rows are very long."""
+    """Return the complete lines in the first `LOOKED_AT` bytes, or three longer ones."""
     lines = text[:LOOKED_AT].split(b"\n")
     if len(text) <= LOOKED_AT:
         return lines
@@ -101,7 +98,7 @@ def _whole_lines(text: bytes) -> list[bytes]:
 
 
 def _decoded(line: bytes) -> str:
-    """Decode a line as UTF-8, or else as Windows' former code page (cp1252)."""
+    """Decode a line as UTF-8, or else as Windows' cp1252."""
     try:
         return line.rstrip(b"\r").decode()
     except UnicodeDecodeError:
@@ -109,7 +106,7 @@ def _decoded(line: bytes) -> str:
 
 
 def _plain(lines: list[str], filled: list[int], path: Path) -> Dialect | None:
-    """Return the dialect of a plain table, a line of names above numbers in as many fields; None if it is not plain."""
+    """Return the dialect of a line of names above numbers in as many fields; else None."""
     if len(filled) < 2:
         return None
     head, row = lines[filled[0]], lines[filled[1]]
@@ -129,7 +126,7 @@ def _plain(lines: list[str], filled: list[int], path: Path) -> Dialect | None:
 
 
 def _is_row(names: Sequence[str]) -> bool:
-    """Check whether the fields where names are expected are a first row: numbers, among which there may be words."""
+    """Check whether names are a first row: numbers, and words among them."""
     numbers = [name for name in names if _is_number(name)]
     return len(numbers) == len(names) or (
         bool(_is_number(names[0])) and 2 * len(numbers) > len(names) and any("." in number for number in numbers)
@@ -137,20 +134,19 @@ def _is_row(names: Sequence[str]) -> bool:
 
 
 def _header_only(lines: list[str], filled: list[int], path: Path) -> Dialect:
-    """Return the dialect if the first line names columns, though no rows of numbers follow it."""
+    """Return the dialect of a line of names without rows."""
     if not filled:
         raise InputError("the file is empty.", where=str(path))
     head = lines[filled[0]]
     delimiter = max(_DELIMITERS[:4], key=_bare(head).count)
     if delimiter not in _bare(head):
         raise InputError("has only one column.", where=str(path), hint="Separate columns by , or ; or tab or spaces.")
-    return Dialect(
-        delimiter, ".", tuple(_fields(head, delimiter, path, filled[0])), first=filled[0] + 1, header=filled[0]
-    )
+    names = _fields(head, delimiter, path, filled[0])
+    return Dialect(delimiter, ".", tuple(names), first=filled[0] + 1, header=filled[0])
 
 
 def _found(lines: list[str], path: Path) -> Dialect | None:
-    """Find the dialect by the rows of numbers: the delimiter that splits them best, and the names above them."""
+    """Return the dialect by the rows of numbers, and the names above them."""
     scores = {delimiter: _rows(lines, delimiter) for delimiter in _DELIMITERS}
     delimiter = max(_DELIMITERS, key=lambda each: sum(score for _, score in scores[each].values()))
     ended = max((k for k, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)  # LabVIEW's
@@ -172,13 +168,12 @@ def _found(lines: list[str], path: Path) -> Dialect | None:
         names = [*names, f"column_{width}"]
     before = [lines[k] for k in above if header < 0 or k < header]
     first = max([header, *(k for k in above if k in units)]) + 1 if header >= 0 else start
-    stated = next(iter(units.values()), list[str]())
-    stated = [re.sub(r"^[\[(]|[\])]$", "", unit) for unit in stated]
+    stated = [re.sub(r"^[\[(]|[\])]$", "", unit) for fields in units.values() for unit in fields]  # one line at most
     return Dialect(delimiter, ".", tuple(names), tuple(stated), first, header, dict(_facts(before)))
 
 
 def _rows(lines: Sequence[str], delimiter: str) -> dict[int, tuple[int, float]]:
-    """Return line -> (field count, share of numbers), for lines at least half of whose fields are numbers."""
+    """Return line -> (field count, share of numbers) of lines with half numbers or more."""
     found: dict[int, tuple[int, float]] = {}
     for k, line in enumerate(lines):
         if (delimiter != SPACES and delimiter not in line) or line.startswith(COMMENTS):
@@ -193,7 +188,7 @@ def _rows(lines: Sequence[str], delimiter: str) -> dict[int, tuple[int, float]]:
 def _names(
     lines: Sequence[str], above: Sequence[int], delimiter: str, width: int, path: Path
 ) -> tuple[int, list[str], dict[int, list[str]]]:
-    """Return the index of the line of names (-1: none), the names, and the line of units with its fields."""
+    """Return the index of the line of names (-1: none), the names, and the line of units."""
     units: dict[int, list[str]] = {}
     for k in reversed(above[-3:]):
         remark = lines[k].startswith(COMMENTS) or (lines[k].startswith(";") and delimiter != ";")
@@ -216,7 +211,7 @@ def _names(
 
 
 def _are_units(fields: Sequence[str]) -> bool:
-    """Check whether fields are units, with some of force, torque or time among them, or empty fields and dashes."""
+    """Check whether fields are units, empty or dashes, with a force, torque or time among them."""
     bare = [re.sub(r"^[\[(]|[\])]$", "", text) for text in fields]
     known = [text for text in bare if any(known_unit(text, each) for each in (TIME_UNITS, FORCE_UNITS, TORQUE_UNITS))]
     others = [text for text in bare if text not in known and text not in ("", "-", "--", "1", "m", "mm", "deg", "rad")]
@@ -225,7 +220,7 @@ def _are_units(fields: Sequence[str]) -> bool:
 
 
 def _parted(line: str, delimiter: str, width: int) -> list[str]:
-    """Split a header, whose names may contain spaces even where spaces separate the fields of rows."""
+    """Split a header, whose names may contain the spaces that separate fields of rows."""
     if delimiter != SPACES:
         return _split(line, delimiter)
     for way in (r"\s+", r"\s{2,}|\t", r"\s*,\s*", r"\s+(?![\[(])"):
@@ -235,7 +230,7 @@ def _parted(line: str, delimiter: str, width: int) -> list[str]:
 
 
 def _split(line: str, delimiter: str) -> list[str]:
-    """Split a line into fields, without the quotes and spaces around them."""
+    """Split a line into fields, without quotes and spaces around them."""
     if delimiter == SPACES:
         return re.split(r"[ \t]+", line.strip(" \t"))
     if '"' not in line:
@@ -245,7 +240,6 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _fields(line: str, delimiter: str, path: Path, number: int) -> list[str]:
-    """Split a line of the header into fields; raise an InputError if one of its quotes is not closed."""
     if line.count('"') % 2:
         raise InputError("a quote is not closed in the header.", where=f"{path}, line {number + 1}")
     return _split(line, delimiter)
@@ -256,7 +250,7 @@ def _bare(line: str) -> str:
 
 
 def _facts(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield pairs of key and value from `key: value` or `key = value`, several per line, or from two fields."""
+    """Yield keys and values from `key: value`, `key = value`, or two fields."""
     for line in lines:
         bare = _MARK.sub("", line, count=1).strip().strip('"')
         pairs = _FACT.findall(bare) or [fields for fields in (re.split(r"\s*[,;\t]\s*", bare),) if len(fields) == 2]
@@ -264,11 +258,7 @@ def _facts(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _decimal(lines: Sequence[str], delimiter: str, first: int, path: Path) -> str:
-    """Return the decimal point of the numbers: a comma only where it cannot separate thousands.
-
-    Raises:
-        InputError: numbers have, or may have, marks between thousands.
-    """
+    """Return the decimal point: a comma only where it cannot separate thousands."""
     doubted, points, commas = "", False, False
     for k, line in enumerate(lines):
         if line.count('"') % 2 or (delimiter == "," and '"' not in line):
@@ -278,19 +268,14 @@ def _decimal(lines: Sequence[str], delimiter: str, first: int, path: Path) -> st
                 continue
             points |= "." in text
             if _THOUSANDS.fullmatch(text):
-                raise InputError(
-                    f"{text!r} has a separator between thousands.",
-                    where=f"{path}, line {first + k + 1}",
-                    hint="Export the numbers without separators.",
-                )
+                what = f"{text!r} has a separator between thousands."
+                hint = "Export the numbers without separators."
+                raise InputError(what, where=f"{path}, line {first + k + 1}", hint=hint)
             if _EITHER.fullmatch(text):
                 doubted = doubted or f"{path}, line {first + k + 1}: {text!r}"
             elif "," in text:
                 commas = True
     if doubted and not commas:
-        raise InputError(
-            "the comma can be a decimal point or a separator of thousands.",
-            where=doubted,
-            hint="Export with decimal points, or without separators of thousands.",
-        )
+        what = "the comma can be a decimal point or a separator of thousands."
+        raise InputError(what, where=doubted, hint="Export with decimal points, or without separators of thousands.")
     return "," if commas or (delimiter != "," and not points) else "."

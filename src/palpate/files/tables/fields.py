@@ -1,4 +1,4 @@
-"""Count the rows and fields of a file that could not be read as numbers, summed over its pieces."""
+"""Count the rows and fields of a file that could not be read, summed over its pieces."""
 
 from __future__ import annotations
 
@@ -16,28 +16,27 @@ __all__ = ["Fields", "RowCount"]
 
 @takes_arrays
 class Fields:
-    """Counts of the rows read from some columns and of the fields in them that are not numbers."""
+    """Counts of the rows of some columns and of the fields in them that are not numbers.
+
+    Attributes:
+        rows, bad: numbers of rows, and of those with a field that is missing or no number.
+        first_bad: place of the first of these; "" without any.
+        unread: column -> place and text of its first field that is neither a number nor empty nor nan.
+    """
 
     def __init__(self) -> None:
         self.rows = self.bad = 0
         self.first_bad = ""
-        """Place of the first row with a field that is missing or not a number, "" before that."""
         self.unread: dict[str, tuple[str, str]] = {}
-        """Column -> place and text of the first field that is neither a number nor empty nor nan."""
         self._numeric: set[str] = set()
 
     def see(self, name: str, values: Float[np.ndarray, " n"]) -> None:
-        """Record whether a column has a number yet; `values` are NaN where it has none."""
+        """Record whether a column has a number in a piece (n,); NaN is none."""
         if name not in self._numeric and not np.isnan(values).all():
             self._numeric.add(name)
 
     def count(self, values: Float[np.ndarray, "n k"], place: Callable[[int], str]) -> None:
-        """Add the rows of a piece to the count `rows`, and those with a field that is no number (NaN) to `bad`.
-
-        Args:
-            values: (n, k) fields of the piece.
-            place: returns the place of a row, in words, from its index; `first_bad` keeps that of the first bad row.
-        """
+        """Count a piece (n, k) of fields, NaN where no number; `place` returns the place of a row, in words."""
         bad = np.any(np.isnan(values), axis=1)
         self.rows += len(bad)
         self.bad += int(np.count_nonzero(bad))
@@ -45,30 +44,36 @@ class Fields:
             self.first_bad = place(int(np.argmax(bad)))
 
     def require_numbers(self, path: Path) -> None:
-        """Raise an InputError if a column contains text and not a single number."""
+        """Check that every column with text in it has a number, too.
+
+        Raises:
+            InputError: one, of the file `path`, has none.
+        """
         for name, (place, text) in self.unread.items():
             if name not in self._numeric:
                 raise InputError(f"column {name!r} has no numbers; {place} has {text!r}.", where=str(path))
 
     def notes(self) -> tuple[str, ...]:
-        """Return a sentence on rows with a field that is missing or not a number, in a tuple; () if there are none."""
+        """Return a sentence on rows with a field that is missing or no number, in a tuple; () without any."""
         if not self.bad:
             return ()
-        first = self.first_bad
-        for name, (place, text) in self.unread.items():
-            first = f"{place}, column {name!r}, {text!r}"
-            break
+        unread = (f"{place}, column {name!r}, {text!r}" for name, (place, text) in self.unread.items())
+        first = next(unread, self.first_bad)
         return (f"{self.bad} of {self.rows} rows have a field that is missing or not a number (first: {first})",)
 
 
 @takes_arrays
 class RowCount:
-    """Counts of the rows of a file that have the fields of its header, summed over its pieces."""
+    """Counts of the rows of a file with the fields of its header.
+
+    Attributes:
+        count, unclosed, ragged: numbers of rows, of those with an open quote, and of those with other fields.
+        cut: True if the last row so far has fewer fields than the header.
+    """
 
     def __init__(self) -> None:
         self.count = self.unclosed = self.ragged = 0
         self.cut = False
-        """True if the last row so far has fewer fields than the header."""
         self._first = self._first_unclosed = self._first_ragged = ""
         self._fields, self._delimiter = 0, ""
 
@@ -89,18 +94,20 @@ class RowCount:
             self._first_ragged = f"line {lines[int(np.argmax(ragged))]}"
 
     def require(self, path: Path) -> None:
-        """Raise an InputError if there is no row, or none with as many fields as the header."""
+        """Check that there is a row with as many fields as the header.
+
+        Raises:
+            InputError: there is none in the file `path`.
+        """
         if not self.count:
             raise InputError("there is a header, but no rows.", where=str(path))
         if self.unclosed + self.ragged == self.count:
-            raise InputError(
-                f"no row has the {self._fields} fields of the header; {self._first}.",
-                where=str(path),
-                hint="If decimal points are commas, separate the columns by ;." if self._delimiter == "," else "",
-            )
+            what = f"no row has the {self._fields} fields of the header; {self._first}."
+            hint = "If decimal points are commas, separate the columns by ;." if self._delimiter == "," else ""
+            raise InputError(what, where=str(path), hint=hint)
 
     def notes(self) -> tuple[str, ...]:
-        """Return a sentence each on rows with an open quote and on rows with the wrong number of fields."""
+        """Return a sentence each on rows with an open quote and on rows with other fields than the header."""
         said = (
             (self.unclosed, "have a quote that is not closed", self._first_unclosed),
             (self.ragged, f"do not have {self._fields} fields", self._first_ragged),

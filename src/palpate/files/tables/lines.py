@@ -22,11 +22,9 @@ _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
 
 
 def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
-    """Return a file opened for reading, in binary. Pipes and devices are refused, as reading them may never end.
+    """Return a file opened for reading, in binary.
 
-    Args:
-        path: of the file.
-        pipe: accept a pipe too, which can be read only once, if something is written into it within 1.5 s.
+    `pipe` accepts a pipe, too, if something is written into it within 1.5 s; it can be read only once.
 
     Raises:
         InputError: the file does not exist, may not be read, or is a folder, a pipe, a device or a socket.
@@ -47,7 +45,6 @@ def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
 
 
 def _open_pipe(path: Path) -> BufferedReader:
-    """Open a pipe; raise an InputError if nothing is written into it within 1.5 s."""
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # does not wait for who writes
     if not select.select([handle], [], [], _WAIT)[0]:
         os.close(handle)
@@ -58,9 +55,7 @@ def _open_pipe(path: Path) -> BufferedReader:
 
 
 def complete_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
-    """Yield the text as bytes, in pieces of about `size` (-1: all of it), cut at newlines, which are dropped there.
-
-    UTF-16 is recognised by its byte order mark and converted to UTF-8.
+    """Yield a text (UTF-16 as UTF-8) in pieces of about `size` bytes (-1: at once), cut at newlines, which go.
 
     Raises:
         InputError: the file is not text, has a line of more than 64 MB, or cannot be read.
@@ -87,13 +82,13 @@ def complete_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
 
 
 def _from_utf16() -> Callable[[bytes], bytes]:
-    """Return a function that converts successive pieces of a UTF-16 text to UTF-8."""
+    """Return a function that converts successive pieces of UTF-16 to UTF-8."""
     decoder = codecs.getincrementaldecoder("utf-16")("replace")
     return lambda piece: decoder.decode(piece, final=not piece).encode()
 
 
 def read_some(file: BinaryIO, path: Path, size: int) -> bytes:
-    """Read `size` bytes, fewer at the end of the file, or everything with -1.
+    """Read `size` bytes, fewer at the end of the file; -1: all that is left.
 
     Raises:
         InputError: the file cannot be read.

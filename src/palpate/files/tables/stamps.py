@@ -13,10 +13,10 @@ _STAMP = f"^{_DATE}{_CLOCK}{_ZONE}$"
 
 
 def seconds(text: pl.Series) -> pl.Series:
-    """Convert a series of stamps to seconds since 1970, or since midnight without a date; null where not a stamp.
+    """Return stamps as seconds since 1970, or since midnight without a date; null where a text is no stamp.
 
-    Accepted are ISO 8601 and its looser forms, `31.12.2025 12:34:56,789`, `12:34:56.789` and `3:04:05 PM`; not dates
-    whose day and month could be exchanged.
+    Read are ISO 8601 and looser forms, `31.12.2025 12:34:56,789`, `12:34:56.789` and `3:04:05 PM`; no dates whose day
+    and month could be exchanged.
     """
     parts = text.to_frame("text").select(pl.col("text").str.extract_groups(_STAMP).alias("p")).unnest("p")
     number = {name: pl.col(name).cast(pl.Float64) for name in ("hour", "minute", "zh", "zm")}

@@ -1,4 +1,4 @@
-"""Extract the units and the rate that a table states: in its names, in a row of units, in the lines before them."""
+"""Extract the units and the rate that a table states in its names, in a row of units, or before them."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _COUNTS = re.compile(r"\bcounts? ?(?:per|/) ?(?:unit )?(force|torque|n ?m|n)\b")
 
 @dataclass(frozen=True)
 class Stated:
-    """Units and rate that a table states; units are spelt as there, "" where none is stated.
+    """Units, as spelt in a table, and rate that it states.
 
     Attributes:
-        units: column -> its unit, where its name or a row of units has one.
-        force, torque: unit of columns that state none: "N", or "N/1000000" for a million counts per newton.
-        rate: [Hz] of the samples, None where it is not stated.
+        units: column -> unit, where its name or a row of units has one.
+        force, torque: unit of columns that state none, or "": "N", or "N/1000000" for a million counts per newton.
+        rate: [Hz] of the samples; None if it is not stated.
     """
 
     units: Mapping[str, str] = field(default_factory=dict[str, str])
@@ -35,12 +35,12 @@ class Stated:
 
     @classmethod
     def of_names(cls, names: Iterable[str]) -> Stated:
-        """Return a `Stated` with the units that column names contain."""
+        """Return the units that column names contain."""
         return cls({name: unit for name in names if (unit := split_unit(name)[1])})
 
     @classmethod
     def of_dialect(cls, dialect: Dialect) -> Stated:
-        """Return a `Stated` with the units and the rate that a text states before its rows."""
+        """Return the units and the rate that a text states before its rows."""
         rows = dict(zip(dialect.names, dialect.units, strict=False))
         units = {name: unit for name, unit in rows.items() if unit.strip("-")}
         for name, unit in cls.of_names(dialect.names).units.items():
@@ -67,7 +67,7 @@ def _unit(facts: Mapping[str, str], key: str, usual: str) -> str:
 
 
 def _rate(facts: Mapping[str, str]) -> float | None:
-    """Return the rate [Hz] of the samples over the number averaged; None if it is not stated."""
+    """Return the rate [Hz] over the number averaged; None if it is not stated."""
     rate: float | None = None
     averaged = 1.0
     for key, value in facts.items():
@@ -82,6 +82,5 @@ def _rate(facts: Mapping[str, str]) -> float | None:
 
 
 def _number(text: str) -> float:
-    """Return the number at the beginning of a text, or 0."""
     match = re.match(r"\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?", text)
     return float(match[0].replace(",", ".")) if match else 0.0

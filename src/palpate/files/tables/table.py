@@ -34,10 +34,10 @@ _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line pa
 @takes_arrays
 @dataclass(frozen=True)
 class TextTable:
-    """The text of some rows of a file; numbers are parsed on request, so that errors can name a bad field.
+    """The text of some rows of a file.
 
     Attributes:
-        path: the file.
+        path: of the file.
         dialect: format of the text.
         lines: (n,) line number of each row in the file, counted from 1.
         fields: (n,) number of fields of each row; -1 where a quote is not closed.
@@ -59,12 +59,12 @@ class TextTable:
 
     @property
     def delimiter(self) -> str:
-        """Character between the fields of the stored text: a tab if the file separates them by runs of spaces."""
+        """Character between the fields of the stored text: a tab in place of spaces."""
         return "\t" if self.dialect.delimiter == SPACES else self.dialect.delimiter
 
     @property
     def ragged(self) -> Bool[np.ndarray, " n"]:
-        """(n,) True where a row has more or fewer fields than the header, or a quote that is not closed."""
+        """(n,) True where a row has other fields than the header, or an open quote."""
         return self.fields != len(self.names)
 
     @property
@@ -73,15 +73,15 @@ class TextTable:
         return self.counted(RowCount()).notes()
 
     def counted(self, rows: RowCount) -> RowCount:
-        """Add these rows to `rows`, and return it."""
+        """Add these rows to `rows`, and return that."""
         rows.add(self.lines, self.fields, len(self.names), self.delimiter)
         return rows
 
     def strings(self, name: str) -> pl.Series:
-        """Return one column as a polars series of text, stripped, null where empty.
+        """Return one column as text, stripped, null where empty.
 
         Raises:
-            InputError: the column is missing, or is there more than once.
+            InputError: the column is missing or occurs more than once.
         """
         self.require([name])
         return self._strings([name])[0]
@@ -89,20 +89,18 @@ class TextTable:
     def numbers(
         self, names: Sequence[str], *, strict: bool = False
     ) -> tuple[Float[np.ndarray, "n k"], tuple[str, ...]]:
-        """Return columns (n, k) as float64, NaN where a field is no number or its row is ragged, and a tuple of notes.
+        """Return columns (n, k), NaN where a field is no number or its row is ragged; and a tuple of notes.
 
         Args:
             names: of the columns.
             strict: refuse a ragged row, and a field that is neither a number nor empty nor nan.
 
         Raises:
-            InputError: a column is missing, is there more than once or contains no number at all, or `strict` refuses a
-                row.
+            InputError: a column is missing, occurs more than once or has text but no number; or `strict` refuses a row.
         """
         if strict and self.ragged.any():
-            self.refuse(
-                int(np.argmax(self.ragged)), f"does not have {len(self.names)} fields, or a quote is not closed"
-            )
+            what = f"does not have {len(self.names)} fields, or a quote is not closed"
+            self.refuse(int(np.argmax(self.ragged)), what)
         fields = Fields()
         values = self.read(names, fields)
         fields.require_numbers(self.path)
@@ -112,10 +110,10 @@ class TextTable:
         return values, fields.notes()
 
     def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
-        """Return columns (n, k) as float64, NaN where there is no number, and count the rows in `fields`.
+        """Return columns (n, k), NaN where there is no number, and count the rows in `fields`.
 
         Raises:
-            InputError: a column is missing, or is there more than once.
+            InputError: a column is missing or occurs more than once.
         """
         self.require(names)
         parsed = self._parse(names, numbers=True)
@@ -132,15 +130,24 @@ class TextTable:
         return values
 
     def refuse(self, row: int, what: str, hint: str = "") -> NoReturn:
-        """Raise an InputError that names the line of a row, gives `what` as the reason, and adds the hint."""
+        """Raise an error on the row of an index: `what`, without a full stop, and a hint.
+
+        Raises:
+            InputError: always; it names the line.
+        """
         raise InputError(f"{what}.", where=f"{self.path}, {self._line(row)}", hint=hint)
 
     def require(self, names: Sequence[str]) -> None:
-        """Raise an InputError unless each of these columns exists exactly once."""
+        """Check that each of these columns exists exactly once.
+
+        Raises:
+            InputError: one does not.
+        """
         there = Counter(self.names)
         for name in names:
             if there[name] > 1:
-                raise InputError(f"column {name!r} occurs {there[name]} times.", where=str(self.path))
+                what = f"column {name!r} occurs {there[name]} times."
+                raise InputError(what, where=str(self.path), hint="Give each column its own name.")
             if not there[name]:
                 raise InputError(f"there is no column {name!r}.", where=str(self.path), hint=near(name, self.names))
 
@@ -154,11 +161,8 @@ class TextTable:
             fields.unread[name] = self._line(at), text[at]
 
     def _strings(self, names: Sequence[str]) -> list[pl.Series]:
-        parsed = self._parse(names, numbers=False)
-        return [
-            column.to_frame("").select(_unquoted(pl.all(), self.delimiter).replace("", None)).to_series()
-            for column in parsed
-        ]
+        bare = _unquoted(pl.all(), self.delimiter).replace("", None)
+        return [column.to_frame("").select(bare).to_series() for column in self._parse(names, numbers=False)]
 
     def _parse(self, names: Sequence[str], *, numbers: bool) -> list[pl.Series]:
         at = {name: k for k, name in enumerate(self.names)}
@@ -176,10 +180,10 @@ class TextTable:
 
 
 def read_table(path: Path) -> TextTable:
-    """Read a complete delimited text file, whose dialect is detected, as a `TextTable`.
+    """Read a complete delimited text file, whose dialect is found.
 
     Raises:
-        InputError: the file does not exist, is not text, is empty, or has no header or no row that fits it.
+        InputError: the file cannot be read, is not text, is empty, or has no header or no row that fits it.
     """
     with open_input(path) as file:
         whole = next(tables(file, path, -1))
@@ -188,7 +192,7 @@ def read_table(path: Path) -> TextTable:
 
 
 def tables(file: BinaryIO, path: Path, size: int) -> Iterator[TextTable]:
-    """Yield the rows of an open file, each `TextTable` of about `size` bytes of text; the first may be without rows.
+    """Yield the rows of an open file in pieces of about `size` bytes (-1: at once); the first may have no rows.
 
     Raises:
         InputError: the file is not text, is empty, or has no header.
@@ -221,10 +225,7 @@ def tables(file: BinaryIO, path: Path, size: int) -> Iterator[TextTable]:
 
 
 def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Drop blank lines and comments, and replace delimiters in quotes; return the text, line numbers and field counts.
-
-    Each line is a row, even if a quote in it is not closed; its field count is -1 then. `_INSIDE` is the replacement.
-    """
+    """Drop blank lines and comments; return text, line numbers and field counts (-1: an open quote)."""
     text = np.frombuffer(raw, dtype=np.uint8)
     ends = np.append(np.flatnonzero(text == ord("\n")), len(text))
     starts = np.append(0, ends[:-1] + 1)
@@ -249,7 +250,7 @@ def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], 
 
 
 def _marked(text: UInt8[np.ndarray, " size"], starts: Int[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
-    """Return the indices of lines that may be comments, by their first byte."""
+    """Return the lines that may be comments, by their first byte."""
     if not len(text):
         return np.zeros(0, dtype=np.int64)
     first = text.take(starts, mode="clip")
@@ -257,7 +258,7 @@ def _marked(text: UInt8[np.ndarray, " size"], starts: Int[np.ndarray, " n"]) -> 
 
 
 def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
-    """Remove quotes and spaces around a text, and restore the delimiters and quotes inside it."""
+    """Remove quotes and spaces around a text, and restore delimiters inside it."""
     bare = text.str.strip_chars().str.strip_prefix('"').str.strip_suffix('"').str.strip_chars()
     return bare.str.replace_all('""', '"', literal=True).str.replace_all(_INSIDE.decode(), delimiter, literal=True)
 
@@ -265,7 +266,7 @@ def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
 def _frame(
     text: bytes, delimiter: str, path: Path, count: int, columns: Sequence[int], *, numbers: bool
 ) -> pl.DataFrame:
-    """Parse text without a header as columns c0, c1, ...; null where a field is empty or cannot be converted."""
+    """Parse text as columns c0, c1, ...; null where a field cannot be converted."""
     require_polars_threads()
     names = [f"c{k}" for k in range(count)]
     try:
@@ -284,5 +285,4 @@ def _frame(
 
 
 def _says_nan(text: pl.Series) -> Bool[np.ndarray, " n"]:
-    """Return True for each field that is a spelling of NaN or null."""
     return text.str.to_lowercase().is_in(["nan", "-nan", "+nan", "null", "none"]).fill_null(value=False).to_numpy()

@@ -52,15 +52,16 @@ def two_stage(
     direction: Float[np.ndarray, "3"] | None,
     weights: Float[np.ndarray, "n 2"] | None = None,
 ) -> Vector:
-    """Fit force on (weight, bias), then torque on (centre, bias) with the *modelled* weight as the regressor.
+    """Fit force on (weight, bias), then torque on (centre, bias), and return all (12,).
 
-    With the measured force as the regressor, as [probe] prints it, its noise pulls the centre towards the sensor.
+    The torque's regressor is the modelled weight: the noise of the measured force, as [probe] prints it, would pull the
+    centre towards the sensor.
 
     Args:
         wrenches: (n, 6) in the sensor frame.
         rotations: (n, 3, 3), sensor in base.
-        direction: unit vector of gravity in the base; None when free.
-        weights: (n, 2) of the samples' forces and torques; None for ones.
+        direction: (3,) unit vector of gravity in the base; None: free.
+        weights: (n, 2) of the samples' forces and torques; None: ones.
     """
     weights = np.ones((len(wrenches), 2)) if weights is None else weights
     columns = force_columns(rotations, direction)
@@ -99,12 +100,12 @@ def residual_covariance(residuals: Float[np.ndarray, "n 6"], force_unknowns: int
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of a log's wrenches: independent noise, and a bias that drifts from one wrench to the next.
+    """Errors of a log's wrenches: independent noise, and a drift of the bias.
 
     Attributes:
         white: (6, 6) covariance of each wrench's independent error.
-        walk: (6,) standard deviation of the bias's drift from block to block, along each axis; 0 where none is seen.
-        block: (n,) index of each wrench's block; there are at most `BLOCKS`.
+        walk: (6,) standard deviation of the bias's drift from block to block; 0 where none is seen.
+        block: (n,) index of each wrench's block.
     """
 
     white: Float[np.ndarray, "6 6"]
@@ -113,7 +114,7 @@ class Errors:
 
     @staticmethod
     def of(residuals: Float[np.ndarray, "n 6"], white: Float[np.ndarray, "6 6"]) -> Errors:
-        """Return the errors that explain residuals (n, 6) in the order of time; `white` is their covariance."""
+        """Return the `Errors` that explain residuals (n, 6) in the order of time; `white` is their covariance."""
         from palpate.calibration.random_walk import fit_walk, steps_of  # scipy.optimize: loaded when first needed
 
         count = len(residuals)
@@ -121,8 +122,8 @@ class Errors:
         block: Int[np.ndarray, " n"] = np.arange(count, dtype=np.int64) * blocks // count
         size, walk, alone = np.bincount(block), np.zeros(6), np.ones(6)
         means = np.stack([np.bincount(block, column) / size for column in residuals.T], axis=1)
-        if _drifts(means):
-            felt = np.flatnonzero(_felt(means))
+        felt = np.flatnonzero(np.mean(means**2, axis=0) > ROUNDING**2)
+        if _drifts(means, felt):
             steps = steps_of(np.arange(blocks, dtype=np.float64), means[:, felt], 0.0)
             fit = fit_walk(steps, [[k] for k in range(len(felt))])
             walk[felt] = np.where(fit.seen, fit.walk, 0.0)
@@ -133,7 +134,7 @@ class Errors:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes: one sentence where the bias drifts, else empty."""
+        """One sentence in a tuple where the bias drifts; else ()."""
         if not self.walk.any():
             return ()
         blocks = len(set(self.block.tolist()))
@@ -148,8 +149,8 @@ class Errors:
     def spread(self, gain: Float[np.ndarray, "p n 6"]) -> Float[np.ndarray, "p p"]:
         """Return the covariance (p, p) of an estimate's errors, `gain` times the errors of the wrenches.
 
-        The bias at block i of B has the covariance walk^2 (B - |i - j|) / 2 with the bias at block j. That is the
-        covariance of a random walk plus a constant: the bias when the sensor is used later, at a time like these.
+        The biases at blocks i and j of B have the covariance walk^2 (B - |i - j|) / 2: that of a random walk plus a
+        constant, the bias when the sensor is used later.
         """
         found = np.einsum("pni,ij,qnj->pq", gain, self.white, gain, optimize=True)
         if self.walk.any():
@@ -161,32 +162,24 @@ class Errors:
         return found
 
 
-def _drifts(means: Float[np.ndarray, "b 6"]) -> bool:
-    """Tell whether some axis changes too slowly for errors that are independent, by the ratio of von Neumann [1941]."""
-    count, square = len(means), np.sum(means**2, axis=0)
+def _drifts(means: Float[np.ndarray, "b 6"], felt: Int[np.ndarray, " k"]) -> bool:
+    """Return whether one of the axes changes too slowly for independent errors, by the ratio of von Neumann [1941]."""
+    count = len(means)
     if count < FEWEST:
         return False
-    felt = _felt(means)
-    ratio = np.sum(np.diff(means, axis=0) ** 2, axis=0)[felt] / square[felt]
+    ratio = np.sum(np.diff(means, axis=0) ** 2, axis=0)[felt] / np.sum(means**2, axis=0)[felt]
     return bool(np.any((1.0 - ratio / 2.0) * np.sqrt((count**2 - 1.0) / (count - 2.0)) > DRIFTS))
-
-
-def _felt(means: Float[np.ndarray, "b 6"]) -> Bool[np.ndarray, "6"]:
-    """Tell which axes have errors that are more than rounding."""
-    return np.asarray(np.mean(means**2, axis=0) > ROUNDING**2, dtype=bool)
 
 
 def gain_of(
     jacobian: Float[np.ndarray, "n 6 p"], noise: Float[np.ndarray, "6 6"] | None
 ) -> tuple[Float[np.ndarray, "p n 6"], Float[np.ndarray, "n 6 p"]]:
-    """Return the gain of an estimate that solves sum Z_i^T r_i = 0, G^-1 Z_i^T with G = sum Z_i^T J_i, and Z.
-
-    Jointly whitened, Z = S^-1 J; in two stages, Z is J without the torque's rows for the force's parameters. Either way
-    the centre carries the weight's error.
+    """Return the gain G^-1 Z_i^T (p, n, 6), G = sum Z_i^T J_i, of an estimate that solves sum Z_i^T r_i = 0, and Z.
 
     Args:
-        jacobian: (n, 6, p) of every sample, in the free parameters; only the torque determines the last six.
-        noise: S, (6, 6) covariance of one sample, for a joint fit; None: in two stages.
+        jacobian: J, (n, 6, p), in the free parameters; only the torque determines the last six.
+        noise: S, (6, 6) covariance of one sample, for a joint fit, Z = S^-1 J; None: in two stages, Z being J without
+            the torque's rows for the force's parameters.
     """
     if noise is not None:
         instruments = np.linalg.solve(noise, jacobian)
@@ -205,9 +198,8 @@ def kept_samples(
 ) -> Bool[np.ndarray, " n"]:
     """Return a mask (n,) of the samples within `CUTOFF` robust standard deviations, per channel, of a robust fit.
 
-    The fit starts as a Huber fit, then is least squares on the samples within, until these no longer change. Gaussian
-    data keep the efficiency of plain least squares. Regressors are rotations, bounded: poses that are spread out have
-    no leverage to guard against.
+    Least squares on the samples within follow a Huber fit, until these no longer change. `floor` (6,) is the least
+    standard deviation.
     """
 
     def left(weights: np.ndarray | None) -> np.ndarray:

@@ -8,20 +8,16 @@ show it. Mistakes that explain a log equally well are named together, the simple
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
-from palpate.errors import InputError, NotIdentifiable
+from palpate.errors import InputError
 from palpate.sensors.force_torque._payload_mistakes import MISTAKES, REVERSED, compose, corrected, mistake_of, parts
 from palpate.sensors.force_torque._payload_rank import check_noise
 from palpate.sensors.force_torque._payload_search import FAR, fitted, likely, search, upward
-from palpate.sensors.force_torque._payload_solve import PayloadSettings, PayloadSolution, rms, solve
-from palpate.signals.payload import Payload
-from palpate.spatial.arguments import takes_arrays
+from palpate.sensors.force_torque._payload_solve import PayloadSettings, PayloadSolution
 
-__all__ = ["Hypothesis", "diagnose", "doubts", "is_bad", "mistaken"]
+__all__ = ["doubts", "is_bad", "mistaken"]
 
 BAD_NOISE = 5.0  # residuals above so many times the stated noise,
 BAD_SHARE = 0.05  # and above this share of the weight, or of the torque's variation, are doubted: good rigs leave 1-3 %
@@ -29,38 +25,6 @@ WORST_SHARE = 0.2  # of the weight: residuals above it are those of no payload
 BAD_LEFT_OUT = 0.2  # or more than this share of the samples set aside
 ALIKE, ALIKE_COST = 1.2, 0.3  # misfits within this factor, and costs, name a mistake as well
 FAR_BETTER = 3.0  # an explanation must reduce the misfit by this
-
-
-@takes_arrays
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """A way to read a log, other than wrenches in the sensor frame with rotations of the sensor in the base.
-
-    Attributes:
-        name: name that `identify_payload(..., hypothesis=name)` takes.
-        residual: (2,) rms of force [N] and torque [N m] per axis, over every sample, the ones set aside too.
-        misfit: geometric mean of the rms of force [N] and torque [N m] over the samples that fit best, four in five.
-        payload: payload that is identified if the hypothesis is true.
-    """
-
-    name: str
-    residual: Float[np.ndarray, "2"]
-    misfit: float
-    payload: Payload
-
-
-def diagnose(
-    wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: PayloadSettings
-) -> list[Hypothesis]:
-    """Return the hypotheses that explain the log as well as the best, the simplest first."""
-    found: list[Hypothesis] = []
-    for each in likely(search(wrenches, rotations, settings.direction)):
-        try:
-            solution = solve(*corrected(wrenches, rotations, each.name), settings)
-        except NotIdentifiable:
-            continue
-        found.append(Hypothesis(each.name, rms(solution.residuals), each.misfit, solution.payload))
-    return found
 
 
 def mistaken(

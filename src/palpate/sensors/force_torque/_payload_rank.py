@@ -17,15 +17,14 @@ MAX_SHARE = 0.1  # of the weight: largest standard error of a direction of weigh
 def check_poses(
     rotations: Float[np.ndarray, "n 3 3"], direction: Float[np.ndarray, "3"] | None, weight: Float[np.ndarray, "3"]
 ) -> None:
-    """Raise NotIdentifiable, with the parameters' names, if the poses cannot separate the parameters.
+    """Require that the poses separate the parameters.
 
-    The regressors of the force, on (w, f0), and of the torque, on (|w| c, m0), are dimensionless; over sqrt(n) their
-    singular values lie in [0, sqrt 2], near 1 for poses in all directions. Below MIN_SINGULAR they may come from wrong
-    orientations alone.
+    The singular values of the regressors of force, on (w, f0), and torque, on (|w| c, m0), over sqrt(n) are near 1 for
+    poses in all directions; below MIN_SINGULAR they may come from wrong orientations alone.
 
     Args:
         rotations: (n, 3, 3), sensor in base.
-        direction: unit vector of gravity in the base; None when free.
+        direction: (3,) unit vector of gravity in the base; None: free.
         weight: (3,) [N] as fitted.
 
     Raises:
@@ -47,13 +46,12 @@ def check_noise(
     weight: Float[np.ndarray, "3"],
     noise: float,
 ) -> None:
-    """Raise NotIdentifiable if the poses do not separate the parameters because of the noise, `noise` [N] a sample.
+    """Require that the poses separate the parameters despite the noise, of standard deviation `noise` [N].
 
-    A direction of weight or bias is determined when its standard error, noise / (s sqrt n) with s its singular value in
-    `check_poses`, is below MAX_SHARE of the weight.
+    The standard error of a direction is noise / (s sqrt n) with s its singular value in `check_poses`.
 
     Raises:
-        NotIdentifiable: some direction is not determined; states the noise and the weight.
+        NotIdentifiable: that of some direction is above MAX_SHARE of the weight; states the noise and the weight.
     """
     values, _ = _scaled_svd(force_columns(rotations, direction))
     known = noise / (values * np.sqrt(len(rotations))) <= MAX_SHARE * float(np.linalg.norm(weight))
@@ -62,7 +60,7 @@ def check_noise(
 
 
 def _scaled_svd(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return singular values over sqrt(n) in decreasing order, and their directions as rows."""
+    """Return singular values over sqrt(n), in decreasing order, and their directions as rows."""
     rows = columns.reshape(-1, columns.shape[-1])
     gram = rows.T @ rows / len(columns)  # values of 0.02 are far above its rounding
     values, vectors = np.linalg.eigh(gram)
@@ -130,7 +128,6 @@ def _torque_refusal(null: np.ndarray) -> NotIdentifiable:
 
 
 def _across(axis: np.ndarray) -> np.ndarray:
-    """Return a unit vector perpendicular to an axis, along a coordinate axis where one is nearly perpendicular."""
     other = np.eye(3)[np.abs(axis).argmin()]
     across = other - axis * (axis @ other) / (axis @ axis)
     return across / np.linalg.norm(across)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.calibration.validation import Validation, cross_validate
-from palpate.errors import NotIdentifiable
+from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.force_torque._payload_fit import (
     Errors,
     gain_of,
@@ -27,24 +27,31 @@ BELIEVED = 2.0  # chi-square per degree of freedom up to which the stated noise 
 
 @dataclass(frozen=True)
 class PayloadSettings:
-    """Checked settings of a payload identification.
+    """Settings of a payload identification.
 
     Attributes:
-        direction: unit vector of gravity in the base; None: identified.
+        direction: (3,) unit vector of gravity in the base; None: identified.
         magnitude: |g| [m/s^2].
         noise: (6, 6) covariance of one reading; None: not known.
         robust: whether outliers are set aside.
         of: name of a row in messages.
+
+    Raises:
+        InputError: the magnitude is not positive.
     """
 
     direction: Float[np.ndarray, "3"] | None
     magnitude: float
     noise: Float[np.ndarray, "6 6"] | None
     robust: bool
-    of: str = "samples"
+    of: str
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.magnitude) and self.magnitude > 0):
+            raise InputError(f"magnitude of gravity must be positive, not {self.magnitude}.")
 
     def basis(self) -> Float[np.ndarray, "12 p"]:
-        """Return a basis (12, p) of the free directions among the twelve parameters; p is 10 with gravity given."""
+        """Return a basis (12, p) of the free directions of the twelve parameters; p is 10 with gravity given."""
         if self.direction is None:
             return np.eye(12)
         basis = np.zeros((12, 10))
@@ -53,20 +60,20 @@ class PayloadSettings:
         return basis
 
     def floor(self, wrenches: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6"]:
-        """Return the residuals (6,) below which no sample is an outlier: the stated noise, but at least rounding."""
+        """Return the residuals (6,) [N, N m] below which no sample is an outlier: the noise, at least rounding."""
         rounding = 1e-9 * np.repeat(np.abs(wrenches).reshape(-1, 2, 3).max(axis=(0, 2)) + 1e-3, 3)
         return rounding if self.noise is None else np.maximum(np.sqrt(np.diag(self.noise)), rounding)
 
 
 @dataclass(frozen=True)
 class PayloadSolution:
-    """A fitted payload with its residuals.
+    """A fitted payload, with the covariance of the fit.
 
     Attributes:
-        payload: payload with the covariance of the fit.
-        noise: standard deviation of a force [N].
-        residuals: (n, 6) of every sample.
-        kept: (n,) mask of the samples that were used.
+        payload: the payload.
+        noise: [N] standard deviation of a force.
+        residuals: (n, 6) [N, N m] of every sample.
+        kept: mask (n,) of the samples that were used.
         white: (6, 6) covariance of a sample's error.
         joint: whether the fit was whitened by `white`.
     """
@@ -82,7 +89,7 @@ class PayloadSolution:
 def solve(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: PayloadSettings
 ) -> PayloadSolution:
-    """Fit a payload to wrenches in the sensor frame; see `identify_payload` for the method and its reasons.
+    """Fit a payload to wrenches in the sensor frame.
 
     Raises:
         NotIdentifiable: the poses do not determine the parameters.
@@ -119,22 +126,21 @@ def judged(
     rotations: Float[np.ndarray, "n 3 3"],
     settings: PayloadSettings,
 ) -> tuple[Payload, Validation]:
-    """Return the payload and its cross-validation; the covariance contains the bias's drift and is widened by it.
+    """Return the payload, its covariance with the bias's drift and widened by a cross-validation, and the latter.
 
-    An omitted part of the log is compared by its normal equations, Z^T r: its information about the parameters.
+    Raises:
+        NotIdentifiable: the poses do not determine the parameters.
     """
     kept, basis, payload = solution.kept, settings.basis(), solution.payload
     wrenches, rotations = wrenches[kept], rotations[kept]
     rounding = np.diag(replace(settings, noise=None).floor(wrenches) ** 2)
     errors = Errors.of(solution.residuals[kept], solution.white + rounding)
     noise = solution.white if solution.joint else None
-    theta = np.concatenate([payload.weight, payload.force_bias, payload.center_of_mass, payload.torque_bias])
-    gain = gain_of(model(theta, rotations)[1] @ basis, noise)[0]
+    gain = gain_of(model(_parameters(payload), rotations)[1] @ basis, noise)[0]
 
-    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:  # of the normal equations, Z^T r
         part = solve(wrenches[~left], rotations[~left], replace(settings, robust=False)).payload
-        theta = np.concatenate([part.weight, part.force_bias, part.center_of_mass, part.torque_bias])
-        predicted, jacobian = model(theta, rotations)
+        predicted, jacobian = model(_parameters(part), rotations)
         jacobian = jacobian @ basis
         own, instruments = np.zeros((basis.shape[1], len(left), 6)), gain_of(jacobian, noise)[1][left]
         own[:, left] = np.moveaxis(instruments, -1, 0)
@@ -145,6 +151,10 @@ def judged(
     left = cross_validate(len(wrenches), predict)
     covariance = left.widening * (basis @ errors.spread(gain) @ basis.T)
     return replace(payload, covariance=covariance, notes=(*payload.notes, *errors.notes, *left.notes)), left
+
+
+def _parameters(payload: Payload) -> Float[np.ndarray, "12"]:
+    return np.concatenate([payload.weight, payload.force_bias, payload.center_of_mass, payload.torque_bias])
 
 
 def rms(residuals: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "2"]:
@@ -163,10 +173,7 @@ def _check(rotations: np.ndarray, kept: np.ndarray, theta: np.ndarray, settings:
 def _refined(
     theta: np.ndarray, wrenches: np.ndarray, rotations: np.ndarray, spread: np.ndarray, settings: PayloadSettings
 ) -> tuple[Float[np.ndarray, "12"], Float[np.ndarray, "6 6"], tuple[str, ...], bool]:
-    """Return parameters, a sample's covariance, notes, and whether the fit was whitened by the stated noise.
-
-    It is whitened where the stated noise explains the residuals; else the parameters are returned unchanged.
-    """
+    """Return parameters, a sample's covariance, notes, and whether the stated noise explains and whitened them."""
     basis, noise = settings.basis(), settings.noise
     predicted, jacobian = model(theta, rotations)
     if noise is None or np.linalg.cond(noise / np.sqrt(np.outer(np.diag(noise), np.diag(noise)))) > 1e12:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
-from palpate.sensors.force_torque._payload_hypotheses import WORST_SHARE, Hypothesis, diagnose, doubts, is_bad, mistaken
+from palpate.sensors.force_torque._payload_hypotheses import WORST_SHARE, doubts, is_bad, mistaken
 from palpate.sensors.force_torque._payload_mistakes import AS_IS, corrected
 from palpate.sensors.force_torque._payload_search import FAR
 from palpate.sensors.force_torque._payload_solve import PayloadSettings, judged, solve
@@ -23,7 +23,7 @@ from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
 
-__all__ = ["Hypothesis", "diagnose_payload", "identify_payload"]
+__all__ = ["identify_payload"]
 
 
 @called_as("palpate.identify_payload(wrenches, quaternions)")
@@ -43,26 +43,22 @@ def identify_payload(
 ) -> Payload:
     """Identify weight, centre of mass and biases from wrenches of the payload alone [probe, (1)-(2), corrected].
 
-    Two linear least squares: force on (weight, bias), then torque on (centre, bias) with the modelled weight. If
-    `noise` is given and explains the residuals, all are then fitted jointly, whitened: the torque sharpens the
-    weight's direction. Otherwise they are not: the residuals of real rigs are errors of the model (gains, cross-talk,
-    flexing). The covariance covers all twelve parameters, the centre carrying the weight's error. It is computed from
-    the residuals' covariance (or from the stated noise, if that explains them), with the drift of the bias where the
-    residuals show one. Parts of the log are omitted in turn, and the covariance is widened where they lie further
-    from the prediction of the other parts than it allows. Rows must be in the order of time. If a log has many samples
-    per pose, average each pose first: they share one error. With few poses state the noise: from residuals alone it is
-    too small, by 1.1 at 40 poses, by 2 at 12.
+    Two linear least squares: force on (weight, bias), then torque on (centre, bias) with the modelled weight; then all
+    jointly, if `noise` is given and explains the residuals. The covariance comes from the residuals, or from the noise
+    if it explains them, and from the drift of the bias; it is widened where parts of the log do not predict each other.
+    From residuals alone it is too small by 1.1 at 40 poses, by 2 at 12: with few poses state the noise. Average the
+    samples of each pose first: they share one error.
 
     Args:
-        wrenches: (n, 6) [N, N m], or a `Wrench` of n, in the sensor frame. Rows with NaN or infinity (above 1e9) are
-            ignored and listed in the notes.
+        wrenches: (n, 6) [N, N m], or a `Wrench` of n, in the sensor frame, in the order of time. Rows with NaN or
+            infinity (above 1e9) are ignored and listed in the notes.
         rotations: (n, 3, 3), sensor in base; or (n, 4) its quaternions x, y, z, w.
-        gravity: (3,) its direction in the base, of any length; None when unknown: it is then identified.
-        magnitude: |g| [m/s^2], used only to divide the weight into a mass.
-        noise: noise of one reading, if known: standard deviations of force and torque, or six, or a (6, 6) covariance.
+        gravity: (3,) its direction in the base, of any length; None: identified.
+        magnitude: |g| [m/s^2], by which the weight is divided into a mass.
+        noise: of a reading: standard deviations of force and torque, or six, or a (6, 6) covariance; None: not known.
         robust: set samples aside that lie 5 robust standard deviations from the fit, and list them in the notes.
-        hypothesis: a name that `diagnose_payload` gave; the log is corrected for it before the fit. Later wrenches must
-            be corrected in the same way before `Payload.compensate`.
+        hypothesis: mistake in the log, as an error names it, for which the log is corrected before the fit. Later
+            wrenches must be corrected in the same way before `Payload.compensate`.
         unchecked: return the payload also of a log that a known mistake explains far better, or that leaves more than
             20 % of the weight; notes say so.
         of: name of a row in messages: "samples", or "poses" where each is a mean.
@@ -76,8 +72,14 @@ def identify_payload(
         InputError: a shape is wrong, a row is not a rotation, no row is complete, or an option is invalid; unless
             `unchecked`, a known mistake explains the log far better, or the residual is more than 20 % of the weight.
     """
-    settings = replace(settings_of(gravity, magnitude, noise, robust=robust), of=of)
-    wrenches, rotations, finite = usable(wrenches, rotations)
+    settings = PayloadSettings(
+        None if gravity is None else _direction(gravity),
+        float(magnitude),
+        None if noise is None else noise_covariance(noise),
+        robust,
+        of,
+    )
+    wrenches, rotations, finite = _usable(wrenches, rotations)
     undone = corrected(wrenches, rotations, hypothesis)
     try:
         solution = solve(*undone, settings)
@@ -92,72 +94,30 @@ def identify_payload(
         raise wrong
     payload, left = judged(solution, *undone, settings)
     wrongs = () if wrong is None else (f"{str(wrong)[0].upper()}{str(wrong)[1:]}",)
-    notes = (*validated(finite, solution.kept, of), *payload.notes, *doubtful, *wrongs, *_far_centre(payload))
+    notes = (*_unused(finite, solution.kept, of), *payload.notes, *doubtful, *wrongs, *_far_centre(payload))
     options = {
         "gravity": "free" if gravity is None else "given",
         "robust": str(robust).lower(),
         "hypothesis": hypothesis,
+        "left_out": str(left),
     }
-    options["left_out"] = str(left)
     return replace(payload, notes=notes, provenance={**options, **(provenance or {})})
 
 
-@takes_arrays
-def diagnose_payload(
-    wrenches: Wrench | ArrayLike,
-    rotations: ArrayLike,
-    *,
-    gravity: ArrayLike | None = None,
-    magnitude: float = STANDARD_GRAVITY,
-    noise: ArrayLike | None = None,
-    robust: bool = True,
-) -> list[Hypothesis]:
-    """Return a list of each `Hypothesis` that explains the log as well as the best, the simplest first; [] if none.
-
-    Arguments are those of `identify_payload`. The sign of each hypothesis is the one under which the weight points down
-    (see `palpate.sensors.force_torque._payload_mistakes` for the mistakes).
-
-    Raises:
-        InputError: no row is complete, a row is not a rotation, or an option is invalid.
-    """
-    settings = settings_of(gravity, magnitude, noise, robust=robust)
-    wrenches, rotations, _ = usable(wrenches, rotations)
-    return diagnose(wrenches, rotations, settings)
+def _direction(gravity: ArrayLike) -> Float[np.ndarray, "3"]:
+    """Return gravity's direction with length 1; raise an InputError unless it has three numbers, not all zero."""
+    direction = np.asarray(gravity, dtype=np.float64)
+    largest = float(np.abs(direction).max(initial=0.0))
+    if direction.shape != (3,) or not np.isfinite(largest) or largest == 0.0:
+        raise InputError(
+            f"gravity must be three numbers that are not all zero, not {gravity}.", hint="Leave it out if unknown."
+        )
+    direction = direction / largest  # first: the square of 1e200 is no number
+    return direction / np.linalg.norm(direction)
 
 
-def settings_of(
-    gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | None, *, robust: bool
-) -> PayloadSettings:
-    """Return the checked settings as `PayloadSettings`, with gravity's direction of length 1.
-
-    Raises:
-        InputError: `magnitude` is not positive, gravity is not three finite numbers, not all zero, or `noise` is no
-            standard deviations or covariance.
-    """
-    if not (np.isfinite(magnitude) and magnitude > 0):
-        raise InputError(f"magnitude of gravity must be positive, not {magnitude}.")
-    direction = None if gravity is None else np.asarray(gravity, dtype=np.float64)
-    if direction is not None:
-        largest = float(np.abs(direction).max(initial=0.0))
-        if direction.shape != (3,) or not np.isfinite(largest) or largest == 0.0:
-            raise InputError(
-                f"gravity must be three numbers that are not all zero, not {gravity}.", hint="Leave it out if unknown."
-            )
-        direction = direction / largest  # first: the square of 1e200 is no number
-        direction = direction / np.linalg.norm(direction)
-    return PayloadSettings(direction, float(magnitude), None if noise is None else noise_covariance(noise), robust)
-
-
-def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the complete rows' wrenches (m, 6), their rotation matrices (m, 3, 3), and a mask (n,) of these rows.
-
-    Args:
-        wrenches: (n, 6), force first.
-        rotations: (n, 3, 3), or (n, 4) quaternions x, y, z, w.
-
-    Raises:
-        InputError: no row is complete, or the rotation of a complete row is not orthonormal or is a reflection.
-    """
+def _usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return wrenches (m, 6) and rotation matrices (m, 3, 3) of the complete rows, and a mask (n,) of these."""
     wrenches = shaped(wrenches.vector() if isinstance(wrenches, Wrench) else wrenches, (None, 6), "wrenches")
     if np.shape(rotations) == (len(wrenches), 4):
         with np.errstate(invalid="ignore"):  # a quaternion of zeros is NaN, which is ignored
@@ -173,24 +133,14 @@ def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarr
     return wrenches[finite], rotations[finite], finite
 
 
-def validated(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: str) -> tuple[str, ...]:
-    """Return sentences about the rows that were not used, an empty tuple if all were.
-
-    Args:
-        finite: (n,) the complete rows.
-        kept: (m,) of these, the rows that are no outliers.
-        of: name of a row: "samples" or "poses".
-    """
+def _unused(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: str) -> Iterator[str]:
+    """Yield sentences about the rows that were not used: incomplete ones, and those of the others not kept."""
     name = "rows" if of == "samples" else of
     lost, away = np.flatnonzero(~finite), np.flatnonzero(finite)[~kept]
-    said: tuple[str, ...] = ()
     if len(lost):
-        said += (
-            f"{len(lost)} of {len(finite)} {name} hold NaN or infinity and were ignored ({name} {_listed(lost)}).",
-        )
+        yield f"{len(lost)} of {len(finite)} {name} hold NaN or infinity and were ignored ({name} {_listed(lost)})."
     if len(away):
-        said += (f"{len(away)} of {len(kept)} {of} are far from the fit and were set aside ({name} {_listed(away)}).",)
-    return said
+        yield f"{len(away)} of {len(kept)} {of} are far from the fit and were set aside ({name} {_listed(away)})."
 
 
 def _unexplained(payload: Payload) -> InputError | None:
@@ -204,11 +154,10 @@ def _unexplained(payload: Payload) -> InputError | None:
     )
 
 
-def _far_centre(payload: Payload) -> tuple[str, ...]:
+def _far_centre(payload: Payload) -> Iterator[str]:
     far = float(np.linalg.norm(payload.center_of_mass))
-    if far <= FAR:
-        return ()
-    return (f"The centre of mass is {far:.3g} m from the sensor: check the unit of the torque.",)
+    if far > FAR:
+        yield f"The centre of mass is {far:.3g} m from the sensor: check the unit of the torque."
 
 
 def _listed(rows: np.ndarray) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -27,25 +26,14 @@ from palpate.spatial.pose_track import sound_quaternions
 
 __all__ = ["Compensation"]
 
-NOTHING = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
-UPRIGHT = np.eye(3)[None]
 ITSELF = Placement(Pose.identity())
 SATURATED = 6  # contact.Status.SATURATED, which this layer does not import
 SURE = 5.0  # times its standard deviation: a smaller tare is no touch
 
 
 class _Readings(NamedTuple):
-    """Samples as the compiled loops take them: contiguous and writable, n rows, or one that stands for all.
-
-    Attributes:
-        time: (n,) [s].
-        wrench: (n, 6) as measured.
-        rotation: (n or 1, 3, 3) sensor in base.
-        acceleration: (n or 1, 3) [m/s^2].
-        unsteady: (n or 1, 1) [m/s^2] standard deviation of the acceleration.
-        age: (n or 1, 1) [s] since the zero was taken.
-    """
+    """Samples as the compiled loops take them, n rows or one for all; `unsteady` is the acceleration's deviation."""
 
     time: np.ndarray
     wrench: np.ndarray
@@ -55,12 +43,10 @@ class _Readings(NamedTuple):
     age: np.ndarray
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> _Readings:
-        """Return the readings of a mask (n,); a row that stands for all is kept."""
         count = len(self.time)
         return _Readings(*(part[rows] if len(part) == count else part for part in self))
 
     def mean(self) -> _Readings:
-        """Return the mean of the samples as one sample."""
         return _Readings(*(part.mean(axis=0, keepdims=True) for part in self))
 
 
@@ -77,11 +63,9 @@ class _Compensated(NamedTuple):
 class Compensation:
     """The `WrenchSensor` of a force/torque sensor and its payload; see `Payload`.
 
-    A sample that is invalid, saturated or without pose gets its status.
-
     Args:
         sensor: noise, range and frame of the wrenches.
-        payload: payload to compensate; with None the wrenches are not changed.
+        payload: payload to compensate; None: none.
         motion: source of accelerations in a stream; None: only those of the recordings.
     """
 
@@ -93,7 +77,7 @@ class Compensation:
 
         self.sensor, self.payload, self.motion = sensor, payload, motion
         self._compensate, self._place = _compensation.compensate, _compensation.place
-        load = NOTHING if payload is None else payload
+        load = Payload() if payload is None else payload
         self._weighs = bool(load.weight.any() or load.covariance[:3, :3].any())
         self._turned, self._drifts = sensor.frame == "base", bool(sensor.drift.any())
         self._limits = np.full(6, np.inf) if sensor.limits is None else sensor.limits.copy()
@@ -105,7 +89,7 @@ class Compensation:
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
         self._doubts = square_root(load.covariance)
         self._turns, self.revision = bool(self.needs_orientation), 0
-        self._kept, self._left = (1.0, np.ones(6)), dict[int, Float[np.ndarray, "6 6"]]()
+        self._kept, self._means = (1.0, np.ones(6)), dict[int, Float[np.ndarray, "6 6"]]()
         self._stated, self.zeros_taken = self._load.copy(), 0
         self._untare()
         self.state, self.live_inputs = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(5)])
@@ -114,18 +98,18 @@ class Compensation:
 
     @property
     def noise(self) -> Float[np.ndarray, "6 6"] | None:
-        """Covariance (6, 6) of the sensor's noise, force first [N, N m]; None when not known."""
+        """Covariance (6, 6) of the sensor's noise, force first [N, N m]; None where it is not known."""
         return self.sensor.noise
 
     @property
     def needs_orientation(self) -> str:
-        """Reason why samples need the sensor's orientation, or "" where they do not."""
+        """Reason why samples need the sensor's orientation; "" where they do not."""
         if self._weighs:
             return "the payload's weight turns with the sensor"
         return "the wrenches are in the base frame" if self._turned else ""
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
-        """Yield the same recordings, with the channels `ACCELERATION` and `UNSTEADY` where `motion` provides them.
+        """Yield the same samples, with the channels `ACCELERATION` and `UNSTEADY` where `motion` provides them.
 
         Raises:
             InputError: channels that the source of accelerations needs are missing.
@@ -144,12 +128,10 @@ class Compensation:
     def single(
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> _Compensated:
-        """Return one reading (6,) [N, N m] as `Measured`: the contact's wrench (1, 6) and its status.
-
-        The sensor's rotation in the base (3, 3) is used if needed; NaN means that it is not known now.
+        """Return one sample (see `hold`) as `Measured`: the contact's wrench (1, 6) [N, N m] and its status.
 
         Raises:
-            InputError: the rotation is needed and None, or an argument has another shape.
+            InputError: the rotation is needed and None, an argument has another shape, or the time is no number.
         """
         if type(time) is not float:
             time = number(time, "time")
@@ -157,9 +139,13 @@ class Compensation:
         return self._compensated(self._read(time), self._zero)
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """Write reading, rotation, acceleration and age of the zero of one sample into `live_inputs`.
+        """Write one sample into `live_inputs`.
 
-        The sample is taken as steady.
+        Args:
+            time: [s].
+            reading: (6,) [N, N m] as measured.
+            rotation: (3, 3) sensor in base, where it is needed.
+            acceleration: (3,) [m/s^2] in the sensor's frame, without gravity; None: 0.
 
         Raises:
             InputError: the rotation is needed and None, or an argument has another shape.
@@ -167,9 +153,9 @@ class Compensation:
         if self._turns:
             if rotation is None:
                 raise InputError(f"update needs the orientation of the sensor: {self.needs_orientation}.")
-            self.live_inputs[6:15].reshape(3, 3)[:] = _of_one("rotation", rotation, (3, 3))
-        self.live_inputs[:6] = _of_one("reading", reading, (6,))
-        self.live_inputs[15:18] = 0.0 if acceleration is None else _of_one("acceleration", acceleration, (3,))
+            self.live_inputs[6:15].reshape(3, 3)[:] = shaped(rotation, (3, 3), "rotation")
+        self.live_inputs[:6] = shaped(reading, (6,), "reading")
+        self.live_inputs[15:18] = 0.0 if acceleration is None else shaped(acceleration, (3,), "acceleration")
         if self._drifts:
             self.live_inputs[19] = self._aged(np.array([time], dtype=np.float64))[0, 0]
 
@@ -180,15 +166,14 @@ class Compensation:
         readings: Float[np.ndarray, "n 6"],
         extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
-        """Return the live inputs (20 n,) of n samples, which `hold` writes for one sample; grouped by kind.
+        """Return the live inputs (20 n,) of n samples: their readings (n, 6), rotations (n, 3, 3), and so on.
 
-        Readings (n, 6), rotations (n, 3, 3), accelerations (n, 3), their standard deviations (n,), ages of the zero
-        (n,).
+        Then follow accelerations (n, 3), their standard deviations (n,), and ages of the zero (n,) [s].
 
         Args:
             time: (n,) [s].
-            readings: (n, 6) as measured.
-            extra_channels: `ORIENTATION`, `ACCELERATION`, `UNSTEADY` of a `Recording`, if they are known.
+            readings: (n, 6) [N, N m] as measured.
+            extra_channels: `ORIENTATION`, `ACCELERATION`, `UNSTEADY`, as far as they are known.
 
         Raises:
             InputError: the readings have another shape, or the orientation is needed and there is none.
@@ -199,21 +184,16 @@ class Compensation:
         made = np.zeros(20 * count)
         made[: 6 * count] = readings.ravel()
         made[6 * count : 15 * count].reshape(count, 3, 3)[:] = self._rotations(extra_channels, "the stream")
-        if self._weighs:
-            for name, part in (
-                (ACCELERATION, slice(15 * count, 18 * count)),
-                (UNSTEADY, slice(18 * count, 19 * count)),
-            ):
-                made[part] = extra_channels[name].ravel() if name in extra_channels else 0.0
+        for name, begin, end in ((ACCELERATION, 15, 18), (UNSTEADY, 18, 19)):
+            if self._weighs and name in extra_channels:
+                made[begin * count : end * count] = extra_channels[name].ravel()
         if self._drifts:
             made[19 * count :] = self._aged(time)[:, 0]
         return made
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
-        """Return a tuple of arrays: the constant arguments of the compiled `compensate` and `place`, in their order."""
-        turned, constant = np.array([float(self._turned)]), self._constant_in(placement)
-        made = self._limits, self._load, self._zero, turned, self._mean, self._unsure
-        return *made, placement.factor, placement.matrix, constant
+        """Return the constant arguments of the compiled `compensate` and `place`, in their order, as arrays."""
+        return self._limits, self._load, self._zero, np.array([float(self._turned)]), *self._placing(placement)
 
     @takes_arrays
     def place(
@@ -225,37 +205,19 @@ class Compensation:
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
         """Return wrenches (n, 6) [N, N m] in the surface's frame and covariances (n, 6, 6), None if noise is unknown.
 
-        The filter's share does not reduce the errors of payload, tare and mounting, the same in every sample.
+        A filter's share does not reduce the errors of payload, tare and mounting.
         """
         located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
-        readings = measured.readings
-        self._place(
-            wrenches,
-            readings.rotation,
-            readings.acceleration,
-            readings.unsteady,
-            readings.age,
-            share,
-            self._load,
-            self._mean,
-            self._unsure,
-            placement.factor,
-            placement.matrix,
-            self._constant_in(placement),
-            located,
-            covariances,
-        )
+        constant = self._load, *self._placing(placement)
+        self._place(wrenches, *measured.readings[2:], share, *constant, located, covariances)
         return located, None if self.noise is None else covariances
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
-        """Set the filter that wrenches pass before `place`, so that covariances are of the noise that remains after it.
-
-        If the noise's spectrum is known, the remaining share of the variance is computed for each channel; otherwise
-        the noise counts as white.
+        """Set the filter that wrenches pass before `place`, for covariances of the noise that remains after it.
 
         Args:
             filter: filter of the wrenches; None: none.
-            rate: [Hz] of the samples.
+            rate: [Hz] of the samples; None: not known.
             share: least share of white noise's variance that remains after the filter, up to 1.
 
         Raises:
@@ -271,21 +233,20 @@ class Compensation:
     def tare(self, recording: Recording) -> Tare:
         """Subtract the mean compensated wrench of a window from now on, and return it as a `Tare`.
 
-        Later covariances contain the error of the mean. Of the payload's error only the difference to its value in the
-        window remains, so the biases' errors cancel.
+        Later covariances contain the mean's error, and the payload's less that in the window.
 
         Raises:
-            InputError: the window has too few samples or is not steady (the message has figures), or lacks forces,
-                torques or an orientation that is needed.
+            InputError: the window has too few samples, is not steady, or lacks forces, torques or an orientation that
+                is needed.
         """
         made = self._compensated(self._readings(recording), self._bias, self._stated)
         usable = made.status < 0
         found = at_rest(made.wrench[usable], self.noise, recording.source)
         middle = made.readings.picked(usable).mean()
         self._untare()
-        window = made._replace(readings=middle)
-        share = np.array([self._least_share(found.samples)])
-        _, spread = self.place(window, found.mean[None], share, Placement(Pose.identity()))
+        white, _ = self._kept  # below the share after the filter, w A + B of `_constant_in` is no covariance
+        share = np.array([1.0 / found.samples if white == 1.0 else max(1.0 / found.samples, white)])
+        _, spread = self.place(made._replace(readings=middle), found.mean[None], share, ITSELF)
         largest = found.deviation[:3].max() ** 2 / found.samples if spread is None else spread[0, :3, :3].max()
         rotation, acceleration = middle.rotation[0], middle.acceleration[0]
         weight, slope, mass = self._load[:3], self._load[6:9], self._load[9]
@@ -306,7 +267,7 @@ class Compensation:
 
     @property
     def coefficients(self) -> int:
-        """Number of coefficients that are followed with the zero: 1, the payload's weight, or 0 without weight."""
+        """Number of coefficients followed with the zero: 1, the payload's weight, or 0 without weight."""
         return int(bool(self._stated[:3].any()))
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n 19"]:
@@ -315,24 +276,20 @@ class Compensation:
         Raises:
             InputError: forces or torques are missing, or an orientation is needed and there is none.
         """
-        channels = recording.channels
-        if FORCE not in channels or TORQUE not in channels:
-            raise InputError("the log has no forces and torques.", where=recording.source)
-        readings = np.concatenate([channels[FORCE], channels[TORQUE]], axis=1)
-        return self.kept_of(self.inputs(recording.time, readings, channels), len(recording))
+        inputs = self.inputs(recording.time, recording.wrenches(), recording.channels)
+        return self.kept_of(inputs, len(recording))
 
     @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n 19"]:
-        """Return the columns (n, 19) of `kept` from the live inputs (20 n,) of `count` = n samples."""
+        """Return the columns (n, 19) of `kept` from the live inputs (20 n,) of `count` samples."""
         if count == 1:
             return inputs[None, :19].copy()
-        widths = np.cumsum([0, 6, 9, 3, 1]) * count
-        parts = [inputs[begin:end].reshape(count, -1) for begin, end in pairwise(widths.tolist())]
-        return np.concatenate(parts, axis=1)
+        parts = np.split(inputs[: 19 * count], [6 * count, 15 * count, 18 * count])
+        return np.concatenate([part.reshape(count, -1) for part in parts], axis=1)
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n 19"]) -> Free:
-        """Return a `Free`: readings less the stated payload, NaN if unusable, and their change per newton of weight."""
+        """Return a `Free` of readings less the stated payload, NaN if unusable, and their change by 1 N of weight."""
         readings = _kept(kept)
         made = self._compensated(readings, np.zeros(6), self._stated)
         usable = made.status < 0
@@ -350,62 +307,48 @@ class Compensation:
     def window_noise(
         self, kept: Float[np.ndarray, "n 19"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 6"]]:
-        """Return two (6, 6) covariances of a window's mean: the noise's, and that of payload and acceleration.
+        """Return covariances (6, 6) of a window's mean: the noise's, and that of acceleration and payload.
 
-        The payload's is that of this pose against the pose of the tare.
+        The payload's is that of the difference to the pose of the tare.
 
         Raises:
             InputError: the noise is not known.
         """
-        if self.noise is None:
-            raise InputError("following the zero needs the noise of the sensor.", hint="State noise in [force_torque].")
-        count, spectrum = int(np.count_nonzero(usable)), self.sensor.spectrum
-        if count not in self._left:
-            left = np.full(6, 1.0 / count) if spectrum is None else spectrum.of_mean(count)
-            self._left[count] = self.noise * _both(left)
+        noise = self._of_mean(int(np.count_nonzero(usable)))
         if self.payload is None:
-            return self._left[count], np.zeros((6, 6))
-        constant, whole = np.zeros((5, 6, 6)), ITSELF
+            return noise, np.zeros((6, 6))
+        constant = np.zeros((5, 6, 6))
         push = np.concatenate([np.eye(3), skew(self._load[3:6])])
-        constant[1], constant[2] = self._misfit(self.noise), self._load[9] ** 2 * push @ push.T
+        constant[1], constant[2] = self._misfit(), self._load[9] ** 2 * push @ push.T
         middle = _kept(kept).picked(usable).mean()
         located, spread = np.empty((1, 6)), np.empty((1, 6, 6))
-        parts = middle.rotation, middle.acceleration, middle.unsteady, middle.age, np.zeros(1), self._stated
-        rest = self._mean, self._unknown(), whole.factor, whole.matrix, constant, located, spread
-        self._place(np.zeros((1, 6)), *parts, *rest)
-        return self._left[count], spread[0]
+        rest = self._mean, self._unknown(), ITSELF.factor, ITSELF.matrix, constant, located, spread
+        self._place(np.zeros((1, 6)), *middle[2:], np.zeros(1), self._stated, *rest)
+        return noise, spread[0]
 
     @takes_arrays
     def as_wrench(
         self, change: Float[np.ndarray, "n 6"], covariance: Float[np.ndarray, "6 6"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
-        """Return the changes (n, 6), wrenches already, and the covariance (6, 6) plus the last one's gain error."""
+        """Return the changes (n, 6) [N, N m] unchanged, and their covariance (6, 6) plus the last gain error."""
         square = float(change[-1] ** 2 @ np.repeat([1.0, self._load[10]], 3)) if len(change) else 0.0
         return change, covariance + self.sensor.gain_error**2 * square * np.diag(self._gains)
 
     def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "6 q"]]:
-        """Return time [s], `ZeroState` and regressor (6, q) of the tare; without one, of the payload's biases.
-
-        The time is NaN without a tare.
+        """Return time [s], `ZeroState` and regressor (6, q) of the tare; without one NaN and the payload's biases.
 
         Raises:
             InputError: the noise is not known.
         """
-        if self.noise is None:
-            raise InputError("following the zero needs the noise of the sensor.", hint="State noise in [force_torque].")
-        spread = np.zeros((6, 6))
-        if self._samples is not None:
-            spectrum = self.sensor.spectrum
-            left = np.full(6, 1.0 / self._samples) if spectrum is None else spectrum.of_mean(self._samples)
-            spread = self.noise * _both(left)
-        elif self.payload is not None:
+        spread = self._of_mean(self._samples)
+        if self._samples is None and self.payload is not None:
             biases = np.r_[3:6, 9:12]
-            spread = self.payload.covariance[np.ix_(biases, biases)].copy()
+            spread = self.payload.covariance[np.ix_(biases, biases)]
         regressor = self._hung(self._mean[:3])[:, None] if self.coefficients else np.zeros((6, 0))
         return self._tared, ZeroState(self._own[0].copy(), np.zeros(0), spread), regressor
 
     def follow(self, state: ZeroState | None) -> None:
-        """Use the zero, the additional weight and their covariance from now on; None: those of the tare again."""
+        """Use a zero [N, N m], an additional weight and their covariance from now on; None: those of the tare."""
         if (state is None) != (self._followed is None):
             self._placement = None
         self._followed, self.revision = state, self.revision + 1
@@ -427,34 +370,37 @@ class Compensation:
         self._unsure = np.concatenate([self._unknown(), more])
 
     def notes(self) -> tuple[str, ...]:
-        """Return a tuple of notes on the motion, one sentence each; empty without a payload or a `Motion`."""
+        """Return notes on the motion, a sentence each; () without a payload or a `Motion`."""
         return () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return no warnings: an empty tuple."""
+        """Return (): there are no warnings."""
         return ()
 
     def _hung(self, turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6"]:
-        """Return the wrench (6,) of one more newton of the payload's weight; `turn` is R^T."""
+        """Return the wrench of one more newton of the payload's weight; `turn` is R^T."""
         force = turn @ self._stated[:3] / np.linalg.norm(self._stated[:3])
         return np.concatenate([force, np.cross(self._stated[3:6], force)])
 
     def _unknown(self) -> Float[np.ndarray, "r 12"]:
-        """Return the factor (r, 12) of the payload's covariance without its biases, which are in the zero."""
+        """Return the factor of the payload's covariance without its biases, which are in the zero."""
         left = self._doubts.copy()
         left[:, 3:6] = left[:, 9:] = 0.0
         return left
 
-    def _least_share(self, count: int) -> float:
-        """Return the share of the noise's variance in the mean of `count` samples, at least the share after a filter.
-
-        Below that, w A + B of `_constant_in` is no covariance.
-        """
-        white, _ = self._kept
-        return 1.0 / count if white == 1.0 else max(1.0 / count, white)
+    def _of_mean(self, count: int | None) -> Float[np.ndarray, "6 6"]:
+        """Return the noise's covariance of the mean of `count` readings, 0 for None; raise InputError without noise."""
+        if self.noise is None:
+            raise InputError("following the zero needs the noise of the sensor.", hint="State noise in [force_torque].")
+        if count is None:
+            return np.zeros((6, 6))
+        if count not in self._means:
+            spectrum = self.sensor.spectrum
+            shares = np.full(6, 1.0 / count) if spectrum is None else spectrum.of_mean(count)
+            self._means[count] = self.noise * _both(shares)
+        return self._means[count]
 
     def _untare(self) -> None:
-        """Subtract only the payload's biases from now on, as without a tare."""
         self._zero, self._unsure, self._mean = self._bias.copy(), self._doubts, np.zeros((4, 3))
         self._own, self._load = (self._zero, self._unsure), self._stated
         self._followed: ZeroState | None = None
@@ -462,12 +408,15 @@ class Compensation:
         self._tared = self._since = np.nan  # [s]
         self._placement: Placement | None = None
 
-    def _constant_in(self, placement: Placement) -> Float[np.ndarray, "5 6 6"]:
-        """Return the five constant covariances in the surface's frame that `place` of the compiled loops takes.
+    def _placing(self, placement: Placement) -> tuple[np.ndarray, ...]:
+        """Return the constant arguments of the compiled `place` after the load."""
+        return self._mean, self._unsure, placement.factor, placement.matrix, self._constant_in(placement)
 
-        With w(age) the share of white noise that remains after a filter, w its least value, and s the channels' shares
-        for the actual noise N, w(age) A + B is N at a start, and N s when the filter has settled; B also contains the
-        covariances of the tare and of the payload's misfit.
+    def _constant_in(self, placement: Placement) -> Float[np.ndarray, "5 6 6"]:
+        """Return the constant covariances in the surface's frame that the compiled `place` takes.
+
+        With w(t) the share of white noise that remains after a filter and s those of the noise N of each channel,
+        w A + B is N at a start, and N s when the filter has settled.
         """
         if placement is self._placement:
             return self._constant
@@ -479,11 +428,9 @@ class Compensation:
             taken = self.noise * shrinks
             made[0] = matrix @ taken @ matrix.T
             stays = self.noise - taken
-            if self._samples is not None and self._followed is None:
-                spectrum = self.sensor.spectrum
-                left = np.full(6, 1.0 / self._samples) if spectrum is None else spectrum.of_mean(self._samples)
-                stays = stays + self.noise * _both(left)
-            made[1] = matrix @ (stays + self._misfit(self.noise)) @ matrix.T
+            if self._followed is None:
+                stays = stays + self._of_mean(self._samples)
+            made[1] = matrix @ (stays + self._misfit()) @ matrix.T
             made[2] = mass**2 * push @ push.T
             if self._followed is None:
                 made[4] = matrix @ np.diag(self.sensor.drift**2) @ matrix.T
@@ -492,64 +439,48 @@ class Compensation:
         return made
 
     def _read(self, time: float) -> _Readings:
-        """Return the readings of the one sample in `live_inputs`."""
         made = self.live_inputs.copy()
         reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:18]
         now = np.array([time], dtype=np.float64)
         return _Readings(now, reading, rotation, acceleration, made[None, 18:19], made[None, 19:])
 
     def _aged(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 1"]:
-        """Return the seconds (n, 1) since the tare or since the log began; 0 where the time is not known."""
+        """Return the seconds since the tare or the log's begin; 0 where the time is not known."""
         known = time[np.isfinite(time)]
         if np.isnan(self._since) and len(known):
             self._since = float(known[0])
         return np.nan_to_num(np.maximum(time - self._since, 0.0))[:, None]
 
-    def _misfit(self, noise: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
+    def _misfit(self) -> Float[np.ndarray, "6 6"]:
         """Return the covariance of the payload's residual beyond the noise: gains, cables, a load that moves."""
-        if self.payload is None:
+        if self.payload is None or self.noise is None:
             return np.zeros((6, 6))
-        seen, stated = self.payload.residual**2, np.diag(noise).reshape(2, 3).mean(axis=1)
+        seen, stated = self.payload.residual**2, np.diag(self.noise).reshape(2, 3).mean(axis=1)
         return np.diag(np.repeat(np.where(seen > EXPLAINED * stated, seen - stated, 0.0), 3))
 
     def _readings(self, recording: Recording) -> _Readings:
-        """Return the channels of a recording that are needed, as readings."""
-        channels = recording.channels
-        if FORCE not in channels or TORQUE not in channels:
-            raise InputError("the log has no forces and torques.", where=recording.source)
-        acceleration = channels.get(ACCELERATION) if self._weighs else None
-        unsteady = channels.get(UNSTEADY) if self._weighs else None
+        moves: Mapping[str, np.ndarray] = recording.channels if self._weighs else {}
         return _Readings(
             recording.time.copy(),
-            np.concatenate([channels[FORCE], channels[TORQUE]], axis=1),
-            self._rotations(channels, recording.source),
-            np.zeros((1, 3)) if acceleration is None else acceleration.copy(),
-            np.zeros((1, 1)) if unsteady is None else unsteady.copy(),
+            recording.wrenches(),
+            self._rotations(recording.channels, recording.source),
+            moves[ACCELERATION].copy() if ACCELERATION in moves else np.zeros((1, 3)),
+            moves[UNSTEADY].copy() if UNSTEADY in moves else np.zeros((1, 1)),
             self._aged(recording.time) if self._drifts else np.zeros((1, 1)),
         )
 
     def _compensated(
         self, readings: _Readings, zero: Float[np.ndarray, "6"], load: Float[np.ndarray, "11"] | None = None
     ) -> _Compensated:
-        """Return the contacts' wrenches in the sensor's frame, and the statuses that are known already (else -1)."""
         wrenches, statuses = np.empty_like(readings.wrench), np.empty(len(readings.wrench), np.int8)
-        self._compensate(
-            readings.wrench,
-            readings.rotation,
-            readings.acceleration,
-            self._limits,
-            self._load if load is None else load,
-            zero,
-            self._turned,
-            wrenches,
-            statuses,
-        )
+        load = self._load if load is None else load
+        self._compensate(*readings[1:4], self._limits, load, zero, self._turned, wrenches, statuses)
         return _Compensated(readings.time, wrenches, statuses, readings)
 
     def _rotations(self, channels: Mapping[str, np.ndarray], source: str) -> Float[np.ndarray, "_ 3 3"]:
-        """Return rotations of the sensor in the base, NaN for an invalid quaternion; the identity if not needed."""
+        """Return sensor in base, NaN for an invalid quaternion; one identity where it is not needed."""
         if not self.needs_orientation:
-            return UPRIGHT
+            return np.eye(3)[None]
         quaternions = channels.get(ORIENTATION)
         if quaternions is None:
             raise InputError(
@@ -565,20 +496,14 @@ class Compensation:
 
 
 def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:
-    """Split rows of `Compensation.kept` into readings, as the compiled loops take them."""
     count = len(kept)
-    reading, rotation, acceleration, unsteady = np.split(kept, [6, 15, 18], axis=1)
-    parts = [np.ascontiguousarray(part) for part in (reading, rotation, acceleration, unsteady)]
-    turned = parts[1].reshape(count, 3, 3)
-    return _Readings(np.zeros(count), parts[0], turned, parts[2], parts[3], np.zeros((count, 1)))
+    parts = (np.ascontiguousarray(part) for part in np.split(kept, [6, 15, 18], axis=1))
+    reading, rotation, acceleration, unsteady = parts
+    turned = rotation.reshape(count, 3, 3)
+    return _Readings(np.zeros(count), reading, turned, acceleration, unsteady, np.zeros((count, 1)))
 
 
 def _both(shares: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:
-    """Return the factors of a covariance's entries for the given shares of each channel's variance."""
+    """Return the factors of a covariance's entries for shares of the channels' variances."""
     root = np.sqrt(shares)
     return np.outer(root, root)
-
-
-def _of_one(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """Return one sample's values as an array of the given shape; raise InputError for another."""
-    return shaped(values, shape, what)

@@ -37,7 +37,7 @@ COMMENTS = {
 def wrench_drift(
     setup: Setup, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
 ) -> SensorDrift:
-    """Return the drift of the sensor's bias as a `SensorDrift`, identified from wrenches without payload and inertia.
+    """Return the drift of the sensor's bias [N, N m] as a `SensorDrift`.
 
     Args:
         setup: setup of the sensor.
@@ -46,13 +46,13 @@ def wrench_drift(
         window: [s] over which readings are averaged at first.
 
     Raises:
-        InputError: the sensor turns and its payload is not known, there is a payload and no orientation, or the log is
-            too short, touched, has a channel that never changes, or times that run backwards.
+        InputError: the sensor turns and its payload is not known, there is a payload and no orientation, the payload's
+            file cannot be read, the log is too short or touched, a channel never changes, or times run backwards.
     """
     setup, notes = _moving(setup, recording)
-    sensor = setup.of(ForceTorqueSection)
+    sensor, rotations = setup.of(ForceTorqueSection), _rotations(recording)
     if sensor.payload is None:
-        if (turned := _turned(recording)) > TURNED:
+        if (turned := _turned(rotations)) > TURNED:
             raise InputError(
                 f"the sensor turns by {turned:.0f} degrees, and the rig names no payload whose weight could be taken "
                 "off.",
@@ -66,7 +66,7 @@ def wrench_drift(
         free_wrenches(setup, recording),
         None if noise is None else noise.six(),
         temperature,
-        _down(recording),
+        None if rotations is None else -rotations[:, 2],  # gravity's direction
         names=AXES,
         window=window,
     )
@@ -74,7 +74,6 @@ def wrench_drift(
 
 
 def _moving(setup: Setup, recording: Recording) -> tuple[Setup, tuple[str, ...]]:
-    """Return the setup, with accelerations from the poses where the arm moves and the log has none, and notes."""
     if not accelerated(setup, recording):
         return setup, ()
     if POSITION not in recording.channels or setup.acceleration.kind == "none":
@@ -83,39 +82,32 @@ def _moving(setup: Setup, recording: Recording) -> tuple[Setup, tuple[str, ...]]
             "be smaller than stated. Record at rest, or slowly, or with positions or accelerations",
         )
     taken = replace(setup.acceleration, from_poses=True, columns=None, topic=None)
-    said = (
+    return replace(setup, acceleration=taken), (
         "the arm moves: accelerations were taken from the poses (from_poses = true in the rig's [acceleration] does "
-        "the same for other commands)"
+        "the same for other commands)",
     )
-    return replace(setup, acceleration=taken), (said,)
 
 
-def _down(recording: Recording) -> Float[np.ndarray, "n 3"] | None:
-    """Return the direction of gravity in the sensor's frame, NaN where it is not known; None without orientation."""
+def _rotations(recording: Recording) -> Float[np.ndarray, "n 3 3"] | None:
+    """Return sensor in base, NaN where it is not known; None without orientation."""
     if ORIENTATION not in recording.channels:
         return None
     quaternions = recording.channels[ORIENTATION]
     known = np.isfinite(quaternions).all(axis=1)
-    made: Float[np.ndarray, "n 3"] = np.full((len(quaternions), 3), np.nan)
-    made[known] = -rotation_from_quaternion(quaternions[known])[:, 2]
+    made: Float[np.ndarray, "n 3 3"] = np.full((len(quaternions), 3, 3), np.nan)
+    made[known] = rotation_from_quaternion(quaternions[known])
     return made
 
 
-def _turned(recording: Recording) -> float:
-    """Return the largest angle [degrees] between an orientation and the first; 0 without orientation."""
-    if ORIENTATION not in recording.channels:
+def _turned(rotations: Float[np.ndarray, "n 3 3"] | None) -> float:
+    """Return the largest angle [degrees] between a known rotation and the first; 0 without any."""
+    if rotations is None or not len(known := rotations[np.isfinite(rotations).all(axis=(1, 2))]):
         return 0.0
-    quaternions = recording.channels[ORIENTATION]
-    known = quaternions[np.isfinite(quaternions).all(axis=1)]
-    if not len(known):
-        return 0.0
-    rotations = rotation_from_quaternion(known)
-    cosine = (np.einsum("nij,ij->n", rotations, rotations[0]) - 1.0) / 2.0
+    cosine = (np.einsum("nij,ij->n", known, known[0]) - 1.0) / 2.0
     return float(np.degrees(np.arccos(np.clip(cosine.min(), -1.0, 1.0))))
 
 
 def _unsure_weight(payload: Payload | None) -> float:
-    """Return the standard deviation [N] of the payload's weight in its least certain direction; 0 without payload."""
     if payload is None:
         return 0.0
     return float(np.sqrt(max(0.0, np.linalg.eigvalsh(payload.covariance[:3, :3]).max())))

@@ -13,7 +13,7 @@ __all__ = ["PAYLOAD", "of_payload"]
 
 
 def of_payload(payload: Payload) -> Lines:
-    """Return the payload's figures as a list of (name, text) pairs, with standard deviations where they were fitted."""
+    """Return the payload's figures as a list of pairs (name, text), with standard deviations where they were fitted."""
     spread = np.sqrt(np.diag(payload.covariance))
     weight = float(np.linalg.norm(payload.weight))
     along = payload.weight / weight if weight else np.zeros(3)

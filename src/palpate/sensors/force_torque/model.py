@@ -31,19 +31,18 @@ class ForceTorque(Value):
 
     Args:
         noise: standard deviations of force and torque of one reading [N, N m], or six, or a (6, 6) covariance, force
-            first; None when not known.
-        limits: (6,) range [N, N m] of each channel; a reading at it is saturated. None when not known.
-        frame: the frame in which the log's wrenches are written, "sensor" or "base".
-        spectrum: spectrum of the noise; None for white noise.
-        gain_error: standard deviation of each entry of the sensor's matrix, gain and cross-talk alike, as a share: with
-            L the ratio of the ranges of torque and force (of their noises where no range is stated), the channels of
-            force err by gain_error sqrt(|F|^2 + |M|^2/L^2), and those of torque by L times that, in every sample.
-        drift: (6,) standard deviation of the random walk of the bias [N/sqrt(s), N m/sqrt(s)], which starts at the tare
-            or at the start of the log; None for no drift.
+            first; None: not known.
+        limits: (6,) range [N, N m], at which a reading is saturated, inf for none; None: not known.
+        frame: of the log's wrenches, "sensor" or "base".
+        spectrum: of the noise; None: white.
+        gain_error: standard deviation of each entry of the sensor's matrix, as a share: the channels of force err by
+            gain_error sqrt(|F|^2 + |M|^2/L^2), and those of torque by L times that, with L of `lever`.
+        drift: (6,) standard deviation of the random walk of the bias [N/sqrt(s), N m/sqrt(s)] since the tare or the
+            start of the log; None: 0.
 
     Raises:
-        InputError: a limit is not positive, the frame is unknown, `noise` is none of its three forms, a drift is
-            negative or above 1e9, or gain_error is not in [0, 1).
+        InputError: a shape is wrong, a limit is not positive, the frame is unknown, `noise` is none of its three forms,
+            a drift is negative or above 1e9, or gain_error is not in [0, 1).
     """
 
     noise: Float[np.ndarray, "6 6"] | None
@@ -80,7 +79,7 @@ class ForceTorque(Value):
 
     @property
     def lever(self) -> float:
-        """Lever L [m] of `gain_error`: torque over force of the ranges, or of the noise where a range is unknown."""
+        """Lever L [m]: torque over force of the ranges, or of the noise where a range is unknown."""
         scale = np.full(6, np.inf) if self.limits is None else self.limits
         if not np.isfinite(scale).all():
             scale = np.ones(6) if self.noise is None else np.sqrt(np.diag(self.noise))
@@ -91,11 +90,7 @@ class ForceTorque(Value):
         return by_name("palpate.sensors.force_torque.compensation.Compensation")(self)
 
     def saturated(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Bool[np.ndarray, "*batch"]:
-        """Return a bool for each raw reading, (*batch,), True where a channel is at its range; False for NaN.
-
-        Args:
-            wrenches: (*batch, 6) [N, N m], sensor frame, not compensated.
-        """
+        """Return a mask (*batch,) of readings (*batch, 6) [N, N m], in the sensor frame, at a limit; False for NaN."""
         if self.limits is None:
             return np.zeros(wrenches.shape[:-1], dtype=bool)
         return np.any(np.abs(wrenches) >= self.limits, axis=-1)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -62,7 +60,7 @@ class CalibrateMounting(Calibration):
     placement: Annotated[float, arg(metavar="X")] = 0.5e-3
 
     def identify(self) -> CalibrationResult:
-        """Return a `CalibrationResult`: the surface's pose under which the wrenches act at the touched points.
+        """Return a `CalibrationResult` with the pose under which the wrenches act at the touched points.
 
         Raises:
             InputError: rig, log or marks cannot be read, the rig has no surface, the log has no press, no touch lies in
@@ -94,8 +92,19 @@ class CalibrateMounting(Calibration):
                 labels=np.array(touches.label)[rows].tolist(),
             )
 
-        judge = partial(_error, recording, wrenches, touches, surface, estimator.sensor.noise)
-        mounting, residual, error = _placed(identify, judge, self.placement, marks, len(touches))
+        def judge(found: Mounting, placed: float) -> TouchError:
+            used = found.touches
+            kept = _picked(touches, used)
+            given = recording.time, wrenches, kept, surface.project(kept.point)[1], estimator.sensor.noise
+            return touch_error(*given, lambda rows: identify(used[rows], placed).pose)
+
+        every: Rows = np.arange(len(touches), dtype=np.int64)
+        mounting = identify(every, self.placement)
+        residual = mounting.residual
+        error = None if marks is None else judge(mounting, self.placement)
+        if error is not None and error.common > self.placement:  # again, with touches weighted by their error
+            mounting = identify(every, error.common)
+            error = judge(mounting, error.common)
         kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
         payload = setup.of(ForceTorqueSection).table.payload is not None
         return CalibrationResult(
@@ -123,7 +132,6 @@ class CalibrateMounting(Calibration):
 
 
 def _doubts(mounting: Mounting, initial: Pose, residual: float, *, payload: bool, anywhere: bool) -> list[str]:
-    """Return warnings: no payload, a large residual, or a pose that moved by less than its standard deviation."""
     said: list[str] = []
     if not payload:
         said.append("the rig names no payload: weight and bias that were not taken off falsify the pose")
@@ -145,18 +153,14 @@ def _doubts(mounting: Mounting, initial: Pose, residual: float, *, payload: bool
 def _in_sensor(
     recording: Recording, setup: Setup, surface: Mesh
 ) -> tuple[np.ndarray, np.ndarray | None, WrenchEstimator]:
-    """Return compensated wrenches (n, 6) in the sensor's frame, what the payload adds to their covariance, and more.
+    """Return compensated wrenches (n, 6) in the sensor's frame, the payload's covariances, and the estimator.
 
-    The last is the estimator. Wrenches of samples that cannot be used are NaN.
+    Wrenches of samples that cannot be used are NaN.
     """
     sensor = stated_sensor(setup, recording)
     settings = setup.estimate.contact
-    locator = Locator(
-        surface,
-        noise=sensor.noise,
-        on=None if settings is None else settings.on,
-        off=None if settings is None else settings.off,
-    )
+    on, off = (None, None) if settings is None else (settings.on, settings.off)
+    locator = Locator(surface, noise=sensor.noise, on=on, off=off)
     load = setup.of(ForceTorqueSection).payload
     estimator = WrenchEstimator(locator, Compensation(sensor, load), live=False)  # surface frame = sensor frame
     wrenches, covariances, statuses = estimator.contact_wrenches(recording)
@@ -165,44 +169,9 @@ def _in_sensor(
     return usable, added, estimator
 
 
-def _placed(
-    identify: Callable[[Rows, float], Mounting],
-    judge: Callable[[Rows, Callable[[Rows], Pose]], TouchError],
-    placement: float,
-    marks: Path | None,
-    count: int,
-) -> tuple[Mounting, float, TouchError | None]:
-    """Return the mounting, its residual under the stated placement, and the error of touches (None without marks).
-
-    Where that error is larger than stated, the mounting is identified again with touches weighted by it.
-    """
-    every: Rows = np.arange(count, dtype=np.int64)
-    mounting = identify(every, placement)
-    residual = mounting.residual
-    if marks is None:
-        return mounting, residual, None
-    error = judge(mounting.touches, lambda rows: identify(rows, placement).pose)
-    if error.common > placement:
-        placed = error.common
-        mounting = identify(every, placed)
-        error = judge(mounting.touches, lambda rows: identify(rows, placed).pose)
-    return mounting, residual, error
-
-
-def _error(
-    recording: Recording,
-    wrenches: np.ndarray,
-    touches: TrueTouches,
-    surface: Mesh,
-    noise: np.ndarray | None,
-    used: Rows,
-    pose_from: Callable[[Rows], Pose],
-) -> TouchError:
-    """Return the error of the touches that were used, in addition to the noise."""
-    names = tuple(np.array(touches.label)[used])
-    kept = TrueTouches(touches.start[used], touches.end[used], touches.point[used], names)
-    normals = surface.project(kept.point)[1]
-    return touch_error(recording.time, wrenches, kept, normals, noise, lambda rows: pose_from(used[rows]))
+def _picked(touches: TrueTouches, rows: Rows) -> TrueTouches:
+    labels = tuple(touches.label[int(row)] for row in rows.tolist())
+    return TrueTouches(touches.start[rows], touches.end[rows], touches.point[rows], labels)
 
 
 def _err_by(error: TouchError, marks: float) -> str:
@@ -242,15 +211,14 @@ def _require_overlap(recording: Recording, touches: TrueTouches, source: Path) -
 
 
 def _figures(mounting: Mounting, initial: Pose, residual: float) -> list[tuple[str, str]]:
-    rotation = mounting.pose.rotation_vector()
-    turned = np.degrees(np.linalg.norm((initial.inverse() @ mounting.pose).rotation_vector()))
+    pose, blind = mounting.pose, "; ".join(mounting.unobservable)
+    turned = np.degrees(np.linalg.norm((initial.inverse() @ pose).rotation_vector()))
     spread = np.degrees(np.sqrt(np.diag(mounting.covariance)[:3]))
     place = np.sqrt(np.diag(mounting.position_covariance))
-    shift = mounting.pose.translation - initial.translation
-    blind = "; ".join(mounting.unobservable)
+    shift = pose.translation - initial.translation
     return [
-        ("position", measured(1e3 * mounting.pose.translation, 1e3 * place, "mm")),
-        ("rotation vector", measured(np.degrees(rotation), spread, "deg")),
+        ("position", measured(1e3 * pose.translation, 1e3 * place, "mm")),
+        ("rotation vector", measured(np.degrees(pose.rotation_vector()), spread, "deg")),
         ("moved by", f"{1e3 * np.linalg.norm(shift):.2f} mm and {turned:.2f} deg"),
         ("residual", f"{residual:.2f} of what was expected of noise and marks"),
         ("determined", "all six directions" if not blind else "; ".join(mounting.observable) or "nothing"),

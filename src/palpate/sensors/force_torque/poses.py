@@ -21,13 +21,12 @@ def average_poses(
 ) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k 3 3"], Int[np.ndarray, " k"]]:
     """Return mean wrenches, rotations and sample counts of the stretches whose orientation stays within 0.3 degrees.
 
-    Samples of one pose share its model error, so a fit which takes them as independent would be overconfident.
-    Samples logged while the arm turns (with its inertia) are omitted. A log with fewer than four stretches, of single
-    poses or of motion only, is returned unchanged, with counts of one.
+    A fit to single samples would be overconfident: those of one pose share its model error. A log with fewer than four
+    stretches is returned unchanged, with counts of one.
 
     Args:
-        wrenches: (n, 6) [N, N m].
-        rotations: (n, 3, 3); rows that are not finite belong to no pose.
+        wrenches: (n, 6) [N, N m]; rows that are not finite are in no stretch.
+        rotations: (n, 3, 3), likewise.
         shortest: least number of samples in a stretch.
 
     Returns:
@@ -46,22 +45,18 @@ def average_poses(
 def _stretches(rotations: Float[np.ndarray, "n 3 3"], finite: Bool[np.ndarray, " n"]) -> list[Int[np.ndarray, " k"]]:
     """Return runs of consecutive rows whose rotation lies within `STILL` of that of the run's first row."""
     found: list[Int[np.ndarray, " k"]] = []
-    start, cosine = 0, 1.0 + 2.0 * np.cos(STILL)  # the trace of a rotation by that angle
+    start = 0
     while start < len(rotations):
-        if not finite[start]:
-            start += 1
-            continue
-        stop = _first_turned(rotations, finite, start, cosine)
-        found.append(np.arange(start, stop))
+        stop = _first_turned(rotations, finite, start) if finite[start] else start + 1
+        if finite[start]:
+            found.append(np.arange(start, stop))
         start = stop
     return found
 
 
-def _first_turned(
-    rotations: Float[np.ndarray, "n 3 3"], finite: Bool[np.ndarray, " n"], start: int, cosine: float
-) -> int:
+def _first_turned(rotations: Float[np.ndarray, "n 3 3"], finite: Bool[np.ndarray, " n"], start: int) -> int:
     """Return the first row after `start` that is turned from it by more than `STILL`, searched in growing chunks."""
-    chunk, begin = 64, start + 1
+    chunk, begin, cosine = 64, start + 1, 1.0 + 2.0 * np.cos(STILL)  # the trace of a rotation by that angle
     while begin < len(rotations):
         rows = slice(begin, begin + chunk)
         turned = ~finite[rows] | (np.einsum("nij,ij->n", rotations[rows], rotations[start]) < cosine)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -34,16 +35,9 @@ from palpate.signals.motion import Motion
 from palpate.signals.noise import NoiseSpectrum, estimate_noise, rest_noise, wrong_noise
 from palpate.signals.payload import Payload
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
+from palpate.signals.wrench_sensor import Measured
 
-__all__ = [
-    "FORCE_TORQUE",
-    "ForceTorqueSection",
-    "accelerated",
-    "compensation",
-    "free_wrenches",
-    "noise_warnings",
-    "stated_sensor",
-]
+__all__ = ["FORCE_TORQUE", "ForceTorqueSection", "accelerated", "compensation", "free_wrenches", "stated_sensor"]
 
 _LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: lever arm of a force about a sensor, doubtful and impossible
 _TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
@@ -76,7 +70,7 @@ _USUAL = {
 
 
 class ForceTorqueSection(SensorSection):
-    """A six-axis force/torque sensor as a rig states it; the file of its payload is read once."""
+    """A six-axis force/torque sensor as a rig states it."""
 
     name: ClassVar[str] = "force_torque"
     called: ClassVar[str] = "a six-axis force/torque sensor"
@@ -84,16 +78,15 @@ class ForceTorqueSection(SensorSection):
 
     @cached_property
     def payload(self) -> Payload | None:
-        """`Payload` read from the file that the rig names; None where it names none.
+        """`Payload` from the file that the rig names; None where it names none.
 
         Raises:
-            InputError: the file is missing, or has no payload.
+            InputError: the file cannot be read, or has no payload.
         """
         return None if self.table.payload is None else read_model(self.link.folder / self.table.payload, Payload)
 
 
 def _layout(setup: Setup) -> LogLayout:
-    """Return the layout of a log: the names, units, axes and frame of its wrenches, and where its poses are."""
     wrench = setup.of(ForceTorqueSection).table
     return LogLayout(
         wrench=wrench.columns,
@@ -112,35 +105,32 @@ def _layout(setup: Setup) -> LogLayout:
 
 
 def stated_sensor(setup: Setup, recording: Recording | None = None) -> ForceTorque:
-    """Return the `ForceTorque` that a rig states; where the rig states no noise, it is estimated from the recording.
+    """Return the `ForceTorque` that a rig states; noise that it does not state is estimated from the recording.
 
     Raises:
         InputError: the rig has no [force_torque], its payload's file cannot be read, or the recording has no forces or
             torques, or accelerations of another kind than stated.
     """
-    wrench, seen = setup.of(ForceTorqueSection).table, _Seen(setup, recording)
-    deviation, spectrum = seen.deviation, seen.spectrum
+    wrench = setup.of(ForceTorqueSection).table
+    deviation, spectrum = (None, None) if recording is None else _noise_of(setup, recording)
     if wrench.noise is not None:
         deviation = wrench.noise.six()
         rate = setup.filter.rate or (None if recording is None else recording.rate())
         if wrench.noise.corner is not None and rate is not None:
             spectrum = NoiseSpectrum.of_corner(wrench.noise.corner, rate)
-    limits = None if wrench.range is None else wrench.range.six()
-    drift = None if wrench.drift is None else wrench.drift.six()
+    limits, drift = (None if pair is None else pair.six() for pair in (wrench.range, wrench.drift))
     return ForceTorque(deviation, limits, wrench.frame, spectrum, wrench.gain_error, drift)
 
 
 def free_wrenches(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
-    """Return wrenches (n, 6) [N, N m] of an untouched log without payload and inertia; NaN in unusable samples.
+    """Return the wrenches (n, 6) [N, N m] of a recording without payload and inertia; NaN in unusable samples.
 
     Raises:
-        InputError: the payload's weight must be subtracted and there is no orientation, its file cannot be read, or
-            the log has no forces or torques, or accelerations of another kind than stated.
+        InputError: an orientation is needed and there is none, the payload's file cannot be read, or the recording has
+            no forces or torques, or accelerations of another kind than stated.
     """
-    wrench, payload = setup.of(ForceTorqueSection).table, setup.of(ForceTorqueSection).payload
-    limits = None if wrench.range is None else wrench.range.six()
-    sensor = Compensation(ForceTorque(limits=limits, frame=wrench.frame), payload, _motion(setup, recording))
-    made = [sensor.measure(block) for block in sensor.ready([recording])]
+    limits = setup.of(ForceTorqueSection).table.range
+    made = _measured(setup, recording, None if limits is None else limits.six())
     return np.concatenate([np.where((part.status < 0)[:, None], part.wrench, np.nan) for part in made])
 
 
@@ -156,42 +146,34 @@ def accelerated(setup: Setup, recording: Recording) -> bool:
     return any(bool((block.channels[UNSTEADY] > 0.0).any()) for block in motion.stream(iter([recording])))
 
 
-def noise_warnings(setup: Setup, recording: Recording) -> list[str]:
-    """Return a list of one warning where the rig's noise is off a recording's by a factor of two or more, else [].
-
-    Raises:
-        InputError: the rig has no [force_torque], the payload's file cannot be read, or the recording has no forces or
-            torques, or accelerations of another kind than stated.
-    """
+def _noise_warnings(setup: Setup, recording: Recording) -> list[str]:
     if (stated := setup.of(ForceTorqueSection).table.noise) is None:
         return []
-    seen = _Seen(setup, recording).deviation
+    seen, _ = _noise_of(setup, recording)
     doubt = "" if seen is None else wrong_noise(stated.six(), seen)
     return [doubt] if doubt else []
 
 
-class _Seen:
-    """Noise of a recording: from where it rests, or else from its quiet parts, with an unknown spectrum."""
+def _noise_of(setup: Setup, recording: Recording) -> tuple[Float[np.ndarray, "6"] | None, NoiseSpectrum | None]:
+    """Return deviations (6,) and spectrum of the noise where a recording rests, else in its quiet parts."""
+    if setup.of(ForceTorqueSection).payload is None or ORIENTATION not in recording.channels:
+        wrenches = recording.wrenches()
+    else:  # without the payload, which moves with the arm and is not noise
+        wrenches = np.concatenate([part.wrench[part.status < 0] for part in _measured(setup, recording)])
+    rest = rest_noise(wrenches, wander=setup.drift is None)
+    return (estimate_noise(wrenches), None) if rest is None else (rest.deviation, rest.spectrum)
 
-    def __init__(self, setup: Setup, recording: Recording | None) -> None:
-        wrenches = np.zeros((0, 6)) if recording is None else _unloaded(setup, recording)
-        rest = rest_noise(wrenches, wander=setup.drift is None)
-        self.deviation = estimate_noise(wrenches) if rest is None else rest.deviation
-        self.spectrum = None if rest is None else rest.spectrum
 
-
-def _unloaded(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
-    """Return wrenches without the payload, which moves with the arm and is not noise; rows of NaN are omitted."""
-    six = setup.of(ForceTorqueSection)
-    if six.payload is None or ORIENTATION not in recording.channels:
-        return recording.wrenches()
-    sensor = Compensation(ForceTorque(frame=six.table.frame), six.payload, _motion(setup, recording))
-    made = [sensor.measure(block) for block in sensor.ready([recording])]
-    return np.concatenate([part.wrench[part.status < 0] for part in made])
+def _measured(setup: Setup, recording: Recording, limits: Float[np.ndarray, "6"] | None = None) -> Iterator[Measured]:
+    """Return the wrenches of a recording without payload and inertia, block by block."""
+    section = setup.of(ForceTorqueSection)
+    sensor = ForceTorque(limits=limits, frame=section.table.frame)
+    compensated = Compensation(sensor, section.payload, _motion(setup, recording))
+    return map(compensated.measure, compensated.ready([recording]))
 
 
 def compensation(setup: Setup, head: Recording | None) -> Compensation:
-    """Return the sensor with its payload as a `Compensation`; noise that is not stated is estimated from a log's start.
+    """Return the sensor and payload that a rig states; noise that it does not state is estimated from a log's start.
 
     Raises:
         InputError: the rig has no [force_torque], its payload's file cannot be read, or the log has no forces or
@@ -203,19 +185,18 @@ def compensation(setup: Setup, head: Recording | None) -> Compensation:
 def _build(setup: Setup) -> BuiltEstimator:
     stated, head = setup.of(ForceTorqueSection).table.noise is not None, setup.head
     sensor = compensation(setup, head)
-    payload = sensor.payload
     made = wrench_estimator(setup, sensor, tare=setup.estimate.tare, drift=setup.followed(6))
     made.settings["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
-    made.notes[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(payload, setup.estimate.tare)]
-    made.warnings += [] if head is None else [*noise_warnings(setup, head), *_turned(payload, sensor, head)]
+    made.notes[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(sensor.payload, setup.estimate.tare)]
+    made.warnings += [] if head is None else [*_noise_warnings(setup, head), *_turned(sensor, head)]
     return made
 
 
-def _turned(payload: Payload | None, sensor: Compensation, head: Recording) -> list[str]:
-    """Return a warning where the gravity that an IMU reads shows that its axes are not the sensor's."""
-    if payload is None or sensor.motion is None or sensor.motion.source != "imu" or ORIENTATION not in head.channels:
+def _turned(sensor: Compensation, head: Recording) -> list[str]:
+    motion = sensor.motion
+    if motion is None or motion.source != "imu" or motion.gravity is None or ORIENTATION not in head.channels:
         return []
-    turned = turned_from_gravity(head.channels[ACCELERATION], head.channels[ORIENTATION], payload.gravity)
+    turned = turned_from_gravity(head.channels[ACCELERATION], head.channels[ORIENTATION], motion.gravity)
     doubt = (
         f"gravity as the IMU measures it is {turned:.0f} degrees from gravity by the orientation: check that the IMU's "
         "axes are the sensor's"
@@ -240,7 +221,6 @@ def _payload_said(payload: Payload | None, tare: float | None) -> list[str]:
 
 
 def _motion(setup: Setup, head: Recording | None) -> Motion | None:
-    """Return the source of accelerations for inertia compensation; None without a payload or a log."""
     stated, payload = setup.acceleration, setup.of(ForceTorqueSection).payload
     if payload is None or not payload.weight.any() or head is None:
         return None
@@ -263,7 +243,6 @@ def _check(table: RigForceTorque | None, path: Path) -> None:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Return the rig text for the log's columns or topic of forces and torques; None where there are none."""
     found = _topics_of(log, contents, body) if contents.topics else columns_guess(log, contents)
     if found is None:
         return None
@@ -280,7 +259,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
 
 
 def _with_torques(found: WrenchColumns, wrenches: np.ndarray, size: float | None) -> WrenchColumns:
-    """Return the columns with the noise and the torque's unit, guessed from its numbers where nothing states it."""
+    """Return the columns with the noise and the torque's unit, guessed where nothing states it."""
     fields, remarks, layout = dict(found.fields), list(found.remarks), found.layout
     if "torque_unit" not in fields:
         known = wrenches[np.isfinite(wrenches).all(axis=1)]
@@ -305,8 +284,7 @@ def _with_torques(found: WrenchColumns, wrenches: np.ndarray, size: float | None
 
 def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> WrenchColumns | None:
     wrenches = guess.topics_of(contents, "wrench")
-    seen = survey(log) if wrenches else None
-    if seen is None:
+    if not wrenches or (seen := survey(log)) is None:
         return None
     several = (
         f"{len(wrenches)} topics hold wrenches: {', '.join(wrenches)}; the first is taken, and --topic chooses another"
@@ -322,17 +300,12 @@ def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> Wren
 
 
 def _torque_unit(free: np.ndarray, size: float | None) -> str:
-    """Return "N mm" if N m puts the lines of action off the body and N mm does not, else "N m".
-
-    Args:
-        free: wrenches without bias.
-        size: [m] of the body; None: not known, and N mm is only guessed where the arm in N m is longer than 2 m.
-    """
+    """Return "N mm" if N m puts the lines of action off a body of this size [m] and N mm does not, else "N m"."""
     if size is None or not len(free):
         return "N mm" if _arm(free) > _LONGEST_ARM else "N m"
     for unit in ("N m", "N mm"):
         scaled = free * np.repeat([1.0, TORQUE_UNITS[unit]], 3)
-        if not lines_of_action(scaled, np.zeros(3), 10 * size).doubt:  # the mounting is not known yet
+        if not lines_of_action(scaled, np.zeros(3), 10 * size):  # the mounting is not known yet
             return unit
     return "N m"
 
@@ -356,7 +329,7 @@ FORCE_TORQUE = SensorKind(
     check=_check,
     options=("payload", "noise"),
     drift="palpate.sensors.force_torque.drift.wrench_drift",
-    warnings=noise_warnings,
+    warnings=_noise_warnings,
     view="palpate.sensors.force_torque.view.ForceTorqueView",
     start=lambda setup: seen_first(setup) or (FIRST if setup.of(ForceTorqueSection).table.noise is None else 0.0),
 )

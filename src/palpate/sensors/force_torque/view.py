@@ -25,22 +25,21 @@ BLURRED = 1e-3  # m: radius of the median ellipse above which a filter is worth 
 
 
 class ForceTorqueView(WrenchView):
-    """The report's view of a six-axis force/torque sensor: payload, mounting and advice."""
+    """The report's view of a six-axis force/torque sensor."""
 
     def compensated(self, estimator: WrenchEstimator) -> str:
         """Return "with a payload model" or "without a payload model"."""
         return f"{'without' if _payload(estimator) is None else 'with'} a payload model"
 
     def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
-        """Return a tuple of the names of the uncertainties that the ellipses contain in addition to the noise."""
+        """Return the names of the uncertainties in the ellipses, other than the noise, as a tuple."""
         held = super().uncertain(setup, estimator)
         return held if _payload(estimator) is None else ("the payload's", *held)
 
     def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
         """Return the `Run` with a section on payload and mounting before its others, and with advice."""
-        payload, radius = _payload(estimator), run.kept.median_radius
-        filtered = estimator.filter is not None
-        advice = wrench_advice(setup, payload=payload is not None, filtered=filtered, radius=radius)
+        payload, filtered = _payload(estimator), estimator.filter is not None
+        advice = wrench_advice(setup, payload=payload is not None, filtered=filtered, radius=run.kept.median_radius)
         section = force_torque(setup, payload, estimator.mount)
         return replace(run, sections=(section, *run.sections), advice=advice)
 
@@ -50,7 +49,7 @@ def _payload(estimator: WrenchEstimator) -> Payload | None:
 
 
 def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float) -> tuple[str, ...]:
-    """Return a tuple of advice that would improve a force/torque sensor's answers, one sentence or two each, or ().
+    """Return advice on how to improve a force/torque sensor's answers, a string each in a tuple; () if there is none.
 
     Args:
         setup: setup that includes the options of the command line.
@@ -58,32 +57,22 @@ def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float)
         filtered: whether a filter is used.
         radius: [m] median of the 95 % ellipses; NaN where there is none.
     """
-    said: list[str] = []
-    if not payload and setup.estimate.tare is None:
-        said.append(
-            "Identify the payload (palpate calibrate payload): the wrenches still contain its weight and the sensor's "
-            "zero."
-        )
-    if setup.link.mount_covariance is None:
-        said.append(
-            "Calibrate the mounting (palpate calibrate mounting): the pose of the surface was taken as exact, and the "
-            "ellipses do not include its error."
-        )
     table = setup.of(ForceTorqueSection).table
-    if table.noise is None:
-        said.append("State the noise of the sensor in the rig: it was taken from the log.")
-    if table.range is None:
-        said.append("State the range of the sensor in the rig: without it a saturated channel is not noticed.")
-    if not filtered and radius > BLURRED:
-        said.append(
-            f"Half of the 95 % ellipses are larger than {1e3 * radius:.2g} mm, and no filter is in force: "
-            "palpate inspect LOG --rig RIG --spectrum FILE proposes one."
-        )
-    return tuple(said)
+    advice = {
+        "Identify the payload (palpate calibrate payload): the wrenches still contain its weight and the sensor's "
+        "zero.": not payload and setup.estimate.tare is None,
+        "Calibrate the mounting (palpate calibrate mounting): the pose of the surface was taken as exact, and the "
+        "ellipses do not include its error.": setup.link.mount_covariance is None,
+        "State the noise of the sensor in the rig: it was taken from the log.": table.noise is None,
+        "State the range of the sensor in the rig: without it a saturated channel is not noticed.": table.range is None,
+        f"Half of the 95 % ellipses are larger than {1e3 * radius:.2g} mm, and no filter is in force: "
+        "palpate inspect LOG --rig RIG --spectrum FILE proposes one.": not filtered and radius > BLURRED,
+    }
+    return tuple(sentence for sentence, needed in advice.items() if needed)
 
 
 def force_torque(setup: Setup, payload: Payload | None, mount: Pose) -> Section:
-    """Return a `Section` of the report on payload and mounting, with standard deviations, axes and orientation."""
+    """Return the `Section` of the report on payload, mounting, wrench and orientation."""
     none = [("payload", "none: wrenches are taken as they are")]
     facts = none if payload is None else list(MODELS["payload"].summary(payload))
     facts += _mounting(mount, setup.link.mount_covariance)

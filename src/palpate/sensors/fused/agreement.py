@@ -1,4 +1,4 @@
-"""Check that a skin and a force/torque sensor fit each other, by the share of frames in which they disagree."""
+"""Check, by the share of frames in which they disagree, that a skin and a force/torque sensor fit each other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ENOUGH = 50  # frames with a contact that a warning needs
 
 
 class Agreement:
-    """Counts of the frames with a contact, and of those in which skin and wrench disagree."""
+    """Counts of frames with a contact, and of those in which skin and wrench disagree."""
 
     def __init__(self) -> None:
         self._touched = self._unexplained = self._opposed = 0
@@ -30,9 +30,9 @@ class Agreement:
         Args:
             forces: (m, 3) [N] of the contacts that the skin feels.
             frame: (m,) number of each contact's frame.
-            wrenches: (n, 6) [N, N m] of the frames.
+            wrenches: (n, 6) [N, N m].
             touched: (n,) frames with a contact and a wrench.
-            alarm: (n,) frames whose wrench the skin's contacts do not explain.
+            alarm: (n,) frames whose wrench the contacts do not explain.
         """
         total = np.zeros((len(wrenches), 3))
         np.add.at(total, frame, forces)
@@ -43,7 +43,7 @@ class Agreement:
         self._opposed += np.count_nonzero(opposed)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return one warning if more than 80 % of 50 or more frames with a contact disagree; else an empty tuple."""
+        """Return a warning if over 80 % of at least 50 frames with a contact disagree; else an empty tuple."""
         if self._touched < ENOUGH:
             return ()
         if self._opposed > DISAGREES * self._touched:

@@ -1,4 +1,4 @@
-"""Move forces into their cones of friction where the closed form is outside."""
+"""Move forces into their cones of friction."""
 
 from __future__ import annotations
 
@@ -31,19 +31,18 @@ def within_cones(
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " n"], tuple[str, ...]]:
     """Return the forces f within the cones with the least (f - force)^T covariance^-1 (f - force), frame by frame.
 
-    With covariance = S S^T and f = force + S x, clarabel finds the shortest x whose f lies in second-order cones
-    |t_i| <= friction n_i.
+    clarabel solves it as a problem of second-order cones.
 
     Args:
-        force: (m, 3) [N] the best forces without cones, frame by frame.
-        normals: (m, 3) outward unit normals.
-        counts: (n,) number of contacts in each frame; they add up to m.
+        force: (m, 3) [N] the best forces without cones.
+        normals: (m, 3) outward, unit.
+        counts: (n,) number of contacts in each frame.
         covariances: (3 count, 3 count) [N^2] of each frame's forces; may be singular.
         friction: bound of the tangential over the normal force.
 
     Returns:
-        Forces (m, 3) [N], the least square (n,) of each frame, and notes where forces are returned unchanged because
-        clarabel is not installed or found none.
+        Forces (m, 3) [N], the least square (n,) of each frame, and notes where forces are unchanged: clarabel is not
+        installed, or found none.
     """
     found, further, notes = force.copy(), np.zeros(len(counts)), tuple[str, ...]()
     try:
@@ -79,7 +78,7 @@ def _shortest(
 
 
 class _Sparse(NamedTuple):
-    """The fields of SciPy's sparse matrices that clarabel reads; SciPy's import would take longer than many frames."""
+    """The fields of SciPy's sparse matrices that clarabel reads; importing SciPy takes longer than many frames."""
 
     data: list[float]
     indices: list[int]
@@ -89,7 +88,7 @@ class _Sparse(NamedTuple):
 
 
 def _columns(matrix: Float[np.ndarray, "r c"]) -> _Sparse:
-    """Return a full matrix as a sparse one, column by column, in lists, which clarabel reads in half the time."""
+    """Return a full matrix as a sparse one of lists, which clarabel reads in half the time."""
     height, width = matrix.shape
     ends = range(0, height * width + 1, height)
     return _Sparse(matrix.T.ravel().tolist(), [*range(height)] * width, [*ends], (height, width))
@@ -97,12 +96,11 @@ def _columns(matrix: Float[np.ndarray, "r c"]) -> _Sparse:
 
 @cache
 def _identity(size: int) -> _Sparse:
-    """Return the identity matrix, made once for each size."""
     return _Sparse([1.0] * size, [*range(size)], [*range(size + 1)], (size, size))
 
 
 def _root(covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m r"]:
-    """Return S (m, r) with covariance = S S^T, without the columns of directions in which it is zero."""
+    """Return S (m, r) with covariance = S S^T, without columns that are zero."""
     try:
         return np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
@@ -112,7 +110,7 @@ def _root(covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m r"]:
 
 
 def _cones(normals: Float[np.ndarray, "n 3"], friction: float) -> Float[np.ndarray, "n 3 3"]:
-    """Return matrices (n, 3, 3) that map a force to (friction times its normal part, its two tangential parts)."""
+    """Return matrices (n, 3, 3) from a force to (friction times its normal part, its two tangential parts)."""
     x, y, z = normals.T
     sign = np.where(z >= 0.0, 1.0, -1.0)
     a = -1.0 / (sign + z)

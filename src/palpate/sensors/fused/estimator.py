@@ -1,4 +1,4 @@
-"""Estimate each contact with its 3-D force: a skin gives the places, a force/torque sensor the sum of the forces."""
+"""Estimate each contact with its 3-D force: a skin gives places, a force/torque sensor the sum of forces."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ class FusedEstimator(ContactEstimator):
     """An estimator of the contacts on a link with a skin and a force/torque sensor, each with its force in 3-D.
 
     A reading is (k + 7,): the cells row by row, force [N] and torque [N m] as measured, NaN where there is none, and
-    the number of readings of which they are the mean (1; 0: interpolated).
+    the number of readings of which they are the mean (0: interpolated).
 
-    A frame of the skin gives places, normals and normal forces, the wrench their sum (`FusedLocator`); without a wrench
-    forces are the skin's, with `share` 1. Where the skin does not explain the wrench for 50 ms, one more contact, of
-    identity 0, is added at the place of the largest belief.
+    The skin gives places, normals and normal forces, the wrench their sum (`FusedLocator`); without a wrench forces are
+    the skin's, with `share` 1. Where the skin does not explain the wrench for 50 ms, one more contact, of identity 0,
+    is added at the place of the largest belief.
 
-    Features, after those of the skin: `share`, posterior over prior standard deviation of a contact's tangential force;
-    `bound`, 1 where its friction cone binds; `unexplained`, the probability of a wrench as far from the expected one,
-    if the skin feels all; `belief`, the probability of a contact's place, 1 where the skin feels it; `force_xx` ...
-    `force_zz` [N^2], the covariance of the force.
+    Features, after the skin's: `share`, posterior over prior standard deviation of the tangential force; `bound`, 1
+    where the friction cone binds; `unexplained`, the probability of a wrench as far from the expected one, if the skin
+    feels all; `belief`, the probability of the contact's place; `force_xx` ... `force_zz` [N^2], the force's
+    covariance.
 
     Args:
         taxels: estimator of the skin; its filter smooths the wrenches too.
@@ -66,10 +66,10 @@ class FusedEstimator(ContactEstimator):
         fused: locator with the surface, in the skin's frame.
         mount: T_sensor_surface.
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
-        drift: drift of the sensor's bias, which is followed while neither skin nor wrench shows a contact.
+        drift: of the sensor's bias, which is followed while neither skin nor wrench shows a contact.
         covered: whether the body is touched only on the skin.
-        live: whether samples come live. False: in `pairs` and `stream` the bias is smoothed by samples after a touch,
-            for which blocks wait 10 minutes at most.
+        live: whether samples come live; else `pairs` and `stream` smooth the bias by samples after a touch, for which
+            blocks wait 10 minutes at most.
 
     Attributes:
         kelvin: temperature of the sensor, see `WrenchEstimator`.
@@ -161,7 +161,7 @@ class FusedEstimator(ContactEstimator):
         return self._rejoined(self._wrenches.of_log(self._pieces(skin)))
 
     def run(self, recording: Recording) -> Contacts:
-        """Return the `Contacts` of a block; the skin's baseline and bad cells, if unknown, are from its first frames.
+        """Return the `Contacts` of a block; an unknown baseline and bad cells of the skin come from its first frames.
 
         Raises:
             InputError: a channel is missing or has another shape, the first frames do not determine the baseline, or
@@ -242,7 +242,7 @@ class FusedEstimator(ContactEstimator):
         counts: Int[np.ndarray, " n"],
         located: Wrenches,
     ) -> tuple[Float[np.ndarray, "_ w"], Int[np.ndarray, " _"]]:
-        """Return the rows of frames, the skin's and then that of an unseen contact, and their number in each frame."""
+        """Return the rows of frames, the skin's and then that of an unseen contact, and their number in each."""
         wrenches, covariances, status = located
         if covariances is None:
             raise InputError("fusing needs the noise of the wrenches.", where="force_torque.noise")
@@ -272,11 +272,10 @@ class FusedEstimator(ContactEstimator):
         more = np.isin(np.arange(len(counts)), list(found))
         within, ends, instead = more[frame], np.cumsum(counts)[more], more & (pressed == 0)
         kept = np.insert(~instead[frame], ends, True)  # not the row that says that there is no contact
-        new = np.array([place.row for place in found.values()])
+        new, unseen = (np.array(each) for each in zip(*found.values(), strict=True))
         new[:, after + UNEXPLAINED] = fused.p[more]
         rows = np.insert(rows, ends, new, axis=0)[kept]
-        new = [place.contact for place in found.values()]
-        contacts = np.insert(contacts[within[touching]], np.cumsum(pressed[more]), new, axis=0)
+        contacts = np.insert(contacts[within[touching]], np.cumsum(pressed[more]), unseen, axis=0)
         fused = self.fused.fuse_frames(contacts, pressed[more] + 1, wrenches[more], covariances[more])
         self._noted |= dict.fromkeys(fused.notes)
         pushed = np.insert(touching & within, ends, True)[kept]
@@ -293,7 +292,7 @@ class FusedEstimator(ContactEstimator):
 
 
 def _write(fused: FusedFrames, rows: Float[np.ndarray, "r w"], which: Bool[np.ndarray, " r"], after: int) -> None:
-    """Write forces, shares, bounds and covariances of contacts into the rows of the mask `which`."""
+    """Write forces, shares, bounds and covariances into the rows of the mask `which`."""
     rows[which, ROW.force] = fused.force
     rows[which, after + SHARE], rows[which, after + BOUND] = fused.share, fused.bound
     rows[which, after + SPREAD : after + SPREAD + 6] = fused.spread

@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.contact.estimate import ROW, Status
 from palpate.sensors.fused.locator import FusedFrames, FusedLocator
 
-__all__ = ["LastingUnseen", "Place"]
+__all__ = ["LastingUnseen"]
 
 LOOKS = 0.1  # s between two searches for the place of an unseen contact, which take milliseconds
 PERSISTS = 0.05  # s that a wrench must be unexplained before it is a contact: a touch that begins is felt first
-
-
-class Place(NamedTuple):
-    """A contact that the skin does not feel.
-
-    Attributes:
-        row: row of the estimator, without its force.
-        contact: (17,) row of `FusedLocator.rows`.
-    """
-
-    row: Float[np.ndarray, " w"]
-    contact: Float[np.ndarray, "17"]
+_Place = tuple[Float[np.ndarray, " w"], Float[np.ndarray, "17"]]
 
 
 class LastingUnseen:
@@ -34,7 +21,7 @@ class LastingUnseen:
     Args:
         fused: locator with the surface.
         belief: column of the belief in the estimator's rows.
-        width: width of the estimator's rows.
+        width: of the estimator's rows.
     """
 
     def __init__(self, fused: FusedLocator, belief: int, width: int) -> None:
@@ -44,7 +31,7 @@ class LastingUnseen:
     def reset(self) -> None:
         """Forget the place, and since when the wrench is unexplained."""
         self._since = self._looked = np.nan  # [s] when the wrench began to be unexplained, and its place was looked for
-        self._place: Place | None = None
+        self._place: _Place | None = None
 
     def found(
         self,
@@ -52,16 +39,16 @@ class LastingUnseen:
         reporting: Bool[np.ndarray, " n"],
         usable: Bool[np.ndarray, " n"],
         fused: FusedFrames,
-    ) -> dict[int, Place]:
-        """Return frame number -> `Place` of the unseen contact where it lasts; it is searched every 0.1 s.
+    ) -> dict[int, _Place]:
+        """Return frame number -> unseen contact where it lasts: its rows of the estimator (w,) and of `fused` (17,).
 
         Args:
             time: (n,) [s].
             reporting: (n,) frames with a valid skin, and a wrench or a contact.
             usable: (n,) frames with a wrench.
-            fused: forces and alarms of the frames.
+            fused: of the frames.
         """
-        found = dict[int, Place]()
+        found = dict[int, _Place]()
         for k, now in enumerate(time.tolist()):
             if not reporting[k]:
                 self._since = np.nan
@@ -72,14 +59,13 @@ class LastingUnseen:
         return found
 
     def _persists(self, time: float, alarm: bool) -> bool:
-        """Return whether the wrench has been unexplained for `PERSISTS` or longer."""
         if not alarm:
             self.reset()
         elif np.isnan(self._since):
             self._since = time
         return time - self._since >= PERSISTS
 
-    def _looked_for(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Place:
+    def _looked_for(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> _Place:
         places = self._locator.unseen_by(whitened, factor)
         inside, several = places.cluster == 0, int(places.cluster.max()) + 1
         believed = places.belief[inside].sum()
@@ -90,4 +76,4 @@ class LastingUnseen:
         row[ROW.residual], row[ROW.candidates] = 0.0, several
         row[ROW.status] = Status.CONTACT if several == 1 else Status.AMBIGUOUS
         row[self._belief], row[-1] = believed, 0.0
-        return Place(row, self._locator.unseen_row(places))
+        return row, self._locator.unseen_row(places)

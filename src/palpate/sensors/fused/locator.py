@@ -1,7 +1,6 @@
 """Find the forces of several contacts: a skin gives place and normal force of each, a wrench the sum of all.
 
-A skin measures normal forces, with errors of a few per cent, and no tangential ones. With the wrench it gives each
-contact's complete force, because friction bounds the tangential force.
+The two give each contact's complete force, because friction bounds the tangential force.
 """
 
 from __future__ import annotations
@@ -16,9 +15,10 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
+from palpate.sensors.fused import _kernels
 from palpate.sensors.fused.cones import within_cones
 from palpate.sensors.fused.unseen import PUSHES, LockedValue, Unseen, candidates, ranked
-from palpate.spatial._arrays import require_finite, shaped
+from palpate.spatial._arrays import require_finite, require_shape, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
@@ -34,11 +34,11 @@ class FusionSettings:
     Args:
         friction: bound of a contact's tangential over its normal force, > 0.
         tangential: standard deviation of each of the two components of the tangential force, as a share of the normal
-            force, from 0 to `friction`. 0.25 is that of a force uniform in a disc of half the normal force.
-        gain: standard deviation of the skin's normal force as a share of it, in [0, 1), independent for each contact.
-        floor: [N] standard deviation of the normal force in addition to that of the gain, >= 0.
+            force, from 0 to `friction`; 0.25 if it is uniform in a disc of half the normal force.
+        gain: standard deviation of the skin's normal force as a share of it, in [0, 1).
+        floor: [N] standard deviation of the normal force in addition, >= 0.
         alarm: accepted share of false alarms, between 0 and 0.5.
-        turns: number of times that what is proportional to the forces is computed again from the forces found.
+        turns: number of times that what is proportional to the forces is computed again.
 
     Raises:
         InputError: a setting is out of its range.
@@ -56,8 +56,10 @@ class FusionSettings:
             raise InputError(f"friction must be positive, not {self.friction:g}.")
         if not 0 <= self.tangential <= self.friction:
             raise InputError(f"tangential ({self.tangential:g}) must be between 0 and friction ({self.friction:g}).")
-        if not (0 <= self.gain < 1 and 0 <= self.floor < inf):
-            raise InputError("gain must be between 0 and 1, and floor must not be negative.")
+        if not 0 <= self.gain < 1:
+            raise InputError(f"gain must be from 0 to below 1, not {self.gain:g}.")
+        if not 0 <= self.floor < inf:
+            raise InputError(f"floor must be finite and not negative, not {self.floor:g} N.")
         if self.turns < 0:
             raise InputError(f"turns must not be negative, not {self.turns}.")
         if not 0 < self.alarm < 0.5:
@@ -66,7 +68,7 @@ class FusionSettings:
 
 @dataclass(frozen=True, eq=False)
 class Given(LockedValue):
-    """The inputs from which forces were computed, of the k sensors whose wrench is finite.
+    """Inputs from which forces were computed, of the k sensors with a finite wrench.
 
     Attributes:
         contacts: (n, 17) rows of `FusedLocator.rows`.
@@ -74,7 +76,7 @@ class Given(LockedValue):
         covariances: (k, 6, 6) of the wrenches' noise.
         carries: (k, n) whether a sensor feels a contact.
         whitened: (k, 6) wrench less the expected one, whitened by `factors`.
-        factors: (k, 6, 6) L D L^T of the covariance of that difference.
+        factors: (k, 6, 6) L D L^T of that difference's covariance.
         p: (k,) see `Fused`.
     """
 
@@ -94,15 +96,14 @@ class Fused(LockedValue):
 
     Attributes:
         force: (n, 3) [N] on the body, within the cones of friction.
-        covariance: (3n, 3n) [N^2] of the forces, contact by contact; not narrowed by cones.
-        share: (n,) posterior over prior standard deviation of the tangential force; 1 where the wrench adds no
-            information.
+        covariance: (3n, 3n) [N^2] of the forces, not narrowed by cones.
+        share: (n,) posterior over prior standard deviation of the tangential force.
         slack: (n,) [N] friction times the normal less the tangential force.
         bound: (n,) whether the cone of friction binds.
-        expected: (k, 6) [N, N m] from the skin alone; NaN without a wrench.
+        expected: (k, 6) [N, N m] from the skin alone; NaN without a wrench, as `surprise` and `p`.
         surprise: (k,) squared Mahalanobis distance of the wrench from the expected one, for one sensor with the step
-            into the cones; NaN without a wrench.
-        p: (k,) share of touches without an unseen contact whose wrench is as far off; NaN without a wrench.
+            into the cones.
+        p: (k,) share of touches without an unseen contact whose wrench is as far off.
         alarm: whether a contact pushes that the skin does not feel.
         given: inputs of the computation.
         notes: a sentence each.
@@ -127,7 +128,7 @@ class FusedFrames(NamedTuple):
     Attributes:
         force, share, bound: (m, 3) [N], (m,) and (m,), see `Fused`.
         spread: (m, 6) [N^2] covariance of each force: xx, xy, xz, yy, yz, zz.
-        p, alarm: (n,) each, see `Fused`.
+        p, alarm: (n,), see `Fused`.
         whitened, factors: (n, 6) and (n, 6, 6), see `Given`; NaN without a wrench.
         notes: a sentence each.
     """
@@ -150,15 +151,14 @@ class FusedLocator:
     All quantities are in the surface's frame, wrenches about its origin.
 
     Args:
-        surface: surface of the body, which is searched for contacts that the skin does not feel.
-        settings: settings of the fusion; None: the defaults.
+        surface: of the body, searched for contacts that the skin does not feel.
+        settings: None: the defaults.
     """
 
     def __init__(self, surface: Surface, settings: FusionSettings | None = None) -> None:
         self.surface, self.settings = surface, settings or FusionSettings()
         set_ = self.settings
         self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction, set_.turns])
-        self._work = dict[int, np.ndarray]()
 
     def fuse(
         self,
@@ -188,45 +188,11 @@ class FusedLocator:
         """
         contacts = self.rows(points, normals, forces, deviations, spreads)
         wrenches = shaped(wrenches, (None, 6), "wrenches")
-        covariances, sensors = shaped(covariances, (None, 6, 6), "covariances"), len(wrenches)
-        felt = np.ones((sensors, len(contacts)), dtype=np.bool_) if carries is None else np.array(carries, np.bool_)
-        if covariances.shape != (sensors, 6, 6) or felt.shape != (sensors, len(contacts)):
-            raise InputError(
-                f"{len(contacts)} contacts and {sensors} wrenches need covariances ({sensors}, 6, 6) and carries "
-                f"({sensors}, {len(contacts)}), not {covariances.shape} and {felt.shape}."
-            )
+        covariances = shaped(covariances, (len(wrenches), 6, 6), "covariances")
+        shape = (len(wrenches), len(contacts))
+        felt = np.ones(shape, np.bool_) if carries is None else np.array(carries, np.bool_)
+        require_shape(felt, shape, "carries")
         return self._fused(contacts, wrenches, covariances, felt)
-
-    def fuse_into(
-        self,
-        contacts: Float[np.ndarray, "n 17"],
-        wrench: Float[np.ndarray, "6"],
-        covariance: Float[np.ndarray, "6 6"],
-        out: Float[np.ndarray, "n 5"],
-        out_covariance: Float[np.ndarray, "m m"],
-        out_total: Float[np.ndarray, "16"],
-    ) -> int:
-        """Compute the forces without cones for one wrench that feels all contacts; allocates once for each n.
-
-        Args:
-            contacts: (n, 17) rows of `rows`.
-            wrench: (6,) [N, N m]; not used if it is not finite.
-            covariance: (6, 6) of the wrench's noise.
-            out: (n, 5) force [N], share, slack [N]; written.
-            out_covariance: (3n, 3n) [N^2] of the forces; written.
-            out_total: (16,) expected wrench, surprise, its degrees of freedom and variance, p, and the whitened wrench
-                less the expected one; written, NaN without a wrench.
-
-        Returns:
-            The number of contacts outside their cone, which `fuse` would move into it.
-        """
-        from palpate.sensors.fused import _kernels as _fused
-
-        count = len(contacts)
-        if count not in self._work:
-            self._work[count] = np.zeros(36 + _fused.room(count, 1))
-        into = (self._work[count], out, out_covariance, out_total)
-        return int(_fused.fuse_one(contacts, wrench, covariance, self._settings, *into))
 
     def fuse_frames(
         self,
@@ -235,7 +201,7 @@ class FusedLocator:
         wrenches: Float[np.ndarray, "n 6"],
         covariances: Float[np.ndarray, "n 6 6"],
     ) -> FusedFrames:
-        """Return the forces of n frames, each as by `fuse` with one wrench that feels all its contacts, `FusedFrames`.
+        """Return the forces of n frames, each as by `fuse` with one wrench that feels all contacts, as `FusedFrames`.
 
         Args:
             contacts: (m, 17) rows of `rows`, frame by frame.
@@ -246,8 +212,6 @@ class FusedLocator:
         Raises:
             InputError: a count is negative, or the counts do not add up to m.
         """
-        from palpate.sensors.fused import _kernels as _fused
-
         if counts.min(initial=0) < 0 or counts.sum() != len(contacts):
             raise InputError(f"counts must not be negative, and must add up to the {len(contacts)} contacts.")
         out, spread, broken = np.zeros((len(contacts), 5)), np.zeros((len(contacts), 6)), np.zeros_like(counts)
@@ -255,7 +219,7 @@ class FusedLocator:
         ends = np.cumsum(9 * counts**2)
         covariance = np.zeros(ends[-1] if len(ends) else 0)
         into = (out, spread, covariance, totals, factors, broken)
-        _fused.fuse_frames(contacts, counts, wrenches, covariances, self._settings, *into)
+        _kernels.fuse_frames(contacts, counts, wrenches, covariances, self._settings, *into)
         outside, notes = broken > 0, tuple[str, ...]()
         if outside.any():
             which, off = np.repeat(outside, counts), totals[outside]
@@ -279,21 +243,13 @@ class FusedLocator:
         Raises:
             InputError: shapes do not fit, a force or deviation is negative, a number is not finite, or a normal is 0.
         """
-        points, normals = shaped(points, (None, 3), "points"), shaped(normals, (None, 3), "normals")
-        forces, deviations = shaped(forces, (None,), "forces"), shaped(deviations, (None,), "deviations")
-        spreads = shaped(spreads, (None, 3, 3), "spreads")
-        counts = {len(each) for each in (points, normals, forces, deviations, spreads)}
-        if len(counts) > 1:
-            raise InputError(
-                "points, normals, forces, deviations and spreads must have equal numbers of contacts, not "
-                f"{sorted(counts)}."
-            )
+        points = shaped(points, (None, 3), "points")
+        count = len(points)
+        normals, spreads = shaped(normals, (count, 3), "normals"), shaped(spreads, (count, 3, 3), "spreads")
+        forces, deviations = shaped(forces, (count,), "forces"), shaped(deviations, (count,), "deviations")
         length = np.linalg.norm(normals, axis=1, keepdims=True)
-        contacts = np.empty((len(points), 17))
         with np.errstate(invalid="ignore", divide="ignore"):
-            contacts[:, 3:6] = normals / length
-        contacts[:, :3], contacts[:, 6], contacts[:, 7] = points, forces, deviations
-        contacts[:, 8:] = spreads.reshape(-1, 9)
+            contacts = np.column_stack([points, normals / length, forces, deviations, spreads.reshape(-1, 9)])
         if not np.isfinite(contacts).all():
             raise InputError("contacts must be finite, and normals must not be zero.")
         if (forces < 0).any() or (deviations < 0).any():
@@ -310,15 +266,13 @@ class FusedLocator:
         covariances: Float[np.ndarray, "k 6 6"],
         carries: Bool[np.ndarray, "k n"],
     ) -> Fused:
-        from palpate.sensors.fused import _kernels as _fused
-
         heard = np.isfinite(wrenches).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
         count, sensors = len(contacts), int(heard.sum())
-        work = np.zeros(_fused.room(count, sensors))
+        work = np.zeros(_kernels.room(count, sensors))
         out, covariance = np.zeros((count, 5)), np.zeros((3 * count, 3 * count))
         totals, factors = np.full((sensors, 16), np.nan), np.empty((sensors, 6, 6))
         given = (contacts, wrenches[heard], covariances[heard], carries[heard])
-        broken = _fused.fuse(*given, self._settings, work, out, covariance, totals, factors)
+        broken = _kernels.fuse(*given, self._settings, work, out, covariance, totals, factors)
         force, notes = out[:, :3], tuple[str, ...]()
         if broken:  # of several sensors, nothing says whose wrench is that much further off
             off = totals if sensors == 1 else np.zeros((1, 16))
@@ -340,12 +294,10 @@ class FusedLocator:
         covariances: list[np.ndarray],
         totals: Float[np.ndarray, "n 16"],
     ) -> tuple[Float[np.ndarray, "m 3"], tuple[str, ...]]:
-        """Return forces within their cones, and notes; add each frame's squared step into the cones to `totals`."""
-        from palpate.sensors.fused import _kernels as _fused
-
+        """Return forces within their cones, and notes; add each frame's squared step to `totals`."""
         force, further, notes = within_cones(force, normals, counts, covariances, self.settings.friction)
         totals[:, 6] += further
-        totals[:, 9] = [_fused.rarity(*each) for each in totals[:, 6:9].tolist()]
+        totals[:, 9] = [_kernels.rarity(*each) for each in totals[:, 6:9].tolist()]
         return force, notes
 
     def _slack(
@@ -358,7 +310,7 @@ class FusedLocator:
         return slack, slack <= _BINDS * (1.0 + np.abs(normal))
 
     def unseen(self, fused: Fused) -> Unseen:
-        """Return as `Unseen` the places of one more contact that explain the wrench of `fused`, of several the oddest.
+        """Return as `Unseen` the places of one more contact that explain the wrench of `fused` with the least `p`.
 
         Raises:
             InputError: `fused` has no finite wrench.
@@ -372,19 +324,15 @@ class FusedLocator:
     def unseen_by(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Unseen:
         """Return as `Unseen` the places of one more contact that a wrench feels and the skin does not.
 
-        Args:
-            whitened: (6,) of `FusedFrames`.
-            factor: (6, 6) of `FusedFrames`.
+        `whitened` and `factor`: of a frame, as in `FusedFrames`.
 
         Raises:
             InputError: a number is not finite, as in a frame without a wrench.
         """
-        from palpate.sensors.fused import _kernels as _fused
-
         require_finite(whitened, "whitened")
         require_finite(factor, "factor")
         out = np.zeros((len(self._places), 4))
-        _fused.explained(self._places, whitened, factor, self.settings.tangential, PUSHES, out)
+        _kernels.explained(self._places, whitened, factor, self.settings.tangential, PUSHES, out)
         return ranked(self._places, out, self._width)
 
     def neighbours(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
@@ -396,12 +344,9 @@ class FusedLocator:
 
     def unseen_row(self, unseen: Unseen, place: int = 0) -> Float[np.ndarray, "17"]:
         """Return an unseen contact at an index of `unseen` as a row (17,) of `rows`: force 5.8 N, deviation 6.0 N."""
-        new = np.zeros(17)
-        new[:3], new[3:6] = unseen.points[place], unseen.normals[place]
-        new[6], new[7] = PUSHES.mean(), PUSHES.std()
-        across = np.eye(3) - np.outer(new[3:6], new[3:6])
-        new[8:] = (self._width**2 * across).reshape(9)
-        return new
+        point, normal = unseen.points[place], unseen.normals[place]
+        spread = self._width**2 * (np.eye(3) - np.outer(normal, normal))
+        return np.concatenate([point, normal, [PUSHES.mean(), PUSHES.std()], spread.ravel()])
 
     @cached_property
     def _places(self) -> Float[np.ndarray, "c 8"]:

@@ -1,4 +1,4 @@
-"""A skin and a force/torque sensor on one link, in a rig: their tables, and the table of their fusion."""
+"""Read the tables of a skin, a force/torque sensor and their fusion in a rig."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class RigFusion:
 
 
 def _layout(setup: Setup) -> LogLayout:
-    """Return the layout of a log with frames of the skin, each with the mean of the wrenches about its time."""
+    """Return the layout of a log with the skin's frames, each with the mean of the wrenches about its time."""
     skin, wrench = SKIN.layout(setup), FORCE_TORQUE.layout(setup)
     stated = setup.of(ForceTorqueSection).table.range
     return replace(wrench, arrays=skin.arrays, rate=skin.rate, wrench_range=None if stated is None else stated.six())
@@ -99,7 +99,7 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def _single(head: Recording | None) -> Recording | None:
-    """Return the recording with the spread of single readings, so that the noise estimated from it is that of one."""
+    """Return the recording with the spread of single readings, for the noise of one."""
     if head is None:
         return None
     wrenches, count = head.wrenches(), np.maximum(head.channels[AVERAGED], 1.0)
@@ -109,7 +109,7 @@ def _single(head: Recording | None) -> Recording | None:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Return the rig text for a log with wrenches and frames of a skin; None where either is missing."""
+    """Return the guess for a log with wrenches and frames of a skin; None where either is missing."""
     felt = guess_with_wrench(log, contents)
     found = None if felt is None else FORCE_TORQUE.guess(log, contents, body)
     if felt is None or found is None:

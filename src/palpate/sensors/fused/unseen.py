@@ -1,4 +1,4 @@
-"""Find places of a contact that the skin does not see, ranked by how well they explain a wrench."""
+"""Rank places of a contact that the skin does not feel by how well they explain a wrench."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from math import log
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.sensors.fused import _kernels
 from palpate.spatial._arrays import Value
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
@@ -39,9 +40,8 @@ class Unseen(LockedValue):
         normals: (c, 3) outward, unit.
         forces: (c, 3) [N] of the contact if it is there.
         belief: (c,) probability of each place, given that there is one more contact.
-        region: (c,) whether a place belongs to the smallest set with a probability of 95 %.
-        cluster: (c,) number of the group of neighbouring places in the region, 0 for that of the likeliest place; -1
-            outside the region.
+        region: (c,) whether a place is in the smallest set with a probability of 95 %.
+        cluster: (c,) number of the group of neighbouring places in the region, 0 for the likeliest place's; -1 outside.
     """
 
     points: Float[np.ndarray, "c 3"]
@@ -59,8 +59,6 @@ def candidates(surface: Surface) -> Float[np.ndarray, "c 8"]:
         (c, 8), c <= 1200: point [m], outward unit normal, log of the share of the area that the place stands for, and
         the standard deviation [m] of that area in each direction.
     """
-    from palpate.sensors.fused import _kernels as _fused  # compiled: loaded when first needed
-
     rng, mesh, count = np.random.default_rng([0, 2]), surface.drawn(), _PLACES * _FINER
     facets = np.flatnonzero(~mesh.covered)
     areas = mesh.areas[facets]
@@ -70,7 +68,7 @@ def candidates(surface: Surface) -> Float[np.ndarray, "c 8"]:
     weights = np.stack([1.0 - root, root * (1.0 - along), root * along], axis=1)
     fine = np.einsum("nk,nki->ni", weights, mesh.vertices[mesh.faces[chosen]])
     kept, nearest = np.zeros(_PLACES, np.int64), np.zeros(len(fine), np.int64)
-    _fused.spaced(fine, kept, nearest)
+    _kernels.spaced(fine, kept, nearest)
     points, normals, _ = surface.project(fine[kept])
     shares = np.bincount(nearest, minlength=len(kept)) / len(fine)
     width = np.sqrt(shares * areas.sum() / 12.0)
@@ -80,15 +78,13 @@ def candidates(surface: Surface) -> Float[np.ndarray, "c 8"]:
 
 @takes_arrays
 def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"], width: float) -> Unseen:
-    """Return places by falling belief, with the smallest set whose probability is 95 %, as `Unseen`.
+    """Return places by falling belief as `Unseen`.
 
     Args:
         places: (c, 8) from `candidates`.
-        explained: (c, 4) log evidence of each place, which includes its share of the area, and force [N] there.
+        explained: (c, 4) log evidence of each place, with its share of the area, and force [N] there.
         width: [m] median of the places' standard deviations.
     """
-    from palpate.sensors.fused import _kernels as _fused
-
     evidence = explained[:, 0]
     top = evidence.max()
     belief = np.exp(evidence - top - log(np.exp(evidence - top).sum()))
@@ -97,7 +93,7 @@ def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"]
     region = np.cumsum(belief) - belief < _HELD
     cluster = np.full(len(places), -1, np.int64)
     near = 2.0 * float(np.sqrt(12.0)) * width  # two steps from place to place
-    _fused.clusters(places[region, :3], near, inside := cluster[region])
+    _kernels.clusters(places[region, :3], near, inside := cluster[region])
     cluster[region] = inside
     return Unseen(
         places[:, :3].copy(),

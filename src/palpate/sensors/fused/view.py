@@ -1,4 +1,4 @@
-"""Show a skin and a force/torque sensor on one link on the page and in the report."""
+"""Show a skin with a force/torque sensor on the page and in the report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["FusedView"]
 
 
 class FusedView(TaxelView):
-    """The view of a skin with a force/torque sensor: that of the skin, with the facts of the wrench."""
+    """The view of a skin with a force/torque sensor."""
 
     words: ClassVar[Mapping[str, Words]] = {
         **TaxelView.words,
@@ -40,6 +40,7 @@ class FusedView(TaxelView):
 
         Raises:
             InputError: matplotlib is not installed, or the link's surface cannot be read.
+            GeometryError: its file has no usable surface.
         """
         made = cast("FusedEstimator", estimator)
         run = super().report(run, setup, made.taxels)

@@ -1,15 +1,10 @@
 """The least squares of a calibration of load cells: wrench and contact against a reference.
 
-The voltages span six dimensions. With V their six strongest whitened directions, y = V' R^-1/2 (u - b) contains all
-their information about the wrench, and w = B y has 36 unknowns for any number of cells. The residuals of each block,
-with c the contact, n its normal, t two tangents and M_e = M - e x F the moment about e = c - d n, where the force acts
-[load cells, (18), corrected], are:
+The wrench is w = B y, y = V' R^-1/2 (u - b) with V the six strongest whitened directions of the voltages. The residuals
+of each block, with c the contact, n its normal, t two tangents and M_e = M - e x F the moment about e = c - d n, where
+the force acts [load cells, (18), corrected], are force, position and moment along the force:
 
     r = ( F - F_ref,  t . (n x M_e) / (F . n),  F . M_e / |F|  )
-
-The middle two are the point where the wrench meets the tangent plane at c, less c; the last is the moment along the
-force, which force and position do not contain. With a reference of zero, the first and the second, times F . n, are
-linear in B: that gives the global start.
 """
 
 from __future__ import annotations
@@ -52,7 +47,7 @@ class ReferenceBlocks:
         signal: (n, 6) y.
         force: (n, 3) [N].
         contact: (n, 3) [m] on the surface.
-        normal: (n, 3) outward unit normals there.
+        normal: (n, 3) outward unit normals.
         tangents: (n, 2, 3) unit vectors.
         torque: (n,) [N m] about the normal.
     """
@@ -76,10 +71,9 @@ class Fit:
     """A fitted B, the law of indentation if one was fitted, and the residuals.
 
     Attributes:
-        unknowns: B row by row, then depth and exponent of the law, if fitted.
+        unknowns: (p,) B row by row, then depth and exponent of the law, if fitted.
         covariance: (p, p) of the unknowns.
-        residuals: (n, 6) estimate less reference: force [N], position along two tangents [m], moment along the force
-            [N m].
+        residuals: (n, 6) of force [N], position along two tangents [m], moment along the force [N m].
         cost: half the sum of whitened squares.
         correlation: (6,) number of blocks that count as one independent block.
         followed: index of the start that was used.
@@ -94,7 +88,7 @@ class Fit:
 
     @property
     def inverse(self) -> Float[np.ndarray, "6 6"]:
-        """The inverse of B, (6, 6)."""
+        """Inverse of B, (6, 6)."""
         return np.linalg.inv(_matrix(self.unknowns))
 
     @property
@@ -106,7 +100,7 @@ class Fit:
 
     @property
     def indentation(self) -> Indentation | None:
-        """The law of indentation; None if none was fitted."""
+        """Law of indentation; None if none was fitted."""
         law = map(float, self.unknowns[36:])
         return Indentation(*law, covariance=self.covariance[36:, 36:]) if len(self.unknowns) > 36 else None
 
@@ -117,7 +111,7 @@ def touches(
     contact: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
 ) -> ReferenceBlocks:
-    """Return the blocks of a log with contact, normal and tangents, as the fit takes them."""
+    """Return blocks with contact, normal and tangents, as `fit` takes them."""
     across = np.cross(normal, np.where(np.abs(normal[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
     first = across / np.linalg.norm(across, axis=1, keepdims=True)
     both = np.stack([first, np.cross(normal, first)], axis=1)
@@ -125,10 +119,7 @@ def touches(
 
 
 def linear_start(data: ReferenceBlocks) -> Float[np.ndarray, "36"]:
-    """Return B by linear least squares on the reference's force and its moment about the contact.
-
-    A moment is weighted like the position error that it would make.
-    """
+    """Return B (36,), row by row, by linear least squares on the reference's force and its moment about the contact."""
     frame = np.concatenate([data.tangents, data.normal[:, None]], axis=1)  # (n, 3, 3) rows t1, t2, n
     size = np.maximum(np.linalg.norm(data.force, axis=1), 1e-3)
     rows = np.zeros((len(frame), 6, 6))  # on w
@@ -138,8 +129,8 @@ def linear_start(data: ReferenceBlocks) -> Float[np.ndarray, "36"]:
     rows[:, 3:5] /= (START[3] * size)[:, None, None]
     rows[:, 5] /= START[5]
     right = np.concatenate([data.force / START[0], np.zeros((len(rows), 2)), data.torque[:, None] / START[5]], axis=1)
-    normal = _normal(rows, data.signal, np.zeros((len(rows), 6, 0)))
-    return _step(normal, _gradient(rows, data.signal, right))
+    lawless = np.zeros((len(rows), 6, 0))
+    return _step(_normal(rows, data.signal, lawless), _gradient(rows, data.signal, lawless, right))
 
 
 def _matrix(unknowns: Float[np.ndarray, " p"]) -> Float[np.ndarray, "6 6"]:
@@ -149,7 +140,7 @@ def _matrix(unknowns: Float[np.ndarray, " p"]) -> Float[np.ndarray, "6 6"]:
 def _normal(
     by_wrench: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], by_law: Float[np.ndarray, "n 6 l"]
 ) -> Float[np.ndarray, "p p"]:
-    """Return J' J for unknowns (B row by row, law), without J: for B it is a sum of products (A' A) x (y y')."""
+    """Return J' J for unknowns (B row by row, law): for B a sum of products (A' A) x (y y')."""
     count, laws = len(signal), by_law.shape[2]
     gram = np.swapaxes(by_wrench, 1, 2) @ by_wrench
     pairs = signal[:, :, None] * signal[:, None, :]
@@ -165,17 +156,18 @@ def _normal(
 
 
 def _gradient(
-    by_wrench: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], right: Float[np.ndarray, "n 6"]
-) -> Float[np.ndarray, "36"]:
-    """Return J' r for B row by row."""
-    return (np.einsum("nra,nr->na", by_wrench, right).T @ signal).reshape(36)
+    by_wrench: Float[np.ndarray, "n 6 6"],
+    signal: Float[np.ndarray, "n 6"],
+    by_law: Float[np.ndarray, "n 6 l"],
+    right: Float[np.ndarray, "n 6"],
+) -> Float[np.ndarray, " p"]:
+    """Return J' r for unknowns (B row by row, law)."""
+    by_matrix = np.einsum("nra,nr->na", by_wrench, right).T @ signal
+    return np.concatenate([by_matrix.reshape(36), np.einsum("nrl,nr->l", by_law, right)])
 
 
 def _step(normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], damping: float = 0.0) -> np.ndarray:
-    """Return the solution of the damped normal equations, in units in which each unknown changes residuals equally.
-
-    An unknown that changes none, like the exponent without indentation, keeps its value.
-    """
+    """Return the solution of the damped normal equations; 0 for an unknown that changes no residual."""
     idle = np.diag(normal) == 0
     size = np.where(idle, 1.0, np.sqrt(np.diag(normal)))
     scaled = normal / np.outer(size, size) + np.diag(damping + idle)
@@ -190,12 +182,12 @@ def fit(
     indented: bool,
     robust: bool,
 ) -> Fit:
-    """Return the nonlinear least squares fit from the best of several starts, whitened again by its residuals.
+    """Return the nonlinear least squares `Fit` from the best of several starts, whitened again by its residuals.
 
     Args:
         data: blocks.
         starts: values of B, row by row.
-        zeros: variance of the zero of y and of the reference force [N^2], each the same in all blocks of a run.
+        zeros: (9,) variances of the zero of y and of the reference force [N^2], the same in all blocks of a run.
         indented: fit the law of indentation too.
         robust: whether outliers count less, see `CalibrationOptions`.
 
@@ -215,7 +207,7 @@ def fit(
 
 
 def _whitener(left: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6 6"]:
-    """Return the inverse Cholesky factor of the residuals' covariance, their spread about 0 with outliers clipped."""
+    """Return the inverse Cholesky factor of the residuals' covariance about 0, with outliers clipped."""
     deviation = np.sqrt(np.median(left**2, axis=0) / 0.4549)  # the median of chi-square of one degree
     cut_off = np.clip(left, -OUTLYING * deviation, OUTLYING * deviation)
     covariance = cut_off.T @ cut_off / len(left) / 0.973  # what a normal keeps of its variance within 3
@@ -259,7 +251,7 @@ def residuals(
 def _solve(
     data: ReferenceBlocks, start: np.ndarray, whitener: Float[np.ndarray, "6 6"], *, robust: bool
 ) -> tuple[np.ndarray, float]:
-    """Minimize a Huber cost by Levenberg-Marquardt, the law within its bounds; return unknowns and half the cost."""
+    """Minimize a Huber cost by Levenberg-Marquardt, the law within its bounds; return unknowns and cost."""
     found, damping = start, 1e-9
     left, slopes, law_slopes = _whitened(data, found, whitener)
     weight, cost = _huber(left, robust=robust)
@@ -267,9 +259,7 @@ def _solve(
         root = np.sqrt(weight)
         steep, law_steep = slopes * root[..., None], law_slopes * root[..., None]
         normal = _normal(steep, data.signal, law_steep)
-        gradient = np.concatenate(
-            [_gradient(steep, data.signal, left * root), np.einsum("nrl,nr->l", law_steep, left * root)]
-        )
+        gradient = _gradient(steep, data.signal, law_steep, left * root)
         while damping < MOST_DAMPING:
             trial = found - _step(normal, gradient, damping)
             trial[36:] = np.clip(trial[36:], *(bound[: len(trial) - 36] for bound in LAW))
@@ -305,13 +295,7 @@ def _huber(white: Float[np.ndarray, "n 6"], *, robust: bool) -> tuple[Float[np.n
 def _covariance(
     data: ReferenceBlocks, found: np.ndarray, whitener: Float[np.ndarray, "6 6"], zeros: Float[np.ndarray, "9"]
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "6"]]:
-    """Return the unknowns' covariance H^-1 (sum tau_c s_c^2 J_c' J_c + the part of the runs' zeros) H^-1, and tau.
-
-    Each whitened component counts as the number of independent samples in it.
-
-    Raises:
-        NotIdentifiable: the log does not determine the law of indentation.
-    """
+    """Return the unknowns' covariance H^-1 (sum tau_c s_c^2 J_c' J_c + the part of the runs' zeros) H^-1, and tau."""
     white = _whitened(data, found, whitener)
     times = correlation_time(white[0])
     whole, _, meat = _equations(data, found, whitener, white, times * np.mean(white[0] ** 2, axis=0), zeros)
@@ -346,19 +330,12 @@ def _equations(
         joint[:36] = np.einsum("nra,nrz,nc->acz", slopes[rows], pushed, data.signal[rows], optimize=True).reshape(36, 9)
         joint[36:] = np.einsum("nrl,nrz->lz", law_slopes[rows], pushed)
         meat += (joint * zeros) @ joint.T
-    right = np.concatenate([_gradient(slopes, data.signal, left), np.einsum("nrl,nr->l", law_slopes, left)])
+    right = _gradient(slopes, data.signal, law_slopes, left)
     return _normal(slopes, data.signal, law_slopes), right, meat
 
 
 def validated(data: ReferenceBlocks, found: Fit, zeros: Float[np.ndarray, "9"], *, robust: bool) -> Validation:
-    """Return a cross-validation: omitted touches against the prediction of the others, by normal equations, J' r.
-
-    Args:
-        data: all blocks, in the order of time.
-        found: the fit to all blocks, from which the other fits start.
-        zeros: see `fit`.
-        robust: see `fit`.
-    """
+    """Return the cross-validation of a fit to all blocks, by J' r; `zeros` and `robust` are those of `fit`."""
     whitener = _whitener(found.residuals)
     variance = found.correlation * np.mean((found.residuals @ whitener.T) ** 2, axis=0)
 

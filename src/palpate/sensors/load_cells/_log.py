@@ -36,7 +36,7 @@ class BenchLog:
         voltages: (n, m) [V].
         forces: (n, 3) [N] of the reference.
         centres: (n, 3) [m] of the ball.
-        torques: (n,) [N m] about the normal, from the reference.
+        torques: (n,) [N m] of the reference about the normal.
     """
 
     time: Float[np.ndarray, " n"]
@@ -47,7 +47,11 @@ class BenchLog:
 
     @cached_property
     def step(self) -> float:
-        """Median time between two rows [s]; InputError if time never goes forward."""
+        """Median time between two rows [s].
+
+        Raises:
+            InputError: the times never increase.
+        """
         steps = np.diff(self.time)
         if not (steps > 0).any():
             raise InputError("the times of the bench log never increase.", where="time")
@@ -55,13 +59,13 @@ class BenchLog:
 
     @cached_property
     def runs(self) -> list[slice]:
-        """Rows of each run as slices: a run ends at a gap, or where time runs back."""
+        """Rows of each run, a list of slices: a run ends at a gap, or where time runs back."""
         steps = np.diff(self.time)
         starts = [0, *(np.flatnonzero((steps > GAP * self.step) | (steps < 0)) + 1).tolist()]
         return [slice(*ends) for ends in pairwise([*starts, len(self.time)])]
 
     def rows(self, duration: float) -> int:
-        """Return the number of rows in a duration [s], at least one."""
+        """Return the number of rows in a duration [s], at least 1."""
         return max(1, round(duration / self.step))
 
 
@@ -83,25 +87,15 @@ class UnloadedStretch:
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
-    """Averages over blocks of `size` samples.
+class Blocks(BenchLog):
+    """Averages of a bench log, without biases of voltages and forces, over blocks of `size` samples.
 
     Attributes:
-        time: (n,) [s].
         run: (n,) number of the block's run.
-        voltages: (n, m) [V] without bias.
-        forces: (n, 3) [N] of the reference, without bias.
-        centres: (n, 3) [m] of the ball.
-        torques: (n,) [N m] about the normal, from the reference.
         size: samples of a block.
     """
 
-    time: Float[np.ndarray, " n"]
     run: Int[np.ndarray, " n"]
-    voltages: Float[np.ndarray, "n m"]
-    forces: Float[np.ndarray, "n 3"]
-    centres: Float[np.ndarray, "n 3"]
-    torques: Float[np.ndarray, " n"]
     size: int
 
 
@@ -109,7 +103,7 @@ def rests(log: BenchLog) -> list[UnloadedStretch]:
     """Return the unloaded stretches of a log, in order.
 
     Raises:
-        InputError: the log does not begin with an unloaded stretch.
+        InputError: the log does not begin with an unloaded stretch, or its times never increase.
     """
     found = [rest for run in log.runs for rest in _rests_of(log, run)]
     if not found or found[0].rows.start * log.step > LATEST_REST:
@@ -140,16 +134,13 @@ def _rests_of(log: BenchLog, run: slice) -> Iterator[UnloadedStretch]:
 
 
 def _noise_of(smooth: Float[np.ndarray, "n 3"], width: int) -> float:
-    """Return the standard deviation [N] of smoothed forces, from the median difference at a lag of `width` rows."""
+    """Return the standard deviation of smoothed forces, from the median difference at a lag of `width` rows."""
     steps = smooth[width:] - smooth[:-width]
     return float(np.median(np.abs(steps), axis=0).max()) / MEDIAN_STEP if len(steps) else 0.0
 
 
 def _still(voltages: Float[np.ndarray, "n m"], log: BenchLog) -> tuple[int, int]:
-    """Return first and last of the rows around the middle that stay on the line fitted there.
-
-    A touch moves voltages before the force shows it.
-    """
+    """Return first and last of the rows around the middle that stay on its line: a touch moves voltages early."""
     width, count = log.rows(SMOOTH), len(voltages)
     smooth = _smooth(voltages, width)
     middle = slice(count // 4, max(count // 4 + 2, 3 * count // 4))
@@ -174,10 +165,7 @@ def _smooth(values: Float[np.ndarray, "n k"], width: int) -> Float[np.ndarray, "
 
 
 def rest_noise(log: BenchLog, found: list[UnloadedStretch]) -> tuple[Float[np.ndarray, "m m"], float, float]:
-    """Return the covariance of a reading's voltages, their correlation time [samples], and the reference's noise [N].
-
-    The reference's noise is a standard deviation.
-    """
+    """Return a reading's covariance (m, m) [V^2], its correlation time [samples], and the reference's deviation [N]."""
     left = list[np.ndarray]()
     for rest in found:
         voltages = log.voltages[rest.rows]
@@ -191,13 +179,12 @@ def rest_noise(log: BenchLog, found: list[UnloadedStretch]) -> tuple[Float[np.nd
 
 
 def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Blocks:
-    """Return means of blocks in which every sample is loaded by `least` [N] or more, without the rests' mean readings.
+    """Return the means of blocks in which every sample is loaded by `least` [N] or more, without zeros.
 
-    Within a run the zero is interpolated linearly between rests, and constant after the last. It is not interpolated
-    between runs: a sensor that was switched off has another zero.
+    Within a run the zero is interpolated linearly between rests, and constant after the last.
 
     Raises:
-        InputError: the log has too few blocks.
+        InputError: the log has fewer than 200 such blocks.
     """
     size, m = log.rows(BLOCK), log.voltages.shape[1]
     rows = np.column_stack([log.time, log.voltages, log.forces, log.centres, log.torques])
@@ -215,11 +202,11 @@ def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Bloc
             hint="Slide the ball over the complete surface, with 1 N or more.",
         )
     time, voltages, forces, centres, torques = np.split(np.concatenate(pieces), [1, m + 1, m + 4, m + 7], axis=1)
-    return Blocks(time[:, 0], number, voltages, forces, centres, torques[:, 0], size)
+    return Blocks(time[:, 0], voltages, forces, centres, torques[:, 0], number, size)
 
 
 def _zeros(log: BenchLog, found: list[UnloadedStretch]) -> Float[np.ndarray, "n k"]:
-    """Return unloaded voltages [V] and reference forces [N], (n, m + 3); a run without a rest uses the one before."""
+    """Return unloaded voltages and reference forces, (n, m + 3); a run without a rest uses the one before."""
     zero = np.empty((len(log.time), log.voltages.shape[1] + 3))
     for run in log.runs:
         before = [rest for rest in found if rest.rows.start < run.stop]

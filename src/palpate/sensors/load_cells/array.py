@@ -14,10 +14,10 @@ from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.load_cells.explanations import explanations
 from palpate.sensors.load_cells.faults import CellFault, find_faults
-from palpate.sensors.load_cells.model import VOLTAGE, LoadCells
+from palpate.sensors.load_cells.model import LoadCells
 from palpate.sensors.load_cells.zero import Zero, take_zero
 from palpate.signals.filters import Filter
-from palpate.signals.recording import LARGEST, Recording
+from palpate.signals.recording import LARGEST, VOLTAGE, Recording
 from palpate.signals.wrench_sensor import Placement, Tare
 from palpate.signals.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
@@ -35,10 +35,7 @@ UPPER = np.triu_indices(6)
 
 
 class _Weighed(NamedTuple):
-    """Samples as wrenches, like `Measured`.
-
-    `which` is the explanation used, `extra` the covariance where several are, `slow` the zero's share of a variance.
-    """
+    """`Measured` with the explanation used (`which`), the covariance of several, and the zero's share of a variance."""
 
     time: Float[np.ndarray, " n"]
     wrench: Float[np.ndarray, "n 6"]
@@ -47,32 +44,24 @@ class _Weighed(NamedTuple):
     extra: Float[np.ndarray, "n 6 6"]
     slow: float
 
-    @classmethod
-    def of(cls, time: Float[np.ndarray, " n"], slow: float) -> _Weighed:
-        """Return empty arrays for the samples of `time`, which the compiled loop fills."""
-        n = len(time)
-        return cls(time, np.empty((n, 6)), np.empty(n, np.int8), np.zeros(n, np.int64), np.zeros((n, 6, 6)), slow)
-
 
 @called_as("palpate.LoadCellArray(cells)")
 class LoadCellArray:
-    """The `WrenchSensor` of cells under a rigid frame; see `LoadCells` and `Explanations`.
+    """The `WrenchSensor` of cells under a rigid frame; see `LoadCells`.
 
-    A sample's wrench is computed from all channels or, where those contradict each other, without the channel or the
-    cell that explains it; where several explanations fit, it is the mean of their wrenches with a covariance that
-    covers them; where none fits, the sample is INVALID. A channel at its range is omitted, or its cell; more make a
-    sample SATURATED. The blame of each explanation is kept from one sample to the next.
+    Where channels contradict each other, a wrench is computed without the one channel or cell that explains it. Where
+    several explanations fit, it is their mean, with a covariance that covers them; where none fits, the sample is
+    INVALID. It is SATURATED where channels of more than one cell are at their range.
 
-    The zero is that of the calibration until a `tare`. In a stream it is taken again wherever the log begins anew:
-    after a gap of 5 s, or where time runs back. A later start that is not at rest keeps the previous zero, and gives a
-    warning.
+    The zero is that of the calibration until a `tare`. In a stream it is taken again after a gap of 5 s, or where time
+    runs back; a start that is not at rest keeps the previous zero, and gives a warning.
 
     Args:
         cells: the model.
         sound: (k,) cells or (3 k,) channels to use; None: all.
         zero: unloaded reading of the cells; None: that of the calibration.
         names: names of the channels, for messages.
-        seconds: [s] at a later start in which nothing is touched.
+        seconds: [s] at a later start in which nothing is touched; a `tare` sets it to the length of its window.
 
     Raises:
         NotIdentifiable: the sound cells do not determine a wrench.
@@ -111,8 +100,8 @@ class LoadCellArray:
         self._known, self._doubted = zero is not None, list[str]()
         self.set_zero(Zero(cells.bias) if zero is None else zero)
         self._kept, self._held, self._seen, self._stride, self._live = list[np.ndarray](), 0, 0, 1, 0
-        made = self._weighed(np.zeros(1), np.zeros((1, channels)))  # compiles, before anything is in a hurry
-        self.place(made, made.wrench, np.ones(1), Placement(Pose.identity()))
+        first = self._weighed(np.zeros(1), np.zeros((1, channels)))  # compiles, before anything is in a hurry
+        self.place(first, first.wrench, np.ones(1), Placement(Pose.identity()))
         self.reset()
 
     @property
@@ -121,17 +110,17 @@ class LoadCellArray:
         return self._noises[0]
 
     def set_zero(self, zero: Zero) -> None:
-        """Set the zero, the unloaded reading of the cells; its variance is in every later covariance."""
+        """Set the unloaded reading of the cells, whose variance is in every later covariance."""
         self.zero = zero
         self.zeros_taken += 1
         self.follow(None)
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
-        """Set the least share of the noise's variance that remains after a filter; `filter` and `rate` are not used."""
+        """Set the least share, up to 1, of the noise's variance that remains after a filter; only `share` is used."""
         self._settled = share
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
-        """Yield the same rows, cut where the log begins anew; the zero is taken there before its rows are yielded.
+        """Yield the same rows, cut where the log begins anew; the zero is taken there before they are yielded.
 
         Raises:
             InputError: the log has no voltages, or not three per cell.
@@ -139,10 +128,11 @@ class LoadCellArray:
         waiting, begun, last = list[Recording](), np.nan, np.nan
         for block in blocks:
             for part, fresh in _parts(block, last):
+                known = part.time[np.isfinite(part.time)]
                 if fresh:
                     yield from self._restarted(waiting, begun)
-                    begun = _first(part.time)
-                last = _last(part.time, last)
+                    begun = known[0] if len(known) else -np.inf
+                last = known[-1] if len(known) else last
                 if np.isnan(begun):  # the zero of this start is known
                     yield part
                     continue
@@ -169,14 +159,22 @@ class LoadCellArray:
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> _Weighed:
-        """Return a sample of voltages (3 k,) [V] as `Measured`, a wrench (1, 6); raise InputError at another shape."""
+        """Return a sample of voltages (3 k,) [V] as `Measured`, a wrench (1, 6); rotation, acceleration are not used.
+
+        Raises:
+            InputError: the reading has another shape, or the time is no number.
+        """
         if type(time) is not float:
             time = number(time, "time")
         self.hold(time, reading, rotation, acceleration)
         return self._weighed(np.array([time], dtype=np.float64), self.live_inputs[None])
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """Write the voltages of one sample into `live_inputs`; raise InputError for another shape."""
+        """Write the voltages (3 k,) [V] of one sample into `live_inputs`; the other arguments are not used.
+
+        Raises:
+            InputError: the reading has another shape.
+        """
         values = shaped(reading, (...,), "reading")
         if values.shape != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, values.shape))
@@ -192,7 +190,7 @@ class LoadCellArray:
         readings: Float[np.ndarray, "n m"],
         extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
-        """Return the live inputs (3 k n,) of n samples, their voltages in turn; time and other channels are not used.
+        """Return the live inputs (3 k n,) of n samples: their readings (n, 3 k) [V] in turn; only these are used.
 
         Raises:
             InputError: the readings have another shape.
@@ -205,10 +203,8 @@ class LoadCellArray:
         return np.array(readings, dtype=np.float64).ravel()
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
-        """Return a tuple of arrays: the constant arguments of the compiled `measure` and `place`, in their order."""
-        made = self._channels, self._mapping, self._ways, self._covariances, self._bounds, self._settings
-        slow = np.array([self._slow])
-        return *made, slow, *self._seen_from(placement), placement.factor, placement.matrix
+        """Return the constant arguments of the compiled `measure` and `place`, in their order, as a tuple of arrays."""
+        return *self._measuring(), np.array([self._slow]), *self._placing(placement)
 
     @takes_arrays
     def place(
@@ -222,29 +218,18 @@ class LoadCellArray:
 
         A filter's share does not reduce the errors of zero, drift, calibration and mounting.
         """
-        located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
-        self._place(
-            wrenches,
-            measured.which,
-            measured.extra,
-            share,
-            measured.slow,
-            *self._seen_from(placement),
-            placement.factor,
-            placement.matrix,
-            located,
-            covariances,
-        )
-        return located, covariances
+        located = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
+        known = measured.which, measured.extra, share, measured.slow
+        self._place(wrenches, *known, *self._placing(placement), *located)
+        return located
 
     def tare(self, recording: Recording) -> Tare:
         """Take the zero from a window in which nothing touches, use it from now on, and return a `Tare`.
 
         Raises:
-            InputError: the window is not at rest, is too short, or has no voltages.
+            InputError: the window is not at rest, is too short, or has no voltages, or not three per cell.
         """
-        zero = take_zero(self.cells, self._voltages(recording), recording.source)
-        self._taken(zero)
+        zero = self._take([self._voltages(recording)], recording.source)
         time = recording.time[np.isfinite(recording.time)]
         self._seconds, self._known = float(np.ptp(time)) if len(time) else START, True
         return Tare(zero.note, "" if zero.touch is not None else zero.warning, zero.touch)
@@ -252,21 +237,21 @@ class LoadCellArray:
     coefficients = 0
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n m"]:
-        """Return a copy of the voltages (n, 3 k) [V] in a recording, the argument of the method `free`.
+        """Return a copy of the voltages (n, 3 k) [V] of a recording.
 
         Raises:
-            InputError: the recording has no voltages, or those of another number of cells.
+            InputError: there are none, or not three per cell.
         """
         return self._voltages(recording)
 
     @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n m"]:
-        """Return the voltages (n, 3 k) of `kept` from the live inputs of `count` = n samples."""
+        """Return the voltages (n, 3 k) [V] from the live inputs (3 k n,) of `count` = n samples."""
         return inputs.reshape(count, -1).copy()
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n m"]) -> Free:
-        """Return a `Free` with the voltages (n, 3 k) [V], NaN where a sound channel is at its range or not usable."""
+        """Return a `Free` of voltages (n, 3 k) [V], rows NaN where a used channel is at its range or not finite."""
         sound: Bool[np.ndarray, "n m"] = np.abs(kept) <= LARGEST
         beyond: Bool[np.ndarray, "n m"] = (kept <= self._channels[:, 1]) | (kept >= self._channels[:, 2])
         full = beyond & np.isfinite(self._channels[:, 1]) & sound
@@ -278,7 +263,7 @@ class LoadCellArray:
     def window_noise(
         self, kept: Float[np.ndarray, "n m"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
-        """Return two (3 k, 3 k) [V^2]: covariance of a window's mean by the noise of independent samples, and zeros."""
+        """Return covariances (3 k, 3 k) [V^2] of a window's mean: by the noise of usable samples (n,), and zeros."""
         count = max(1.0, float(np.count_nonzero(usable)) / self.cells.correlation)
         return self.cells.noise / count, np.zeros_like(self.cells.noise)
 
@@ -286,31 +271,28 @@ class LoadCellArray:
     def as_wrench(
         self, change: Float[np.ndarray, "n m"], covariance: Float[np.ndarray, "m m"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
-        """Return voltage changes as wrenches (n, 6) by all sound channels, and the covariance (6, 6) of the last one.
+        """Return changes (n, 3 k) [V] as wrenches (n, 6) [N, N m], and the covariance (6, 6) of the last wrench.
 
-        The covariance contains the calibration's error.
+        To the covariance (3 k, 3 k) [V^2] of the change the calibration's error is added.
         """
         wrenches = change @ self._inverse.T
         spread = self._inverse @ covariance @ self._inverse.T
         return wrenches, spread + self.cells.calibration_covariance(wrenches[-1]) if len(wrenches) else spread
 
     def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "m q"]]:
-        """Return NaN (the time is not known), the last zero taken as a `ZeroState`, and an empty regressor (3 k, 0)."""
+        """Return NaN for the time, the last zero taken as a `ZeroState` [V], and an empty regressor (3 k, 0)."""
         spread = self.cells.noise * (self.zero.share + self.cells.drift**2)
         return np.nan, ZeroState(np.array(self.zero.voltage), np.zeros(0), spread), np.zeros((len(spread), 0))
 
     def follow(self, state: ZeroState | None) -> None:
-        """Use a followed zero and its covariance for all explanations; None: the zero that was taken.
-
-        A filter reduces the noise to a share, but not the zero's error. The loops scale both by the share, so the
-        covariance for them is divided by the share of a filter that has settled: before, it counts for more.
-        """
+        """Use a followed zero [V] and its covariance from now on; None: the zero that was taken."""
         voltage = self.zero.voltage if state is None else state.zero
         spread = np.zeros_like(self.cells.noise) if state is None else state.covariance
         slow = self.zero.share + self.cells.drift**2 if state is None else 0.0
         self._channels[:, 0], self._slow = voltage, float(slow)
         ways = self._inverse - np.einsum("sai,sak->sik", *self._corrections) @ self._rest
         ways = np.concatenate([self._inverse[None], ways])
+        # a filter does not reduce the zero's error, which the loops scale by its share: before it settles, too much
         self._covariances = np.ascontiguousarray(self._noises + ways @ spread @ ways.swapaxes(1, 2) / self._settled)
         rest = float(np.trace(self._rest @ spread @ self._rest.T)) / max(1, len(self._rest))
         wanders = float(np.sqrt(self.cells.drift**2 + rest))
@@ -318,27 +300,27 @@ class LoadCellArray:
         self._placement, self.revision = None, self.revision + 1
 
     def reset(self) -> None:
-        """Forget the blame of the explanations and the last voltages; the zero is kept."""
+        """Forget how well the explanations fitted and the last voltages; the zero is kept."""
         (channels,) = self._shape
         self.state[:] = 0.0
         self.state[-2 * channels : -channels] = np.nan
 
     def notes(self) -> tuple[str, ...]:
-        """Return no notes, an empty tuple: the tare has its own."""
+        """Return (): there are no notes."""
         return ()
 
     def warnings(self) -> tuple[str, ...]:
-        """Return a tuple of warnings about a missing zero, the zeros of later starts, and the faults of the cells."""
+        """Return warnings, a sentence each: a missing zero, zeros of later starts, a fault of the cells."""
         zero = () if self._known else ("no zero of the cells was taken: the zero of the calibration is used",)
         return (*zero, *self._doubted, *(fault.text for fault in self.faults()))
 
     def faults(self) -> list[CellFault]:
-        """Return a list of at most one `CellFault`, found in some of the readings so far; [] where the cells agree."""
+        """Return a list of at most one `CellFault`, from a part of the readings so far; [] where the cells agree."""
         kept = np.concatenate(self._kept) if self._kept else np.empty((0, *self._shape))
         return find_faults(self.cells, kept, self.sound, self.names)
 
     def _seen_from(self, placement: Placement) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
-        """Return the noise's covariances in the surface's frame and the map to that of E w, cached."""
+        """Return the noise's covariances in the surface's frame and the map to that of E w."""
         if placement is not self._seen_at:
             self._seen_at, self._unsure = placement, _unsure(self.cells, placement.matrix)
             self._placement = None
@@ -347,26 +329,21 @@ class LoadCellArray:
             self._turned = placement.matrix @ self._covariances @ placement.matrix.T
         return self._turned, self._unsure
 
+    def _measuring(self) -> tuple[np.ndarray, ...]:
+        """Return the constant arguments of the compiled `measure`."""
+        return self._channels, self._mapping, self._ways, self._covariances, self._bounds, self._settings
+
+    def _placing(self, placement: Placement) -> tuple[np.ndarray, ...]:
+        """Return the constant arguments of the compiled `place`."""
+        return *self._seen_from(placement), placement.factor, placement.matrix
+
     def _weighed(self, time: Float[np.ndarray, " n"], voltages: Float[np.ndarray, "n m"]) -> _Weighed:
-        out = _Weighed.of(time, self._slow)
-        self._measure(
-            voltages,
-            self._channels,
-            self._mapping,
-            self._ways,
-            self._covariances,
-            self._bounds,
-            self._settings,
-            self.state,
-            out.wrench,
-            out.status,
-            out.which,
-            out.extra,
-        )
-        return out
+        n = len(time)
+        made = np.empty((n, 6)), np.empty(n, np.int8), np.zeros(n, np.int64), np.zeros((n, 6, 6))
+        self._measure(voltages, *self._measuring(), self.state, *made)
+        return _Weighed(time, *made, self._slow)
 
     def _voltages(self, recording: Recording) -> Float[np.ndarray, "n m"]:
-        """Return a copy of the voltages, contiguous and writable for the compiled loops; InputError without them."""
         found = recording.channels.get(VOLTAGE)
         if found is None:
             raise InputError(
@@ -376,24 +353,21 @@ class LoadCellArray:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, found.shape[1:]), where=recording.source)
         return np.array(found, dtype=np.float64, order="C")
 
-    def _taken(self, zero: Zero) -> None:
+    def _take(self, windows: list[np.ndarray], where: str) -> Zero:
+        zero = take_zero(self.cells, np.concatenate(windows), where)
         self.set_zero(zero)
         self.reset()
+        return zero
 
     def _restarted(self, waiting: list[Recording], begun: float) -> Iterator[Recording]:
-        """Yield the blocks that waited for the zero of their start, after taking it."""
         if not waiting:
             return
         rest = [self._voltages(part)[part.time <= begun + self._seconds] for part in waiting]
         try:
-            zero = take_zero(self.cells, np.concatenate(rest), waiting[0].source)
+            doubt = self._take(rest, waiting[0].source).warning
         except InputError as problem:
-            self._doubted.append(
-                f"the start at {begun:.3f} s is not at rest, so the zero before it is kept ({problem.what})"
-            )
-        else:
-            self._taken(zero)
-            self._doubted += [zero.warning] if zero.warning else []
+            doubt = f"the start at {begun:.3f} s is not at rest, so the zero before it is kept ({problem.what})"
+        self._doubted += [doubt] if doubt else []
         yield from waiting
         waiting.clear()
 
@@ -417,10 +391,7 @@ _SHAPE = "{} cells need {} voltages per sample, not voltages of shape {}."
 
 def _padded(matrix: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n q"]:
     """Return the matrix with columns of zeros added up to a multiple of `LANES`."""
-    rows, width = matrix.shape
-    made = np.zeros((rows, -(-width // LANES) * LANES))
-    made[:, :width] = matrix
-    return made
+    return np.ascontiguousarray(np.pad(matrix, ((0, 0), (0, -matrix.shape[1] % LANES))))
 
 
 def _unsure(cells: LoadCells, matrix: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "21 q"]:
@@ -439,13 +410,3 @@ def _parts(block: Recording, last: float) -> Iterator[tuple[Recording, bool]]:
     edges = np.unique(np.concatenate([[0], fresh, [len(block)]]))
     for begin, end in pairwise(edges.tolist()):
         yield block.picked(slice(begin, end)), begin in fresh
-
-
-def _first(time: Float[np.ndarray, " n"]) -> float:
-    known = time[np.isfinite(time)]
-    return float(known[0]) if len(known) else -np.inf
-
-
-def _last(time: Float[np.ndarray, " n"], before: float) -> float:
-    known = time[np.isfinite(time)]
-    return float(known[-1]) if len(known) else before

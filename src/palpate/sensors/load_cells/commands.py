@@ -1,19 +1,34 @@
-"""`palpate calibrate load-cells`: identify the model of a fingertip's force cells from a bench log."""
+"""`palpate calibrate load-cells` and `palpate design load-cells`: identify and predict a model of force cells."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from tyro.conf import Positional, arg
 
 from palpate.console.calibration import Calibration, CalibrationResult
+from palpate.console.console import lines, note, title
 from palpate.console.options import Log, Output, RigFile
+from palpate.errors import InputError
+from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.logs import read_recording
 from palpate.sensors.load_cells.calibrate import CalibrationOptions, LoadCellCalibration, identify_load_cells
-from palpate.sensors.load_cells.section import LoadCellSection, load_cells_layout
+from palpate.sensors.load_cells.design_report import Design, compose, tiles, warnings
+from palpate.sensors.load_cells.model import LoadCells
+from palpate.sensors.load_cells.resolution import nominal_cells
+from palpate.sensors.load_cells.section import LoadCellSection, RigLoadCells, load_cells_layout
+from palpate.setup import load_rig
 from palpate.signals.recording import REFERENCE, VOLTAGE
+from palpate.viewer.report import render, require_report
 
-__all__ = ["CalibrateLoadCells"]
+__all__ = ["CalibrateLoadCells", "design_load_cells"]
+
+STEP = 0.25  # relative change of the cells' distances in the variants
 
 
 @dataclass(frozen=True)
@@ -36,11 +51,11 @@ class CalibrateLoadCells(Calibration):
     output: Output
 
     def identify(self) -> CalibrationResult:
-        """Return a `CalibrationResult` with `LoadCells` fitted to the reference's forces and contacts of the bench log.
+        """Return a `CalibrationResult` with the `LoadCells` of a bench log.
 
         Raises:
-            InputError: rig or log cannot be read, the rig lacks [surface] or [load_cells], or the log does not fit: it
-                does not begin unloaded, a channel never moves, the ball does not press.
+            InputError: rig or log cannot be read, the rig lacks [surface] or [load_cells], or the log does not begin
+                unloaded, a channel never moves, or the ball does not press.
             NotIdentifiable: log or cells do not determine every direction of the wrench.
         """
         setup = self.stated.resolve()
@@ -68,16 +83,14 @@ class CalibrateLoadCells(Calibration):
             _figures(found),
             found.cells,
             notes=recording.notes,
-            warnings=found.notes,
+            warnings=found.cells.notes,
             next=[f'name it in the rig: model = "{self.output.name}" under [load_cells]'],
         )
 
 
 def _figures(found: LoadCellCalibration) -> list[tuple[str, str]]:
-    force, position, moment = found.rms
-    cells = found.cells
-    _, covariance, _ = cells.inverse()
-    noise, law = 1e3 * np.sqrt(np.diag(covariance)[:3]), cells.indentation
+    (force, position, moment), cells = found.rms, found.cells
+    noise, law = 1e3 * np.sqrt(np.diag(cells.inverse()[1])[:3]), cells.indentation
     visited = int(np.count_nonzero(found.coverage.visits))
     said = [
         ("cells", f"{cells.cells}, noise of the force ({', '.join(f'{value:.2g}' for value in noise)}) mN"),
@@ -92,3 +105,62 @@ def _figures(found: LoadCellCalibration) -> list[tuple[str, str]]:
     if law is not None:
         said.append(("indentation", f"{1e3 * law.depth:.3f} mm at 1 N, growing as F^{law.exponent:.2f}"))
     return said
+
+
+def design_load_cells(
+    rig: Annotated[Positional[Path], arg(metavar="RIG")],
+    /,
+    output: Output,
+    accuracy: Annotated[float, arg(metavar="X")] = 2e-3,
+    force: Annotated[float, arg(metavar="X")] = 1.0,
+    friction: Annotated[float, arg(metavar="X")] = 0.5,
+    tared: Annotated[float, arg(metavar="N")] = 100.0,
+) -> None:
+    """Draw what a layout of load cells can resolve.
+
+    Draw how well place, force and torque can be known over the surface, and the smallest force that will do.
+
+    Args:
+        rig: TOML with a [surface] and [load_cells]: positions, noise and sensitivity, or a calibrated model.
+        output: page to write, HTML.
+        accuracy: wanted accuracy of the place [m], root mean square in three dimensions.
+        force: force that the maps are drawn for [N].
+        friction: tangent of the angle between force and normal; the worst direction counts.
+        tared: number of independent readings that the bias is taken from.
+
+    Raises:
+        InputError: a number is not allowed, rig or model cannot be read or lack a key, the page cannot be written or
+            would replace an input, or the package for reports is not installed.
+        NotIdentifiable: the cells do not determine a wrench.
+    """
+    require_report()
+    for name, value in (("accuracy", accuracy), ("force", force), ("tared", tared)):
+        if not 0 < value < inf:
+            raise InputError(f"--{name} must be positive, not {value:g}.")
+    if not 0 <= friction < inf:
+        raise InputError(f"--friction must not be negative, not {friction:g}.")
+    stated = load_rig(rig)
+    keep_inputs(output, (rig, *stated.files().values()))
+    setup = stated.resolve()
+    surface, frame = setup.link.surface(), setup.of(LoadCellSection)
+    cells = frame.nominal()
+    design = Design(rig.name, cells, surface, accuracy, force, friction, tared, tuple(_variants(frame.table, cells)))
+    write_text(output, render(compose(design)))
+    title(f"{rig} -> {output}")
+    lines([(tile.name, f"{tile.value} {tile.word}".rstrip()) for tile in tiles(design)])
+    note(warnings(design), "warning")
+
+
+def _variants(table: RigLoadCells, cells: LoadCells) -> Iterator[tuple[str, LoadCells]]:
+    """Yield names and cells of changed layouts, to compare; none for a calibrated model."""
+    places = cells.positions
+    if table.model is not None or table.sensitivity is None or table.noise is None:
+        return
+    middle, drift = places.mean(axis=0), cells.drift * table.noise
+    for name, spread, noise in (
+        ("half the noise", 1.0, 0.5),
+        (f"cells {100 * STEP:g} % nearer together", 1.0 - STEP, 1.0),
+        (f"cells {100 * STEP:g} % further apart", 1.0 + STEP, 1.0),
+    ):
+        moved = middle + spread * (places - middle)
+        yield name, nominal_cells(moved, table.sensitivity, noise * table.noise, table.range or inf, drift=drift)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -34,8 +35,8 @@ class Design:
         accuracy: [m] wanted accuracy of the place.
         force: [N] of the maps.
         friction: tangent of the angle between force and normal.
-        tared: number of independent readings that the bias was taken from.
-        variants: other layouts to compare with, each with a name of its difference.
+        tared: number of independent readings of the bias.
+        variants: pairs (name of the difference, cells) of other layouts to compare with.
     """
 
     name: str
@@ -45,11 +46,11 @@ class Design:
     force: float = 1.0
     friction: float = 0.5
     tared: float = 100.0
-    variants: tuple[tuple[str, LoadCells], ...] = field(default=())
+    variants: tuple[tuple[str, LoadCells], ...] = ()
 
     @cached_property
     def places(self) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-        """Points (v, 3) [m] of the surface, outward normals (v, 3), and triangles (f, 3) between them."""
+        """Points (v, 3) [m] of the surface, outward unit normals (v, 3), and triangles (f, 3) between them."""
         mesh = self.surface.drawn()
         points, normals, _ = self.surface.project(mesh.vertices)
         return points, normals, mesh.faces
@@ -66,42 +67,41 @@ class Design:
 
     @cached_property
     def seen(self) -> Bool[np.ndarray, " v"]:
-        """Mask (v,) of the points that face the side of `view`: those of the maps, and of all figures."""
+        """Mask (v,) of the points that face the side of `view`: those of maps and figures."""
         axis, side = self.view
         return side * self.places[1][:, axis] > STEEPEST
 
     @cached_property
     def found(self) -> Resolution:
-        """`Resolution` of the design's cells at all points; NaN where they are not seen."""
-        return self.with_cells(self.cells)
-
-    def with_cells(
-        self,
-        cells: LoadCells,
-        sound: Bool[np.ndarray, " k"] | None = None,
-        *,
-        friction: float | None = None,
-        tared: float | None = None,
-    ) -> Resolution:
-        """Return the `Resolution` of other cells, of some, or with another friction or bias; NaN where not seen.
+        """`Resolution` at all points; NaN where they are not `seen`.
 
         Raises:
+            InputError: `tared` is not positive, or `friction` is negative.
+        """
+        return self.with_changes()
+
+    def with_changes(self, **changes: Any) -> Resolution:
+        """Return the `Resolution` with other arguments of `resolution`; NaN where points are not `seen`.
+
+        Args:
+            changes: `cells`, `friction`, `tare` or `sound`.
+
+        Raises:
+            InputError: `tare` is not positive, or `friction` is negative.
             NotIdentifiable: the sound cells do not determine a wrench.
         """
         points, normals, _ = self.places
-        made = resolution(
-            cells,
-            points,
-            normals,
-            friction=self.friction if friction is None else friction,
-            tare=self.tared if tared is None else tared,
-            sound=sound,
-        )
+        arguments: dict[str, Any] = {"cells": self.cells, "friction": self.friction, "tare": self.tared, **changes}
+        made = resolution(points=points, normals=normals, **arguments)
         return Resolution(**{name: np.where(self.seen, value, np.nan) for name, value in vars(made).items()})
 
 
 def compose(design: Design) -> Report:
-    """Return the design's page as a `Report`: tiles, warnings and sections."""
+    """Return the design's page as a `Report`.
+
+    Raises:
+        InputError: `tared` is not positive, `friction` is negative, or the package for reports is not installed.
+    """
     known = "their calibration" if design.cells.samples else "the layout and the noise alone, before they are built"
     sections = (_maps(design), _curves(design), _dead(design), _variants(design), _facts(design))
     return Report(
@@ -117,7 +117,7 @@ def compose(design: Design) -> Report:
 
 
 def tiles(design: Design) -> Iterator[Tile]:
-    """Yield each `Tile` at the top of the page: smallest force, position, force and torque errors, largest force."""
+    """Yield each `Tile` at the top of the page: smallest and largest force, errors of position, force and torque."""
     found, wanted = design.found, f"for {1e3 * design.accuracy:g} mm"
     least = found.smallest(design.accuracy)
     yield Tile(
@@ -138,7 +138,7 @@ def tiles(design: Design) -> Iterator[Tile]:
 
 
 def warnings(design: Design) -> Iterator[str]:
-    """Yield warnings as str: the calibration forbids the wanted accuracy, or a cell leaves its range before it."""
+    """Yield warnings as str where the wanted accuracy is not reached, or only beyond a cell's range."""
     least = design.found.smallest(design.accuracy)[design.seen]
     if not np.isfinite(least).all():
         share = 100 * float(np.mean(~np.isfinite(least)))
@@ -175,7 +175,8 @@ def _maps(design: Design) -> Section:
         if not len(known):
             continue
         if np.ptp(known) < EVEN * np.abs(known).max():
-            even.append(f"{words} The same everywhere: {label.partition(' [')[0]} {known.mean():.3g} {_unit(label)}.")
+            name, _, unit = label.partition(" [")
+            even.append(f"{words} The same everywhere: {name} {known.mean():.3g} {unit.partition(']')[0]}.")
             continue
         drawn = maps.surface_map(vertices, faces, values, label, cells=design.cells.positions, view=design.view)
         pictures.append(picture(drawn, words))
@@ -185,11 +186,7 @@ def _maps(design: Design) -> Section:
 def _curves(design: Design) -> Section:
     found, seen = design.found, design.seen
     errors = np.stack([found.position(float(force))[seen] for force in REACH])
-    curves = {
-        "best place": errors.min(axis=1),
-        "median": np.median(errors, axis=1),
-        "worst": errors.max(axis=1),
-    }
+    curves = {"best place": errors.min(axis=1), "median": np.median(errors, axis=1), "worst": errors.max(axis=1)}
     drawn = maps.error_over_force(REACH, curves, design.accuracy)
     words = (
         "The effect of the noise on the place falls as the force grows; the error of the calibration remains. "
@@ -204,9 +201,10 @@ def _dead(design: Design) -> Section:
     every = np.arange(design.cells.cells)
     for cell in every:
         try:
-            rows.append((f"cell {cell + 1} dead", *_summary(design, design.with_cells(design.cells, every != cell))))
+            found = _summary(design, design.with_changes(sound=every != cell))
         except NotIdentifiable as problem:
-            rows.append((f"cell {cell + 1} dead", f"no wrench: rank {problem.rank}"))
+            found = (f"no wrench: rank {problem.rank}",)
+        rows.append((f"cell {cell + 1} dead", *found))
     caption = (
         "A dead cell still carries load; the others determine the wrench by the forward model, if they are enough."
     )
@@ -216,13 +214,13 @@ def _dead(design: Design) -> Section:
 def _variants(design: Design) -> Section:
     if not design.variants:
         return Section("What would change it")
-    rows = [("as it is", *_summary(design, design.found))]
-    rows += [(name, *_summary(design, design.with_cells(cells))) for name, cells in design.variants]
-    for name, changed in (
-        ("the bias from four times as many readings", design.with_cells(design.cells, tared=4 * design.tared)),
-        ("without friction", design.with_cells(design.cells, friction=0.0)),
-    ):
-        rows.append((name, *_summary(design, changed)))
+    changes: tuple[tuple[str, dict[str, Any]], ...] = (
+        ("as it is", {}),
+        *((name, {"cells": cells}) for name, cells in design.variants),
+        ("the bias from four times as many readings", {"tare": 4 * design.tared}),
+        ("without friction", {"friction": 0.0}),
+    )
+    rows = [(name, *_summary(design, design.with_changes(**change))) for name, change in changes]
     caption = "Nearer cells know moments better, as their noise has shorter arms, and carry more for the same moment."
     return Section("What would change it", tables=(ReportTable(_header(design), tuple(rows), caption),))
 
@@ -272,7 +270,3 @@ def _force(value: float) -> str:
 
 def _length(value: float) -> str:
     return f"{1e3 * value:.3g} mm" if value >= 1e-3 else f"{1e6 * value:.3g} µm"
-
-
-def _unit(label: str) -> str:
-    return label.partition("[")[2].partition("]")[0]

@@ -35,8 +35,8 @@ def voltage_drift(
         window: [s] over which readings are averaged at first.
 
     Raises:
-        InputError: the cells' model cannot be read, or the log is too short, touched, has a channel that never changes,
-            or times that run backwards.
+        InputError: the cells' model cannot be read, the log is too short or touched, a channel never changes, or times
+            run backwards.
         NotIdentifiable: the cells that are used do not determine a wrench.
     """
     section = setup.of(LoadCellSection)

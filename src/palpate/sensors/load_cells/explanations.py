@@ -11,7 +11,7 @@ from palpate.errors import NotIdentifiable
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Explanations", "explanations"]
+__all__ = ["Explanations", "explanations", "unlikely"]
 
 CHANCE = 1e-6  # that sound channels leave more than the bound
 
@@ -19,11 +19,11 @@ CHANCE = 1e-6  # that sound channels leave more than the bound
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Explanations:
-    """The explanations of k cells: explanation e is that cell e is wrong, for e < k, or else channel e - k.
+    """The s = 4 k explanations of k cells: explanation e is that cell e is wrong, for e < k, or else channel e - k.
 
-    Readings u without zero are a wrench w = A u, and v = Q u that no wrench makes, of unit variance. An omitted set J
-    of channels has an unknown error f, v = Q_J f + noise. With U an orthonormal basis of Q_J, the rest of |v|^2 is
-    |v|^2 - |U v|^2, and the wrench without J is w - K U v with K = A_J Q_J^+ U'. So one product serves all.
+    Readings u without zero are a wrench w = A u, and v = Q u that no wrench makes, of unit variance. With U an
+    orthonormal basis of Q_J, J the omitted channels, the rest of |v|^2 is |v|^2 - |U v|^2, and the wrench without J is
+    w - K U v with K = A_J Q_J^+ U'.
 
     Attributes:
         cells: the model.
@@ -31,9 +31,8 @@ class Explanations:
         rest: (r, m) Q.
         directions: (s, 3, r) U, rows of zeros where J is smaller.
         corrections: (s, 3, 6) K'.
-        covariances: (1 + s, 6, 6) covariance of the wrench from a reading's noise: of all, then of each explanation.
-        bounds: (1 + s,) of the rest of |v|^2; 0 where no degree of freedom remains to judge by; -1 where no wrench is
-            determined.
+        covariances: (1 + s, 6, 6) of the wrench from a reading's noise: with all channels, then by each explanation.
+        bounds: (1 + s,) of the rest of |v|^2; 0: no degree of freedom remains to judge by; -1: no wrench is determined.
     """
 
     cells: LoadCells
@@ -45,7 +44,7 @@ class Explanations:
     bounds: Float[np.ndarray, " t"]
 
     def metric(self) -> Float[np.ndarray, "6 6"]:
-        """Return the metric (6, 6): a wrench's squared length in whitened voltages, per degree of freedom of v."""
+        """Return the metric (6, 6) of a wrench's squared length in whitened voltages, per degree of freedom of v."""
         matrix = self.cells.matrix
         return matrix.T @ np.linalg.solve(self.cells.noise, matrix) / max(1, len(matrix) - 6)
 
@@ -56,12 +55,12 @@ class Explanations:
         return numbers // 3 == which if which < count else numbers == which - count
 
     def cell(self, which: int) -> int:
-        """Return the number of the cell that an explanation is about, from 0."""
+        """Return the number, from 0, of the cell that an explanation is about."""
         count = self.cells.cells
         return which if which < count else (which - count) // 3
 
     def fits(self, readings: Float[np.ndarray, "n m"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, "n s"]]:
-        """Return bools for readings [V] less the zero: all channels agree (n,), and each explanation fits (n, s)."""
+        """Return masks for readings [V] less the zero: all channels agree (n,), and each explanation fits (n, s)."""
         metric = self.metric()
         wrench, left = readings @ self.inverse.T, readings @ self.rest.T
         square = np.sum(left**2, axis=1)
@@ -85,7 +84,7 @@ class Explanations:
         return readings @ self.inverse.T - shares @ self.corrections[which]
 
     def _expected(self, wrench: Float[np.ndarray, "n 6"], metric: Float[np.ndarray, "6 6"]) -> np.ndarray:
-        """Return the expected square (n,) of each entry of v: noise, drift, and the calibration's misfit under load."""
+        """Return the expected square (n,) of an entry of v: noise, drift, and misfit under load."""
         load = np.einsum("ni,ij,nj->n", wrench, metric, wrench)
         return 1.0 + self.cells.drift**2 + self.cells.misfit**2 * load
 
@@ -97,14 +96,12 @@ def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = Non
     Raises:
         NotIdentifiable: the sound channels do not determine a wrench.
     """
-    from scipy.special import chdtri  # here: scipy is slow to import, its stats most of all
-
     kept = cells.channels(sound)
     inverse, covariance, rest = cells.inverse(kept)
     count, freedom = cells.cells + len(kept), len(rest)
     directions, corrections = np.zeros((count, 3, freedom)), np.zeros((count, 3, 6))
     covariances, bounds = np.tile(covariance, (1 + count, 1, 1)), -np.ones(1 + count)
-    bounds[0] = float(chdtri(freedom, CHANCE)) if freedom else np.inf
+    bounds[0] = unlikely(freedom)
     made = Explanations(cells, inverse, rest, directions, corrections, covariances, bounds)
     for e in range(count):
         out = made.channels(e) & kept
@@ -119,5 +116,12 @@ def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = Non
         directions[e, :size] = basis.T
         corrections[e, :size] = np.linalg.solve(triangle.T, inverse[:, out].T)
         covariances[1 + e] += corrections[e].T @ corrections[e]
-        bounds[1 + e] = float(chdtri(freedom - size, CHANCE)) if freedom > size else 0.0
+        bounds[1 + e] = unlikely(freedom - size) if freedom > size else 0.0
     return made
+
+
+def unlikely(freedom: int) -> float:
+    """Return the chi-square that sound channels exceed once in a million samples; inf without degrees of freedom."""
+    from scipy.special import chdtri  # here: scipy is slow to import, its stats most of all
+
+    return float(chdtri(freedom, CHANCE)) if freedom > 0 else np.inf

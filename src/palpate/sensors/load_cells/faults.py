@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.sensors.load_cells.explanations import CHANCE, Explanations, explanations
+from palpate.sensors.load_cells.explanations import Explanations, explanations, unlikely
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.spatial.arguments import takes_arrays
 
@@ -29,12 +29,12 @@ class CellFault:
     """A fault of one or more cells.
 
     Attributes:
-        cells: numbers of the cells, from 0.
+        cells: numbers, from 0; () for "several".
         kind: "dead", "stuck", "saturated", "swapped", "drifting", "unit", "gain", "unclear" where any one of the cells
-            may be wrong, or "several".
-        share: share of the samples in which the fault shows.
+            may be wrong, or "several" where no single cause explains the readings.
+        share: of the samples in which the fault shows.
         text: sentence about the fault, with advice.
-        channels: numbers, from 0, of the channels that are or may be wrong.
+        channels: numbers, from 0, of those that are or may be wrong; () where they are not known.
     """
 
     cells: tuple[int, ...]
@@ -51,20 +51,15 @@ def find_faults(
     sound: Bool[np.ndarray, " some"] | None = None,
     names: tuple[str, ...] = (),
 ) -> list[CellFault]:
-    """Return the fault of the cells of a log as a list of one `CellFault`; an empty list where the cells agree.
+    """Return a list of one `CellFault` where the cells of a log contradict each other, else [].
 
-    A wrench has six components, and k cells give 3 k voltages: the others must agree with it. If their chi-square
-    exceeds its bound in more than 0.2 % of the samples, each channel and each cell in turn is omitted, as an estimator
-    does sample by sample (`Explanations`), then each pair of cells is exchanged. The change that makes the samples
-    agree is the cause, and the difference of its readings from those that the others predict gives the fault's kind. A
-    channel that repeats one voltage is saturated if the load lies beyond it, else stuck. If several changes make the
-    samples agree, the fault names all of them. If none does, its kind is "several". Of three cells none can be omitted,
-    because nothing would check the other two: only a wrong channel, an exchanged pair, or a cell that does not move or
-    repeats its reading is found then.
+    They do if the chi-square of the readings exceeds its bound in more than 0.2 % of the samples. The cause is each
+    channel or cell without which the samples agree, or the pair of cells whose exchange makes them agree. Of three
+    cells only a wrong channel, an exchanged pair, or a cell that does not move or repeats its reading is found.
 
     Args:
         cells: the model.
-        readings: (n, 3 k) [V] less the zero; rows with a NaN are omitted.
+        readings: (n, 3 k) [V] less the zero; rows that are not finite are omitted.
         sound: (k,) cells or (3 k,) channels to judge; None: all.
         names: names of the channels, for messages.
 
@@ -78,26 +73,24 @@ def find_faults(
     made = explanations(cells, kept)
     agree, fits = made.fits(usable)
     bad = ~agree
-    if bad.mean() <= RARE:
-        return []
     share = float(bad.mean())
+    if share <= RARE:
+        return []
     whole = np.asarray(kept.reshape(-1, 3).any(axis=1))
     cause = _explained(made, usable, bad, fits, names) or _swapped(cells, usable[bad], whole, share)
     if cause is None and int(whole.sum()) == 3:
         cause = _still(cells, usable, whole, share)
-    return [cause or CellFault((), "several", share, _several(share))]
-
-
-def _bound(freedom: int) -> float:
-    from scipy.special import chdtri  # here: scipy is slow to import, its stats most of all
-
-    return float(chdtri(freedom, CHANCE)) if freedom > 0 else np.inf
+    said = (
+        f"the cells contradict each other in {share:.1%} of the samples, and no single cell explains it: check that "
+        "this is the calibration of these cells, and that the columns are in the order of the calibration"
+    )
+    return [cause or CellFault((), "several", share, said)]
 
 
 def _explained(
     made: Explanations, usable: np.ndarray, bad: np.ndarray, fits: np.ndarray, names: tuple[str, ...]
 ) -> CellFault | None:
-    """Return the fault of the channel or cell without which the others agree, or of all candidates; else None."""
+    """Return the fault of the channel or cell without which the others agree, or of all candidates."""
     share = np.mean(fits[bad], axis=0)
     if share.max() < AGREE:
         return None
@@ -116,7 +109,7 @@ def _explained(
 
 
 def _beside(made: Explanations, usable: np.ndarray, which: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the readings of an explanation's channels, and those that the other channels predict, (n, c) each."""
+    """Return the readings of an explanation's channels, and those that the others predict, (n, c) each."""
     out = made.channels(which)
     return usable[:, out], made.wrenches(usable, which) @ made.cells.matrix[out].T
 
@@ -133,7 +126,6 @@ def _far(gains: np.ndarray) -> np.ndarray:
 
 
 def _unclear(made: Explanations, candidates: list[int], share: float) -> CellFault:
-    """Return the "unclear" fault of several candidates that explain the samples equally well."""
     count, cells = made.cells.cells, tuple(made.cell(e) for e in candidates)
     axes = {"xyz"[(e - count) % 3] if e >= count else "" for e in candidates}
     if len(axes) == 1:
@@ -145,11 +137,8 @@ def _unclear(made: Explanations, candidates: list[int], share: float) -> CellFau
         f"{which} is wrong, and their readings cannot tell which. Contacts are the mean of those found without each, "
         "and their covariances include all of these"
     )
-    return CellFault(cells, "unclear", share, said, _channels(made, candidates))
-
-
-def _channels(made: Explanations, candidates: list[int]) -> tuple[int, ...]:
-    return tuple(int(j) for e in candidates for j in np.flatnonzero(made.channels(e)))
+    channels = np.concatenate([np.flatnonzero(made.channels(e)) for e in candidates])
+    return CellFault(cells, "unclear", share, said, tuple(channels.tolist()))
 
 
 def _label(made: Explanations, which: int) -> str:
@@ -162,10 +151,10 @@ def _named(
     made: Explanations, which: int, seen: np.ndarray, due: np.ndarray, bad: np.ndarray, names: tuple[str, ...]
 ) -> CellFault:
     """Return the fault of a cell or channel, its kind judged by its readings and their prediction."""
-    name, share, channels = _label(made, which), float(bad.mean()), _channels(made, [which])
+    name, share, channels = _label(made, which), float(bad.mean()), np.flatnonzero(made.channels(which)).tolist()
 
     def fault(kind: str, text: str) -> CellFault:
-        return CellFault((made.cell(which),), kind, share, text, channels)
+        return CellFault((made.cell(which),), kind, share, text, tuple(channels))
 
     rest = f"; the other {'cells' if len(channels) > 1 else 'channels'} go on without it, with wider covariances"
     if np.all(_moves(seen) <= STILL * _moves(due).max()) or np.all(seen.std(axis=0) <= STILL * due.std(axis=0).max()):
@@ -179,9 +168,9 @@ def _named(
         label = names[channel] if names else f"channel {'xyz'[channel % 3]} of cell {channel // 3 + 1}"
         factor = abs(gains[odd[0]])
         return fault("unit", f"{label} reads {factor:.3g} times what it should: check its unit (mV for V)")
+    if _repeats(seen).any() and clipped:
+        return fault("saturated", f"{name} is saturated: it does not go beyond one voltage{rest}")
     if _repeats(seen).any():
-        if clipped:
-            return fault("saturated", f"{name} is saturated: it does not go beyond one voltage{rest}")
         return fault("stuck", f"{name} is stuck: it stays at one voltage whatever the load{rest}")
     off = seen - due
     if np.all(np.abs(gains - 1.0) < SAME_GAIN) or _steady(off, due):
@@ -191,24 +180,21 @@ def _named(
 
 
 def _repeats(values: np.ndarray, share: float = CLIPPED) -> Bool[np.ndarray, " c"]:
-    """Return which channels (c,) repeat their last reading exactly in more than `share` of samples, as at a range."""
+    """Return which channels (c,) repeat their last reading exactly in more than `share` of the samples."""
     if len(values) < 2:
         return np.zeros(int(values.shape[1]), dtype=bool)
     return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > share, dtype=bool)
 
 
 def _clipped(seen: np.ndarray, due: np.ndarray, bad: Bool[np.ndarray, " n"]) -> bool:
-    """Return whether the load lies beyond repeated readings, away from zero, as at the end of a range.
-
-    The position of that end in these readings depends on the zero, which is taken again at every start.
-    """
+    """Return whether the load lies beyond repeated readings, away from zero, as at the end of a range."""
     held = (np.diff(seen, axis=0, prepend=np.nan) == 0) & bad[:, None]
     beyond = np.where(seen == 0, True, np.sign(seen) * (due - seen) >= 0)
     return bool(np.count_nonzero(held & beyond) > 0.5 * np.count_nonzero(held))
 
 
 def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
-    """Return the median change (c,) of each channel over a hundredth of the log; jumps between logs do not count."""
+    """Return the median change (c,) of each channel over a hundredth of the log."""
     lag = max(1, len(values) // LAGS)
     if len(values) <= lag:
         return np.zeros(int(values.shape[1]))
@@ -223,50 +209,40 @@ def _steady(off: np.ndarray, due: np.ndarray) -> bool:
 
 
 def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
-    """Return the fault of the two cells that agree with the others when exchanged; None if there are none."""
-    best, least, bound = None, AGREE, _bound(3 * int(kept.sum()) - 6)
-    for one, other in combinations(np.flatnonzero(kept).tolist(), 2):
+    """Return the fault of the two cells that agree with the others when exchanged."""
+    bound = unlikely(3 * int(kept.sum()) - 6)
+
+    def agreeing(pair: tuple[int, int]) -> float:
         order = np.arange(len(some.T)).reshape(-1, 3)
-        order[[one, other]] = order[[other, one]]
-        agree = float(np.mean(cells.chi_square(some[:, order.reshape(-1)], kept) <= bound))
-        if agree > least:
-            best, least = (one, other), agree
-    if best is None:
+        order[list(pair)] = order[list(pair[::-1])]
+        return float(np.mean(cells.chi_square(some[:, order.reshape(-1)], kept) <= bound))
+
+    pair = max(combinations(np.flatnonzero(kept).tolist(), 2), key=agreeing)
+    if agreeing(pair) <= AGREE:
         return None
-    one, other = best
-    return CellFault(
-        best,
-        "swapped",
-        share,
-        f"cells {one + 1} and {other + 1} are exchanged: exchange their columns in [load_cells] columns",
-    )
+    said = f"cells {pair[0] + 1} and {pair[1] + 1} are exchanged: exchange their columns in [load_cells] columns"
+    return CellFault(pair, "swapped", share, said)
 
 
 def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
-    """Return the fault of the cell, of three, that does not move or repeats its readings while the others move."""
+    """Return the fault of the cell, of three, that does not move or repeats its readings alone."""
     size = np.sqrt(np.diag(cells.noise)).reshape(-1, 3)
     moves = (usable.std(axis=0).reshape(-1, 3) / size).max(axis=1)
-    for cell in np.flatnonzero(kept):
-        beside = [other for other in np.flatnonzero(kept) if other != cell]
-        column = usable[:, 3 * cell : 3 * cell + 3]
-        if moves[cell] <= STILL * moves[beside].max() or moves[cell] < 0.1:
-            return CellFault((int(cell),), "dead", share, f"cell {cell + 1} is dead, and all three cells are needed")
-        others = np.delete(usable, np.s_[3 * cell : 3 * cell + 3], axis=1)
-        if _repeats(column).any() and not _repeats(others).any():
+    for cell in np.flatnonzero(kept).tolist():
+        others, its = kept & (np.arange(len(kept)) != cell), slice(3 * cell, 3 * cell + 3)
+        column = usable[:, its]
+        if moves[cell] <= STILL * moves[others].max() or moves[cell] < 0.1:
+            kind = "dead"
+        elif _repeats(column).any() and not _repeats(np.delete(usable, its, axis=1)).any():
             kind = "saturated" if _leaves(column) else "stuck"
-            return CellFault((int(cell),), kind, share, f"cell {cell + 1} is {kind}, and all three cells are needed")
+        else:
+            continue
+        return CellFault((cell,), kind, share, f"cell {cell + 1} is {kind}, and all three cells are needed")
     return None
 
 
 def _leaves(column: np.ndarray) -> bool:
-    """Return whether channels mostly stop repeating a reading before the log ends, as they leave a range's end."""
+    """Return whether channels mostly stop repeating a reading before the log ends, as at a range's end."""
     held = np.diff(column, axis=0) == 0
     last = np.logical_and.accumulate(held[::-1], axis=0)[::-1]
     return bool(np.count_nonzero(held & ~last) > 0.5 * np.count_nonzero(held))
-
-
-def _several(share: float) -> str:
-    return (
-        f"the cells contradict each other in {share:.1%} of the samples, and no single cell explains it: "
-        "check that this is the calibration of these cells, and that the columns are in the order of the calibration"
-    )

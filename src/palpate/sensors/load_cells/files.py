@@ -14,17 +14,18 @@ __all__ = ["LOAD_CELLS", "of_load_cells"]
 
 
 def of_load_cells(cells: LoadCells) -> Lines:
-    """Return figures as a list of (name, text) pairs: cells, noise, range, sensitivity, misfit, drift and samples."""
+    """Return the model's figures as a list of pairs (name, text)."""
     known = np.isfinite(cells.positions).all(axis=1)
-    _, spread, _ = cells.inverse()
+    deviation = np.sqrt(np.diag(cells.inverse()[1]))
+    wrench = f"{1e3 * deviation[:3].max():.2g} mN and {1e3 * deviation[3:].max():.2g} N mm"
     # k cells of S [N/V] share a force F, so that the lengths of their readings add up to F/S or a little more
     sensitivity = 1.0 / np.linalg.norm(cells.matrix[:, :3].reshape(-1, 3, 3), axis=1).sum(axis=0)
-    law = cells.indentation
+    along, law = ", ".join(f"{value:.3g}" for value in sensitivity), cells.indentation
     said = [
         ("cells", f"{cells.cells}, {'places known' if known.all() else f'places of {known.sum()} known'}"),
-        ("noise", f"{span(np.sqrt(np.diag(cells.noise)))} V of a reading, {_mixed(spread)} of the wrench"),
+        ("noise", f"{span(np.sqrt(np.diag(cells.noise)))} V of a reading, {wrench} of the wrench"),
         ("range", _limits(cells.limits)),
-        ("sensitivity", f"({_listed(sensitivity)}) N/V a cell along x, y, z, roughly"),
+        ("sensitivity", f"({along}) N/V a cell along x, y, z, roughly"),
         ("misfit", f"{100 * cells.misfit:.2g} % of a reading"),
         ("drift", f"of the zero: {cells.drift:.2g} standard deviations of a reading"),
         ("samples", f"{cells.samples:,}, {cells.correlation:.3g} of which tell as much as one independent sample"),
@@ -34,10 +35,6 @@ def of_load_cells(cells: LoadCells) -> Lines:
     return said
 
 
-def _listed(values: Float[np.ndarray, " n"]) -> str:
-    return ", ".join(f"{value:.3g}" for value in values)
-
-
 def _limits(limits: Float[np.ndarray, "m 2"]) -> str:
     known = np.asarray(np.isfinite(limits).all(axis=1))
     if not known.any():
@@ -45,12 +42,6 @@ def _limits(limits: Float[np.ndarray, "m 2"]) -> str:
     low, high = limits[known].min(axis=0)[0], limits[known].max(axis=0)[1]
     said = f"{low:.4g} to {high:.4g} V"
     return said if known.all() else f"{said}, of {known.sum()} of {len(known)} channels"
-
-
-def _mixed(covariance: Float[np.ndarray, "6 6"]) -> str:
-    """Return the largest standard deviations of force and torque of a wrench's noise as text."""
-    deviation = np.sqrt(np.diag(covariance))
-    return f"{1e3 * deviation[:3].max():.2g} mN and {1e3 * deviation[3:].max():.2g} N mm"
 
 
 LOAD_CELLS = Model(

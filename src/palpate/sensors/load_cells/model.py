@@ -30,24 +30,23 @@ IN_LINE = 0.02  # of the layout's extent: cells nearer to one line than this can
 class LoadCells(Value):
     """k three-axis cells under a rigid frame read u = C w + b + noise, w the wrench on the frame [load cells, (1)-(8)].
 
-    The paper sums the cells' own forces, w = sum (f_i, l_i x f_i) with f_i = S_i (u_i - b_i). Under a rigid frame a
-    calibration determines C, but not the S_i and l_i. A dead cell still carries load: the sums without it are wrong, C
-    without its three rows is not.
+    The paper sums the cells' own forces, w = sum (f_i, l_i x f_i), f_i = S_i (u_i - b_i): without a dead cell, which
+    still carries load, the sums are wrong; C without its three rows is not.
 
     Args:
         matrix: (3 k, 6) C [V/N, V/(N m)], force first, about the origin of the surface's frame.
         noise: (3 k, 3 k) covariance [V^2] or (3 k,) standard deviations [V] of one reading.
         limits: (3 k, 2) [V] lowest and highest reading; None: not known.
-        covariance: (36, 36) of the relative error E, row by row: the true matrix is C (I + E); None: 0.
+        covariance: (36, 36) of E, row by row: the true matrix is C (I + E); None: 0.
         positions: (k, 3) [m] of the cells, NaN where not known; None: all.
         indentation: law of the soft layer on the frame; None: rigid.
         bias: (3 k,) [V] b in the calibration, with which later ones are compared; None: 0.
         drift: standard deviation of the bias's drift after the zero was taken, over that of a reading's noise.
         misfit: share of a reading's whitened length that C does not explain, in addition to noise.
         correlation: number of samples that count as one independent sample.
-        samples: number of samples of the calibration.
+        samples: number used in the calibration.
         provenance: origin of the calibration.
-        notes: facts about the calibration, one sentence each.
+        notes: on the calibration, one sentence each.
 
     Raises:
         InputError: a shape is wrong, a number is not finite, or the noise is not positive definite.
@@ -130,8 +129,8 @@ class LoadCells(Value):
 
         Returns:
             A (6, 3 k) [N/V, N m/V] with w = A (u - b), 0 for unused channels; P (6, 6), the covariance of w from the
-            noise of one reading; and Q (r, 3 k) [1/V], the combinations of unit variance that no wrench makes, r the
-            number of used channels less 6.
+            noise of one reading; and Q (r, 3 k) [1/V], the r = channels - 6 combinations of unit variance that no
+            wrench makes.
 
         Raises:
             NotIdentifiable: the sound channels do not determine a wrench.
@@ -164,10 +163,7 @@ class LoadCells(Value):
         return found, (1.0 + self.drift**2) * covariance + self.calibration_covariance(found)
 
     def calibration_covariance(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch 6 6"]:
-        """Return the covariance (*batch, 6, 6) of the calibration's error E w in wrenches [N, N m].
-
-        All samples of a contact share this error.
-        """
+        """Return the covariance (*batch, 6, 6) of the calibration's error E w in wrenches (*batch, 6) [N, N m]."""
         blocks = self.covariance.reshape(6, 6, 6, 6)
         return np.einsum("iajb,...a,...b->...ij", blocks, wrenches, wrenches)
 
@@ -176,8 +172,7 @@ class LoadCells(Value):
     ) -> Float[np.ndarray, "*batch"]:
         """Return the chi-square (*batch,) of readings, the squared residual of a fitted wrench over its variance.
 
-        Its degrees of freedom are the number of used channels less 6. The variance is that of noise, drift and the
-        misfit under load.
+        Its degrees of freedom are the used channels less 6. The variance is that of noise, drift and misfit under load.
 
         Args:
             readings: (*batch, 3 k) [V], u - b.
@@ -223,7 +218,7 @@ class LoadCells(Value):
 
 @takes_arrays
 def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
-    """Require that cells do not all lie on one line: forces there have no moment about it [load cells, (4)].
+    """Require that cells are not all on one line: forces there have no moment about it [load cells, (4)].
 
     Args:
         positions: (k, 3) [m]; nothing is checked if one is not finite.
@@ -298,7 +293,6 @@ def with_changes(cells: LoadCells, **changes: Any) -> LoadCells:
 def _shaped(
     name: str, values: ArrayLike | None, shape: tuple[int, ...], unknown: ArrayLike = 0.0
 ) -> Float[np.ndarray, "..."]:
-    """Return a read-only array of this shape, `unknown` for None; raise an InputError at another shape or NaN."""
     array = frozen(np.full(shape, unknown) if values is None else values)
     if array.shape != shape or not (name in ("positions", "limits") or np.isfinite(array).all()):  # there NaN, inf mean
         seen = f"shape {array.shape}" if array.shape != shape else "numbers that are not finite"

@@ -30,10 +30,10 @@ class Resolution:
     Attributes:
         noise: (n,) [m N] position error from the noise of readings and bias, times the force.
         calibration: (n,) [m] position error from the calibration.
-        force: (n,) [N] error of the force vector from the noise.
-        scale: (n,) error of the force vector from the calibration, as a share of the force.
+        force: (n,) [N] error of the force from the noise.
+        scale: (n,) error of the force from the calibration, over the force.
         torque: (n,) [N m] error of the torque about the normal from the noise; NaN for contacts without torque.
-        largest: (n,) [N] force at which the first cell leaves its range; inf where no range is known.
+        largest: (n,) [N] force at which the first cell leaves its range; inf where none is known.
     """
 
     noise: Float[np.ndarray, " n"]
@@ -77,7 +77,7 @@ def resolution(
         normals: (n, 3) outward unit normals.
         friction: tangent of the angle between force and normal; the worst direction counts.
         tare: number of independent readings that the bias was taken from.
-        soft: whether a contact may have a torque about the normal; if not, F . M = 0 is used.
+        soft: whether a contact may have a torque about the normal; else F . M = 0.
         sound: mask (k,) of the cells that answer; None: all. The others still carry load.
 
     Raises:
@@ -162,7 +162,7 @@ _FLAT = 1e12
 def _at(
     cells: LoadCells, points: np.ndarray, normals: np.ndarray, force: np.ndarray, spread: np.ndarray, soft: bool
 ) -> tuple[np.ndarray, ...]:
-    """Return the first five fields of `Resolution` for a force of 1 N at each point, and its readings (n, 3 k)."""
+    """Return the first five fields of `Resolution` for 1 N at each point, and its readings (n, 3 k)."""
     slope = position_slope(points, normals, force)
     place = slope[:, :3]
     wrench = np.concatenate([force, np.cross(points, force)], axis=1)
@@ -182,7 +182,7 @@ def _at(
 
 
 def _directions(normals: np.ndarray, friction: float) -> list[np.ndarray]:
-    """Return unit forces (n, 3) that press with the given friction, in `AZIMUTHS` directions."""
+    """Return unit forces (n, 3) that press with a friction, in `AZIMUTHS` directions."""
     if friction == 0.0:
         return [-normals]
     first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])

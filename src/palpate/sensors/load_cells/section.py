@@ -83,14 +83,12 @@ class RigLoadCells:
     def __post_init__(self) -> None:
         if self.columns and (len(self.columns) < 9 or len(self.columns) % 3):
             raise ValueError(f"columns must be three for each of at least three cells, not {len(self.columns)}")
-        if len(set(self.columns)) < len(self.columns):
-            twice = next(name for name in self.columns if self.columns.count(name) > 1)
-            raise ValueError(f"column {twice!r} is named twice")
+        if twice := [name for name in self.columns if self.columns.count(name) > 1]:
+            raise ValueError(f"column {twice[0]!r} is named twice")
         if not isinstance(self.units, str) and len(self.units) != len(self.columns):
             raise ValueError(f"units must be one unit, or one for each of the {len(self.columns)} columns")
         stated = [self.units] if isinstance(self.units, str) else self.units
-        unknown = [unit for unit in stated if unit not in VOLT_UNITS]
-        if unknown:
+        if unknown := [unit for unit in stated if unit not in VOLT_UNITS]:
             raise ValueError(f"unit {unknown[0]!r} is not one of {', '.join(VOLT_UNITS)}")
         require_positive(self, "noise", "range", "sensitivity", "drift", "accuracy", "ball")
 
@@ -108,7 +106,7 @@ class RigLoadCells:
 
 
 class LoadCellSection(SensorSection):
-    """Load cells as a rig states them; the file of their calibration is read once."""
+    """Load cells as a rig states them."""
 
     name: ClassVar[str] = "load_cells"
     called: ClassVar[str] = "3-axis load cells under a body"
@@ -136,8 +134,7 @@ class LoadCellSection(SensorSection):
                 f"names {len(table.columns)} columns, but {path.name} has {model.cells} cells, of three columns each.",
                 where="load_cells.columns",
             )
-        unknown = [cell for cell in table.without if not 1 <= cell <= model.cells]
-        if unknown:
+        if unknown := [cell for cell in table.without if not 1 <= cell <= model.cells]:
             raise InputError(
                 f"cell {unknown[0]} does not exist: cells are 1 to {model.cells}.", where="load_cells.without"
             )
@@ -154,12 +151,12 @@ class LoadCellSection(SensorSection):
         """Mask (k,) of the calibrated cells that the rig does not exclude.
 
         Raises:
-            InputError: as for `cells`.
+            InputError: the rig names no model, the file cannot be read, or the model does not fit the rig.
         """
         return ~np.isin(np.arange(self.cells.cells) + 1, self.table.without)
 
     def nominal(self) -> LoadCells:
-        """Return the calibrated `LoadCells`, or without a model those predicted from positions, sensitivity and noise.
+        """Return the calibrated `LoadCells`; without a model those predicted from positions, sensitivity and noise.
 
         Raises:
             InputError: the model cannot be read or does not fit the rig, or there is none and a prediction lacks a key.
@@ -209,7 +206,6 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
-    """Return a sentence with the smallest force whose contact point is known to the wanted accuracy."""
     accuracy = table.accuracy or WANTED
     above = surface.centre + np.array([0.0, 0.0, surface.size])
     points, normals, _ = surface.project(above[None])
@@ -218,7 +214,6 @@ def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Return the rig text for three columns per cell of at least three, or for arrays of as many numbers; else None."""
     if contents.topics:
         return _guess_topic(log, contents)
     there = list(contents.names)
@@ -249,7 +244,6 @@ def _guess_topic(log: Path, contents: LogContents) -> Guess | None:
 
 
 def _voltage_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return columns named like voltages of cells, three each of at least three cells; None where there are none."""
     heads: dict[str, list[str]] = {}
     for name in names:
         if match := _CELL.match(name):

@@ -24,7 +24,7 @@ from palpate.viewer.run_report import Run
 from palpate.viewer.scene import Layer, Scene
 
 if TYPE_CHECKING:
-    from viser import BoxHandle, ClientHandle, GuiApi, LabelHandle, ViserServer
+    from viser import BoxHandle, ClientHandle, GuiApi, ViserServer
 
 __all__ = ["LoadCellLayer", "LoadCellView", "load_cells", "loads"]
 
@@ -34,7 +34,7 @@ _STRONG = 0.95  # quantile of the loads that is drawn darkest
 
 
 class LoadCellView(WrenchView):
-    """The view of load cells: their places and loads on the page, their facts and faults in the report."""
+    """The view of load cells on the page and in the report."""
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
         """Return one `LoadCellLayer` in a tuple.
@@ -45,7 +45,7 @@ class LoadCellView(WrenchView):
         return (LoadCellLayer(setup.of(LoadCellSection).cells),)
 
     def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
-        """Return the names of the uncertainties that the ellipses contain in addition to the noise, in a tuple."""
+        """Return the names of the uncertainties in the ellipses, other than the noise, as a tuple."""
         return (*super().uncertain(setup, estimator), "the calibration's")
 
     def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
@@ -99,11 +99,11 @@ def loads(
 
 
 class LoadCellLayer:
-    """A layer with a box for each cell, below the body, darker for a larger load; no boxes if a place is unknown."""
+    """A layer with a box for each cell, below the body, darker for a larger load."""
 
     def __init__(self, cells: LoadCells) -> None:
         self.cells = cells
-        self._drawn: list[tuple[BoxHandle, LabelHandle]] = []
+        self._drawn: list[BoxHandle] = []
         self._most: float | None = None  # V of a cell that is drawn darkest
         self._met = 1e-12
 
@@ -118,7 +118,7 @@ class LoadCellLayer:
         return self.cells.positions[np.isfinite(self.cells.positions).all(axis=1)]
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Draw the boxes below the body; none where the place of a cell is not known."""
+        """Draw the boxes; none where the place of a cell is not known."""
         self._drawn = []  # anew: a copy of this layer may be drawn elsewhere
         if len(self.places) < self.cells.cells:
             return
@@ -133,7 +133,8 @@ class LoadCellLayer:
         for number, place in enumerate(places + PULLED * down, start=1):
             name = f"/load_cells/{number}"
             box = server.scene.add_box(name, dimensions=(side, side, 0.6 * side), position=place)
-            self._drawn.append((box, server.scene.add_label(f"{name}/name", "", position=(0.0, 0.0, -side))))
+            server.scene.add_label(f"{name}/name", f"{number}", position=(0.0, 0.0, -side))
+            self._drawn.append(box)
 
     def panel(self, gui: GuiApi) -> None:
         """Add no controls to the panel."""
@@ -146,10 +147,8 @@ class LoadCellLayer:
         if self._most is None:  # nothing was touched when they were drawn: darkest is the most so far
             self._met = max(self._met, float(carried.max()))
         shades = colours(np.clip(carried / self._darkest, 0.0, 1.0))
-        for number, (box, label) in enumerate(self._drawn):
-            red, green, blue = shades[number].tolist()
+        for box, (red, green, blue) in zip(self._drawn, shades.tolist(), strict=True):
             box.color = (red, green, blue)
-            label.text = f"{number + 1}"
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
         """Return a list of pairs (name, text): the predicted load [mV] of every cell; 0 without a contact."""

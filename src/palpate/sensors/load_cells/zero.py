@@ -31,7 +31,7 @@ class Zero:
         share: variance of `voltage` over that of one reading.
         note: sentence about the window, or "".
         warning: reason why the zero may be wrong, or "".
-        touch: (6,) wrench that would explain the zero's change since the calibration; None if none does.
+        touch: (6,) [N, N m] wrench that would explain the zero's change since the calibration; None: none does.
     """
 
     voltage: Float[np.ndarray, " m"]
@@ -43,19 +43,18 @@ class Zero:
 
 @takes_arrays
 def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str = "") -> Zero:
-    """Return the zero, the mean of a window in which readings change only by noise, as a `Zero`.
+    """Return the mean reading of a window without contact as a `Zero`.
 
-    A touch moves all cells: if one alone of four or more is not at rest, a warning names it, and the others are used. A
-    steady touch looks like a zero, except for the calibration's bias: a change of the zero since then that is nearly a
-    wrench gives a warning.
+    One cell of four or more that is not at rest gives a warning, as a touch would move all; so does a change since the
+    calibration that is nearly a wrench, as under a steady touch.
 
     Args:
-        cells: the model, with its noise.
-        voltages: (n, m) [V] of the window; rows with NaN are omitted.
+        cells: the model.
+        voltages: (n, m) [V] of the window; rows that are not finite are omitted.
         where: source of the voltages, for messages.
 
     Raises:
-        InputError: the window has too few samples, or is not at rest.
+        InputError: the window has fewer than 20 samples, or more than one cell (any, of three) is not at rest.
     """
     usable = voltages[np.isfinite(voltages).all(axis=1)]
     if len(usable) < FEWEST:
@@ -87,18 +86,17 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
     )
     alone = f"cell {restless[0] + 1} alone is not at rest at the start: it drifts" if len(restless) else ""
     touch = None if alone else _touch(cells, zero)
-    doubt = "" if touch is None else _LIKE.format(float(np.linalg.norm(touch[:3])))
-    return Zero(zero, 1.0 / count, said, alone or doubt, touch)
-
-
-_LIKE = (
-    "since the calibration the zero changed as much as under a touch of {:.2g} N: "
-    "make sure that nothing touched at the start"
-)
+    if touch is None:
+        return Zero(zero, 1.0 / count, said, alone)
+    doubt = (
+        f"since the calibration the zero changed as much as under a touch of {float(np.linalg.norm(touch[:3])):.2g} N: "
+        "make sure that nothing touched at the start"
+    )
+    return Zero(zero, 1.0 / count, said, doubt, touch)
 
 
 def _touch(cells: LoadCells, zero: Float[np.ndarray, " m"]) -> Float[np.ndarray, "6"] | None:
-    """Return the wrench that explains nearly all of the zero's change, if its force is `HEAVY` or more; else None."""
+    """Return the wrench that explains nearly all of the zero's change, if it is `HEAVY`; else None."""
     change = zero - cells.bias
     inverse, _, rest = cells.inverse()
     wrench = inverse @ change

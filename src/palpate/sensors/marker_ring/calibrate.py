@@ -45,13 +45,13 @@ class RingTruth:
 
     @property
     def pressed(self) -> Bool[np.ndarray, " n"]:
-        """Bool mask (n,) of the images that a fit can use: pressed with a known angle, depth and force."""
+        """Mask (n,) of the images with a known angle, a positive depth and a force above 0.02 N."""
         known = np.isfinite(self.angle) & np.isfinite(self.depth) & np.isfinite(self.force)
         return known & (self.force > _TOUCHED) & (self.depth > 0)
 
     @property
     def free(self) -> Bool[np.ndarray, " n"]:
-        """Bool mask (n,) of the images in which nothing touches: force 0 or NaN."""
+        """Mask (n,) of the images in which nothing touches: force 0 or NaN."""
         return ~np.isfinite(self.force) | (self.force == 0)
 
 
@@ -65,10 +65,10 @@ def calibrate_marker_ring(
     """Calibrate a `MarkerRing`: camera, markers at rest, noise of their places, response.
 
     Args:
-        blocks: recordings of images, from the start of the log, which begins untouched.
+        blocks: recordings of images, the first ones untouched.
         truth: true contact of every image, in the same order.
         body: known dimensions of the unit.
-        before: response of another unit: tens of presses are then enough.
+        before: response of another unit, with which tens of presses are enough; None: not known.
         provenance: stored in the model's file.
 
     Raises:
@@ -92,11 +92,7 @@ def calibrate_marker_ring(
 
 
 def _at_rest(still: UInt8[np.ndarray, "n h w 3"], body: RingBody) -> tuple[MarkerTracker, Float[np.ndarray, " m"]]:
-    """Return a tracker for the first image, and the markers' areas at rest, from untouched images.
-
-    Raises:
-        InputError: there are no untouched images, or the markers are not found in them.
-    """
+    """Return a tracker for the first image, and the markers' areas at rest."""
     if not len(still):
         raise InputError(
             "the log does not begin untouched: no frame shows where the markers rest.",
@@ -118,7 +114,7 @@ def _at_rest(still: UInt8[np.ndarray, "n h w 3"], body: RingBody) -> tuple[Marke
 
 
 def _colour(still: UInt8[np.ndarray, "n h w 3"], markers: int) -> MarkerColour:
-    """Return the markers' colour from one of the first images; one image of a noisy camera may lack a marker."""
+    """Return the markers' colour from the first of ten images that shows all of them."""
     for frame in still[1:10]:
         try:
             return find_colour(frame, markers)
@@ -128,7 +124,7 @@ def _colour(still: UInt8[np.ndarray, "n h w 3"], markers: int) -> MarkerColour:
 
 
 def _usual(seen: Sequence[Blobs], places: Float[np.ndarray, "m 2"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return median places (m, 2) and areas (m,) of markers; areas of one image are wrong by a tenth and more."""
+    """Return median places (m, 2) and areas (m,) of markers."""
     near = 0.3 * np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1).min()
     found = np.full((len(seen), len(places), 3), np.nan)
     for k, blobs in enumerate(seen):
@@ -147,7 +143,7 @@ def _leading(free: np.ndarray) -> int:
 
 
 def _tracked(tracker: MarkerTracker, frames: np.ndarray) -> np.ndarray:
-    """Return the markers' places (n, m, 2) [px]; NaN where a marker or the entire image cannot be used."""
+    """Return the markers' places (n, m, 2) [px]; NaN where they cannot be used."""
     pixels = np.full((len(frames), len(tracker.view.angles), 2), np.nan)
     for frame, row in zip(frames, pixels, strict=True):
         tracker.track(frame, row)
@@ -177,27 +173,16 @@ def _model(
         np.zeros((3, 2 * rings, 1, 1)), np.ones(2), np.zeros((2 * rings, 1)), np.zeros(2), np.zeros(2)
     )
     plain = MarkerRing(radius, tracker.view, tracker.colour, rest, area, max(jitter, 1e-3), nothing)
-    turned = _turned(plain, pixels[rows], truth.angle[rows])
-    presses = RingPresses(
-        truth.angle[rows],
-        truth.depth[rows],
-        truth.force[rows],
-        truth.shear[rows],
-        turned.displacements(pixels[rows]),
-        turned.view.angles,
-        turned.noise(),
-        rings,
-    )
+    angle, depth, force, shear = (each[rows] for each in (truth.angle, truth.depth, truth.force, truth.shear))
+    turned = _turned(plain, pixels[rows], angle)
+    moved = turned.displacements(pixels[rows])
+    presses = RingPresses(angle, depth, force, shear, moved, turned.view.angles, turned.noise(), rings)
     used = f"{np.count_nonzero(rows)} of {np.count_nonzero(truth.pressed)} pressed frames were used"
     return replace(turned, response=fit_response(presses, before), notes=(used,), provenance=provenance)
 
 
 def _turned(ring: MarkerRing, pixels: np.ndarray, angle: np.ndarray) -> MarkerRing:
-    """Return the ring turned into the frame of the truth's angles, whose origin a camera cannot see.
-
-    Raises:
-        InputError: the markers do not move at the truth's angles.
-    """
+    """Return the ring turned into the frame of the truth's angles."""
     inward = np.maximum(-np.nan_to_num(ring.displacements(pixels)[..., 0]), 0.0) ** 2
     seen = np.angle((inward * np.exp(1j * ring.view.angles)).sum(axis=1))
     offset = float(np.angle(np.exp(1j * (angle - seen)).sum()))

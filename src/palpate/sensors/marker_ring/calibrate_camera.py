@@ -32,11 +32,11 @@ class BoardFit:
 
     Attributes:
         camera: the lens.
-        residual: rms [px] of the corners' residuals.
+        residual: rms of the corners' residuals [px].
         used: numbers of the pictures that were used.
-        far: numbers of the pictures that show the board, but contradict the others.
+        far: numbers of the pictures that contradict the others.
         deviation: standard deviation of the focal length [px/rad], the larger one of the picture's axes.
-        validation: errors of corners in pictures that a fit had not seen, over those expected.
+        validation: errors of corners in pictures that a fit did not use.
     """
 
     camera: Fisheye
@@ -52,7 +52,7 @@ def calibrate_board(images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[i
     """Fit a lens to pictures of a chessboard; return a `BoardFit`.
 
     Args:
-        images: pictures of one size; those that do not show the complete board are skipped.
+        images: (h, w, 3) uint8 of one size; those that do not show the complete board are skipped.
         board: inner corners, columns and rows.
         square: side of a square [m].
 
@@ -79,9 +79,9 @@ def calibrate_board(images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[i
 def fit_lens(
     corners: Sequence[Float[np.ndarray, "c 2"]], board: tuple[int, int], square: float, size: tuple[int, int]
 ) -> BoardFit:
-    """Return the `BoardFit` of a lens to the inner corners of a chessboard, as found in several pictures.
+    """Fit a lens to the inner corners of a chessboard in several pictures; return a `BoardFit`.
 
-    Pictures whose corners lie far from the fit, such as those of a board more than a right angle aside, are omitted.
+    Pictures whose corners lie far from the fit are omitted.
 
     Args:
         corners: (c, 2) [px] for each picture, row by row of the board.
@@ -106,7 +106,7 @@ def fit_lens(
     every = np.concatenate([lens.residual(k) for k in range(len(used))])
     variance = float(np.sum(every**2)) / max(2 * len(every) - 8 - 6 * len(used), 1)
     normals = [lens.normal(k) for k in range(len(used))]
-    squares, rights = np.stack([each[0] for each in normals]), np.stack([each[1] for each in normals])
+    squares, rights = (np.stack(each) for each in zip(*normals, strict=True))
     unit = np.sqrt(np.diag(squares.sum(axis=0)))
     focal, deviation = lens.camera[:2], np.inf
     if unit.all() and np.linalg.eigvalsh(scaled := squares.sum(axis=0) / np.outer(unit, unit))[0] > _LEAST_INFORMATION:
@@ -155,7 +155,7 @@ class _Lens:
         return _Lens(camera, grid, seen, list(zip(turns, places, strict=True)))
 
     def _projected(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the corners of picture k [px], and their derivatives by the lens (8) and by the pose (6)."""
+        """Return the corners of picture k [px], and their derivatives by the lens and the pose."""
         fx, fy, cx, cy, *bent = self.camera.tolist()
         matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         turn, place = (np.asarray(each, dtype=np.float64).reshape(3, 1) for each in self.poses[k])
@@ -190,17 +190,15 @@ def fit_ring_view(
 ) -> tuple[RingView, Int[np.ndarray, " m"]]:
     """Fit the camera's pose to the markers of one even ring at rest; return the `RingView` and an index.
 
-    The index (m,) is that of each marker of the view in `rest_pixels`; marker 0 is the one nearest to angle 0. The
-    view's angles are measured, so that they contain the irregularities of the ring.
-
-    One flat ring does not separate the focal length from the height: without a `camera`, an equidistant lens about the
-    picture's middle is taken, whose focal length is fitted, and `height` is kept. The ring's x axis is the camera's.
+    The index (m,) is that of each marker of the view in `rest_pixels`, from the one nearest to angle 0. The view's
+    angles are measured. One flat ring does not separate the focal length from the height: without a `camera`, the
+    focal length of an equidistant lens about the picture's middle is fitted, and `height` is kept.
 
     Args:
         rest_pixels: (m, 2) all markers of the ring, in any order.
-        radius: radius of the ring of markers [m].
+        radius: of the ring of markers [m].
         camera: the calibrated lens; None: not known.
-        height: height of the camera above the ring [m]: a guess, or kept without a `camera`.
+        height: of the camera above the ring [m]: a guess, or kept without a `camera`.
         size: width and height of the picture [px], used without a `camera`.
 
     Raises:
@@ -236,26 +234,26 @@ def fit_rings(
 
     Args:
         rest_pixels: (m, 2) markers, the same number of each ring, in any order.
-        radius: radius of the first ring [m].
+        radius: of the rings [m].
         rings: heights of the rings [m]; the first is 0.
         camera: camera, height and size, see `fit_ring_view`.
 
     Raises:
         InputError: a ring has fewer than six markers, pixels are not finite, or the rings have different numbers of
-            markers or do not lie one around the other in the picture.
+            markers or do not lie one around the other.
         NotIdentifiable: the first ring is no even ring about the picture's middle.
     """
-    pixels, rings = rest_pixels, shaped(rings, (None,), "rings")
-    if not len(rings) or len(pixels) % len(rings):
-        raise InputError(f"{len(pixels)} markers cannot be divided equally among {len(rings)} rings.")
-    if len(rings) == 1:
+    pixels, heights = rest_pixels, shaped(rings, (None,), "rings")
+    if not len(heights) or len(pixels) % len(heights):
+        raise InputError(f"{len(pixels)} markers cannot be divided equally among {len(heights)} rings.")
+    if len(heights) == 1:
         return fit_ring_view(pixels, radius, **camera)
-    inmost = np.split(np.argsort(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1)), len(rings))
-    owned = dict(zip(np.argsort(rings).tolist(), inmost, strict=True))  # the nearer, the larger in the picture
+    inmost = np.split(np.argsort(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1)), len(heights))
+    owned = dict(zip(np.argsort(heights).tolist(), inmost, strict=True))  # the nearer, the larger in the picture
     view, first = fit_ring_view(pixels[owned[0]], radius, **camera)
     order, angles = [owned[0][first]], [view.angles]
-    for ring in range(1, len(rings)):
-        x, y = view.to_plane(pixels[owned[ring]], rings[ring : ring + 1]).T
+    for ring in range(1, len(heights)):
+        x, y = view.to_plane(pixels[owned[ring]], heights[ring : ring + 1]).T
         turn: Float[np.ndarray, " m"] = np.sort(np.arctan2(y, x))
         gaps: Float[np.ndarray, " m"] = np.append(turn[1:], turn[0] + 2.0 * np.pi) - turn
         usual = 2.0 * np.pi / len(turn)
@@ -265,14 +263,11 @@ def fit_rings(
             raise InputError(said, where="marker_ring.rings", hint=hint)
         order.append(owned[ring][np.argsort(np.arctan2(y, x))])
         angles.append(turn)
-    return RingView(view.camera, view.pose, radius, np.concatenate(angles), rings), np.concatenate(order)
+    return RingView(view.camera, view.pose, radius, np.concatenate(angles), heights), np.concatenate(order)
 
 
 def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the order of the pixels by rising angle, from the one nearest to 0, and the start angle of the even ring.
-
-    Angles are about the pixels' mean, which is the circle's middle if the ring is complete.
-    """
+    """Return the order of the pixels by rising angle about their mean, from 0, and the start angle of the even ring."""
     middle = pixels.mean(axis=0)
     angle = np.arctan2(middle[1] - pixels[:, 1], pixels[:, 0] - middle[0])
     order = np.argsort(angle)
@@ -283,7 +278,7 @@ def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _solved(view: Callable[[np.ndarray], RingView], seen: np.ndarray) -> np.ndarray:
-    """Return the parameters of the view that fits the markers best by least squares of pixels."""
+    """Return the parameters of the view that fits the markers best."""
     from scipy.optimize import least_squares  # here: it takes a while to import
 
     def residual(x: np.ndarray) -> np.ndarray:
@@ -291,7 +286,7 @@ def _solved(view: Callable[[np.ndarray], RingView], seen: np.ndarray) -> np.ndar
         return np.nan_to_num(this.from_plane(this.rest) - seen, nan=1e3).ravel()
 
     bounds = np.array([0.6, 0.6, 0.8, 0.8, 1.2, np.inf])
-    solution = least_squares(residual, np.zeros(6), bounds=(-bounds, bounds), x_scale=[0.1] * 6)
+    solution: Any = least_squares(residual, np.zeros(6), bounds=(-bounds, bounds), x_scale=[0.1] * 6)
     gap = np.linalg.norm(seen - np.roll(seen, 1, axis=0), axis=1)
     if not np.sqrt(2 * solution.cost / len(seen)) < 0.25 * np.median(gap):
         said, missing = "the markers are not an even ring about the middle of the picture.", ("the camera's place",)

@@ -1,4 +1,4 @@
-"""Estimate contacts from images of a soft ring's markers: several, each with angle, force, depth, width and shear."""
+"""Estimate contacts from images of a soft ring's markers, each with angle, force, depth, width and shear."""
 
 from __future__ import annotations
 
@@ -34,12 +34,11 @@ _STEADY = 3.0  # times the calibration's jitter: a tare in which markers move mo
 
 @called_as('palpate.load_rig("rig.toml").estimator()')
 class RingEstimator(ContactEstimator):
-    """An estimator of the contacts in each image of a marker ring, from markers and contacts of the one before.
+    """An estimator of the contacts in each image of a marker ring.
 
-    A reading is an image (height, width, 3), uint8; orientation and acceleration make no difference. The contact point
-    is the centre of pressure on the outer surface, at the height of the markers; the force is that of the environment
-    on the ring, inwards and along the ring; the torque is NaN. IMPLAUSIBLE: located, but a few contacts cannot move the
-    markers like this. INVALID: a black, frozen or unfitting image, or fewer than half of the markers.
+    A reading is an image (height, width, 3), uint8. The contact point is the centre of pressure on the outer surface,
+    at the height of the markers; the torque is NaN. IMPLAUSIBLE: a few contacts cannot move the markers like this.
+    INVALID: a black, frozen or unfitting image, or fewer than 60 % of the markers.
 
     Features: `angle` [rad] about the ring's axis; `depth` [m] of the indenter's foremost point; `width` [m], half of
     the dent's width at half of its depth; `shear` [N] along rising angles, NaN where it was not calibrated; `angle_sd`
@@ -47,8 +46,8 @@ class RingEstimator(ContactEstimator):
 
     Args:
         ring: calibrated ring.
-        settings: settings of the search for contacts; None: the defaults.
-        mount: T_sensor_surface.
+        settings: of the search for contacts; None: the defaults.
+        mount: T_sensor_surface; None: identity.
     """
 
     def __init__(self, ring: MarkerRing, settings: RingSettings | None = None, *, mount: Pose | None = None) -> None:
@@ -74,7 +73,7 @@ class RingEstimator(ContactEstimator):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the places of markers, the contacts and the identities of earlier images."""
+        """Forget earlier images: places of markers, contacts and identities."""
         super().reset()
         self.locator.reset()
         self.tracker.reset()
@@ -82,10 +81,10 @@ class RingEstimator(ContactEstimator):
         self._bad = dict.fromkeys(FrameProblem, 0)
 
     def tare(self, recording: Recording) -> Tare:
-        """Use the markers' mean places in a window as their rest from now on; return a `Tare` with note and warning.
+        """Use the markers' mean places in a recording as their rest from now on; return a `Tare`.
 
         Raises:
-            InputError: no images, markers are not seen or not steady, or OpenCV is missing.
+            InputError: the recording has no images, markers are not seen or not steady, or OpenCV is missing.
         """
         pixels, _ = self.markers(recording)
         self.reset()
@@ -109,17 +108,13 @@ class RingEstimator(ContactEstimator):
             )
         moved = np.linalg.norm(rest - self.ring.rest, axis=1)
         off = np.abs(moved - np.median(moved)).max() > 5.0 * self.ring.jitter
+        usual = f"markers rest {np.median(moved):.2g} px from where they were calibrated"
         doubt = (
             f"markers rest up to {moved.max():.1f} px from where they were calibrated, as under a touch: make sure "
             "that nothing touched them"
-            if off
-            else ""
         )
         self._know(replace(self.ring, rest=rest))
-        said = (
-            f"tare over {len(recording)} frames: markers rest {np.median(moved):.2g} px from where they were calibrated"
-        )
-        self._tared = Tare(said, doubt)
+        self._tared = Tare(f"tare over {len(recording)} frames: {usual}", doubt if off else "")
         return self._tared
 
     def markers(self, recording: Recording) -> tuple[Float[np.ndarray, "n m 2"], Int[np.ndarray, " n"]]:
@@ -164,16 +159,14 @@ class RingEstimator(ContactEstimator):
     ) -> int:
         """Write contacts into rows from known places of the markers, as `update_into` does; return their number.
 
-        The places may come from a tracker or a simulation.
-
         Args:
             time: [s] of the image.
             pixels: (m, 2) of every marker, NaN where it is not seen.
             out: rows of `empty`.
-            frame: problem of the image, see `MarkerTracker.frame`.
+            frame: problem of the image.
 
         Raises:
-            InputError: the pixels have another shape, or `frame` is not a `FrameProblem`.
+            InputError: an argument has another shape, or `frame` is not a `FrameProblem`.
         """
         pixels = shaped(pixels, (len(self.ring), 2), "pixels")
         if not any(frame is each for each in FrameProblem):
@@ -203,10 +196,10 @@ class RingEstimator(ContactEstimator):
         return len(time)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the ring, the tare and the images that could not be used, a tuple of sentences."""
+        """Return notes on the ring, the tare and the images that could not be used, one sentence each."""
         said = [*self.ring.notes, *([self._tared.note] if self._tared else [])]
         what = {
-            FrameProblem.LOST: "show fewer than half of the markers",
+            FrameProblem.LOST: "show fewer than 60 % of the markers",
             FrameProblem.BLACK: "are black",
             FrameProblem.FROZEN: "repeat the one before",
             FrameProblem.WRONG_SIZE: "are not of the size of the calibration's",
@@ -215,7 +208,7 @@ class RingEstimator(ContactEstimator):
         return tuple(said)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return a tuple with the tare's warning, or ()."""
+        """Return the tare's warning, or ()."""
         return (self._tared.warning,) if self._tared and self._tared.warning else ()
 
     def _found(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:
@@ -245,12 +238,12 @@ class RingEstimator(ContactEstimator):
         return count
 
     def _row(self, state: list[float], more: tuple[float, ...], off: float, seen: float) -> list[float]:
-        """Return a contact's row without its identity, as plain numbers: small arrays cost more than the computation.
+        """Return a contact's row without its identity, as plain numbers, which are faster than small arrays.
 
         Args:
-            state: (8,) contact of `RingFound.states`.
+            state: (8,) of `RingFound.states`.
             more: cosine and sine of the angle, depth [m], width [m].
-            off: residual of the image, in standard deviations.
+            off: residual of the image.
             seen: number of markers seen.
         """
         c, s, depth, width = more
@@ -278,7 +271,7 @@ class RingEstimator(ContactEstimator):
 
 
 def _dent_widths(ring: MarkerRing) -> tuple[np.ndarray, np.ndarray]:
-    """Return the response's width coordinates z, and half of a dent's width [m] at half of its depth for each."""
+    """Return width coordinates z, and half of a dent's width [m] at half of its depth for each."""
     z, delta = np.linspace(-3.0, 3.0, 25), np.linspace(0.0, np.pi / 2, 181)
     mean = ring.response.coefficients[:3, 0, :, 0] @ ring_basis(delta, ring.response.orders[0]).T
     inward = -(mean[0] + np.multiply.outer(z, mean[1]) + np.multiply.outer(z * z, mean[2]))

@@ -1,4 +1,4 @@
-"""The tables of a model of a marker ring in a file, and its summary."""
+"""The tables of a marker ring and of a camera's lens in a file, and their summaries."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from palpate.files.schema import Key, TableForm
 from palpate.optical.fisheye import Fisheye, RingView
 from palpate.optical.markers import MarkerColour
 from palpate.optical.ring_response import RingResponse
-from palpate.sensors.marker_ring.camera_file import CAMERA
 from palpate.sensors.marker_ring.model import MarkerRing
 from palpate.spatial.pose import Pose
 
-__all__ = ["MARKER_RING", "of_marker_ring"]
+__all__ = ["CAMERA", "MARKER_RING", "of_camera", "of_marker_ring"]
 
 
 def _marker_ring(
@@ -56,7 +55,7 @@ def _ring_response_keys(response: RingResponse) -> dict[str, Any]:
 
 
 def of_marker_ring(ring: MarkerRing) -> Lines:
-    """Return a list of (name, text) pairs on the model: ring, camera, noise, calibrated range and errors."""
+    """Return (name, text) pairs on the model: ring, camera, noise, calibrated range and errors."""
     response, view = ring.response, ring.view
     outward, along = (1e6 * np.median(ring.noise(), axis=0)).tolist()
     tilt = np.degrees(np.arccos(np.clip(-view.pose.rotation[2, 2], -1.0, 1.0)))
@@ -77,6 +76,32 @@ def of_marker_ring(ring: MarkerRing) -> Lines:
         *([("left out", judged)] if np.isfinite(off) else []),
     ]
 
+
+def of_camera(camera: Fisheye) -> Lines:
+    """Return two (name, text) pairs: the lens's image size [px] and focal lengths [px/rad]."""
+    return [
+        ("image", f"{camera.width} x {camera.height}"),
+        ("focal length", f"{camera.fx:.5g}, {camera.fy:.5g} px/rad"),
+    ]
+
+
+CAMERA = Model(
+    Fisheye,
+    "a camera's lens",
+    "A fisheye lens, in OpenCV's model.",
+    "palpate calibrate camera",
+    of_camera,
+    {
+        Fisheye: TableForm(
+            {
+                "fx": Key("px/rad at the centre"),
+                "cx": Key("px, of the principal point"),
+                "k1": Key("of the angle's powers [Kannala-Brandt], as OpenCV's fisheye model has them"),
+                "width": Key("px, of the image"),
+            }
+        ),
+    },
+)
 
 MARKER_RING = Model(
     MarkerRing,

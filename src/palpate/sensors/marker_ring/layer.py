@@ -34,8 +34,13 @@ def annotated(
 ) -> UInt8[np.ndarray, "h w 3"]:
     """Return an RGB copy (h, w, 3) uint8 of a BGR image, with each marker's place and four times its displacement.
 
+    Args:
+        frame: (h, w, 3) blue, green, red.
+        rest: (m, 2) markers at rest [px].
+        pixels: (m, 2) markers now [px]; NaN: not drawn.
+
     Raises:
-        InputError: `rest` is not finite, `frame` is empty, or OpenCV is missing.
+        InputError: `rest` is not finite or beyond 1e6, `frame` is empty, or OpenCV is missing.
     """
     if not (np.abs(rest) < _FARTHEST).all():
         raise InputError(f"rest must be finite pixels below {_FARTHEST:g}.")
@@ -49,9 +54,8 @@ def annotated(
         if (np.abs(now) < _FARTHEST).all():
             end = tuple((fine * (before + _MAGNIFIED * (now - before))).round().astype(int).tolist())
             cv2.line(picture, start, end, _MOVED, 2, cv2.LINE_AA, 3)
-            cv2.circle(
-                picture, tuple((fine * now).round().astype(int).tolist()), int(6 * fine), _NOW, 1, cv2.LINE_AA, 3
-            )
+            middle = tuple((fine * now).round().astype(int).tolist())
+            cv2.circle(picture, middle, int(6 * fine), _NOW, 1, cv2.LINE_AA, 3)
     return picture[..., ::-1].copy()
 
 
@@ -61,9 +65,9 @@ class RingLayer:
 
     Args:
         ring: calibrated ring.
-        frames: JPEG images, one per sample of the log; empty: not known, as for a file of contacts.
-        pixels: (n, m, 2) [px] of the markers in each; NaN: not seen.
-        size: (height, width) [px] of the images of a stream; None: no stream.
+        frames: JPEG images, one per sample of the log; empty: not known.
+        pixels: (n, m, 2) of the markers in each; NaN: not seen; None: not known.
+        size: height and width of the images of a stream [px]; None: no stream.
     """
 
     def __init__(
@@ -74,25 +78,24 @@ class RingLayer:
         size: tuple[int, int] | None = None,
     ) -> None:
         self._ring, self._frames = ring, frames
-        blank = None if size is None else np.zeros((*size, 3), dtype=np.uint8)
-        self._fed = None if blank is None else (blank, ring.rest)
+        self._fed = None if size is None else (np.zeros((*size, 3), dtype=np.uint8), ring.rest)
         self._pixels = np.zeros((0, len(ring), 2), np.float32) if pixels is None else pixels
         self._image: GuiImageHandle | None = None
 
     @property
     def covers(self) -> bool:
-        """False: markers are within the skin and do not cover it."""
+        """False, as markers do not cover the skin."""
         return False
 
     @property
     def places(self) -> Float[np.ndarray, "k 3"]:
-        """Points (m, 3) [m] of the skin's outer surface at the markers."""
+        """Points (m, 3) [m] of the skin's outer surface at the markers, in the ring's frame."""
         angles = self._ring.view.angles
         place = [self._ring.radius * np.cos(angles), self._ring.radius * np.sin(angles), self._ring.view.heights]
         return np.stack(place, axis=1)
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Draw the markers as points on the skin, as they would not be visible within it."""
+        """Draw the markers as points on the skin."""
         self._scene = scene
         colours = np.tile(np.array(_COLOUR, np.uint8), (len(self._ring), 1))
         points = self._points(self._ring.rest)
@@ -111,37 +114,36 @@ class RingLayer:
             self._image = gui.add_image(self._picture(0), label=label, format="jpeg")
 
     def feed(self, frame: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "m 2"]) -> None:
-        """Set the present image of a stream, and the markers [px] in it."""
+        """Set the present image (h, w, 3) of a stream, and the markers (m, 2) [px] in it."""
         self._fed = frame, pixels
 
     def show(self, scene: Scene, index: int) -> None:
-        """Move the drawn markers to a sample, and show its image; change nothing if the sample has none."""
-        sample = self._sample(scene, index)
-        if sample is None:
+        """Move the drawn markers to a sample, and show its image; change nothing if the sample has none.
+
+        Raises:
+            InputError: OpenCV is missing.
+        """
+        sample = int(scene.contacts.sample[scene.starts[index]])
+        if self._fed is None and sample >= len(self._pixels):
             return
         self._markers.points = self._points(self._seen(sample))
         if self._image is not None:
             self._image.image = self._picture(sample)
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Return [], as the number of markers seen is a feature of the contacts."""
+        """Return []."""
         return []
 
     def legend(self) -> list[str]:
-        """Return a list with one HTML string, the legend's entry for the markers."""
+        """Return the legend's entry for the markers, one HTML string."""
         return [dot(_COLOUR, "marker, below the skin")]
-
-    def _sample(self, scene: Scene, index: int) -> int | None:
-        """Return the sample number in the log; None if there is no image of it."""
-        sample = int(scene.contacts.sample[scene.starts[index]])
-        return sample if sample < len(self._pixels) or self._fed is not None else None
 
     def _seen(self, sample: int) -> Float[np.ndarray, "m 2"]:
         """Return the markers' places (m, 2) [px] in a sample, or in the present image of a stream."""
         return self._pixels[sample].astype(np.float64) if self._fed is None else self._fed[1]
 
     def _points(self, pixels: Float[np.ndarray, "m 2"]) -> Float32[np.ndarray, "m 3"]:
-        """Return points above the markers in the scene's units; a marker that is not seen is drawn at rest."""
+        """Return points above the markers in the scene's units; at rest for a marker not seen."""
         view = self._ring.view
         plane = view.to_plane(np.where(np.isfinite(pixels), pixels, self._ring.rest), view.heights)
         plane *= _ABOVE * self._ring.radius / np.linalg.norm(plane, axis=1, keepdims=True)

@@ -29,15 +29,14 @@ class RingSettings:
     Args:
         on: standard deviations of the markers' noise that a contact must explain to begin.
         off: standard deviations of the markers' noise below which a contact ends.
-        apart: [deg] least angle between two contacts; nearer ones are taken as one.
-        dropped: number of markers of an image that may be omitted because no contact explains them.
-        shift: [deg] standard deviation of the shift of a contact by a neighbour 30 degrees away; less if farther away.
-        friction: standard deviation of shear / force; None: that of the calibration. If it is smaller, the shear that
-            neighbours cause is limited by the same factor.
+        apart: least angle between two contacts [deg].
+        dropped: number of markers of an image that may be omitted.
+        shift: standard deviation of the shift of a contact by a neighbour 30 degrees away [deg].
+        friction: standard deviation of shear / force; None: that of the calibration.
         wide: standard deviation of a contact's width, in those of the calibration's widths.
-        reach: [m] by which a contact may move from one image to the next and keep its identity.
-        speed: [m/s] at which a contact may move in addition to `reach`.
-        patience: [s] for which a lost contact keeps its identity.
+        reach: distance by which a contact may move between images and keep its identity [m].
+        speed: at which a contact may move in addition [m/s].
+        patience: time for which a lost contact keeps its identity [s].
 
     Raises:
         InputError: a setting is out of its range.
@@ -68,7 +67,7 @@ class RingSettings:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingFound:
-    """Contacts of images, in the form of the compiled loops.
+    """Contacts of n images.
 
     Attributes:
         states: (n, most, 8) angle [rad], force [N], width (in standard deviations of the calibration's), shear / force,
@@ -84,18 +83,17 @@ class RingFound:
 
 @takes_arrays
 class RingLocator:
-    """Finder of contacts in displacements, image after image: each search starts from the contacts of the one before.
+    """Finder of contacts in displacements; each search starts from the contacts of the image before.
 
     Args:
         response: response of the ring.
-        markers: (m,) [rad] angles at rest, ring by ring.
-        noise: (m, 2) [m] standard deviation of a displacement, outwards and along.
+        markers: (m,) angles at rest [rad], ring by ring.
+        noise: (m, 2) standard deviation of a displacement [m], outwards and along.
         settings: settings of the search; None: the defaults.
-        skin: radii [m] of the outer surface and of the markers; None: contacts do not move the skin under others.
+        skin: radii of the outer surface and of the markers [m]; None: contacts do not move the skin under others.
 
     Attributes:
         grip: largest shear / force with which a contact resists the skin's motion by its neighbours.
-        most: largest number of contacts in an image.
     """
 
     def __init__(
@@ -123,7 +121,6 @@ class RingLocator:
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))
-        self.most = _ring.MOST
 
     def reset(self) -> None:
         """Forget the contacts of the last image."""
@@ -149,9 +146,14 @@ class RingLocator:
     def run_pixels(
         self, pixels: Float[np.ndarray, "n m 2"], ring: MarkerRing
     ) -> tuple[RingFound, Int[np.ndarray, " n"]]:
-        """Return the `RingFound` for the markers' pixels (n, m, 2), and the number (n,) of markers seen in each image.
+        """Return the contacts of successive images as `RingFound`, and the number (n,) of markers seen in each.
 
-        A marker at NaN is not seen.
+        Args:
+            pixels: (n, m, 2) of the markers; NaN: not seen.
+            ring: calibrated ring, with the rest of the markers.
+
+        Raises:
+            InputError: the pixels have another shape.
         """
         from palpate.sensors.marker_ring import _kernels as _ring
 
@@ -165,12 +167,12 @@ class RingLocator:
         return RingFound(np.zeros((count, *self._left[1:].shape)), np.zeros(count, dtype=np.int64), np.zeros(count))
 
     def depth(self, states: Float[np.ndarray, "*batch 8"]) -> Float[np.ndarray, "*batch"]:
-        """Return the depth (*batch,) [m] of contacts: force times the depth per newton."""
+        """Return the depth (*batch,) [m] of contacts (*batch, 8) of `RingFound.states`."""
         mean, deviation = self.response.width
         return states[..., 1] * (mean + deviation * states[..., 2])
 
 
 @takes_arrays
 def turned(angle: ArrayLike) -> Float[np.ndarray, "*batch"]:
-    """Return angles [rad] wrapped into -pi ... pi."""
+    """Return angles [rad] from -pi to below pi, in the shape of `angle`."""
     return np.asarray((np.asarray(angle, dtype=np.float64) + pi) % (2.0 * pi) - pi)

@@ -1,4 +1,4 @@
-"""A soft ring of markers that a fisheye camera watches: the calibrated model that estimates use."""
+"""The calibrated model of a soft ring of markers that a fisheye camera watches."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class RingBody:
     """The dimensions of a unit that are known before it is calibrated.
 
     Attributes:
-        radius: [m] of the outer surface at the markers.
-        thickness: [m] of the skin.
+        radius: of the outer surface at the first ring [m].
+        thickness: of the skin [m].
         markers: number of markers in each ring.
         camera: lens; None: an equidistant lens, whose focal length is fitted.
-        height: [m] of the camera above the markers, roughly.
-        colour: colour of the markers; None: it is found in the images.
-        rings: [m] heights of the rings of markers, towards the camera; the first is 0, the ring at which `radius` is.
+        height: of the camera above the first ring [m], roughly.
+        colour: of the markers; None: found in the images.
+        rings: heights of the rings of markers, towards the camera [m]; the first is 0.
     """
 
     radius: float
@@ -49,15 +49,19 @@ class MarkerRing(Value):
     """A calibrated unit of a marker ring.
 
     Attributes:
-        radius: [m] of the skin's outer surface at the markers.
+        radius: of the skin's outer surface at the markers [m].
         view: the camera, its place in the ring, and the angles at which markers rest on the inner surface.
-        colour: colour that distinguishes markers from the skin.
-        rest: (m, 2) [px] places of the markers at rest.
-        area: (m,) [px] sizes of the markers.
-        jitter: [px] standard deviation of a marker's place along each axis from image to image.
+        colour: of the markers.
+        rest: (m, 2) places of the markers at rest [px].
+        area: (m,) sizes of the markers [px].
+        jitter: standard deviation of a marker's place along each axis from image to image [px].
         response: displacements of the markers under contacts.
         notes: notes on the calibration, one sentence each.
         provenance: origin of the calibration.
+
+    Raises:
+        InputError: the response has other rings than the view, `rest` or `area` is not of the view's markers,
+            `radius` is not above that of the markers, or `jitter` is not positive.
     """
 
     radius: float
@@ -87,9 +91,12 @@ class MarkerRing(Value):
         return len(self.view.angles)
 
     def displacements(self, pixels: Float[np.ndarray, "*batch m 2"]) -> Float[np.ndarray, "*batch m 2"]:
-        """Return the markers' displacements (..., m, 2) [m] from rest, outwards and along rising angles, from pixels.
+        """Return the displacements (*batch, m, 2) [m], outwards and along rising angles, of markers at pixels.
 
         A marker at NaN has a displacement of NaN.
+
+        Raises:
+            InputError: the pixels are not real numbers (*batch, m, 2).
         """
         from palpate.optical._fisheye import displaced  # compiled: loaded when first needed
 
@@ -100,17 +107,17 @@ class MarkerRing(Value):
 
     @cached_property
     def numbers(self) -> tuple[np.ndarray, ...]:
-        """Tuple of arrays: the camera's lens and pose, markers' heights (m,) and rest places (m, 2) [m], and `axes`."""
+        """Lens (10,), pose (12,), markers' heights (m,) [m] and rest places (m, 2) [m], and `axes` (m, 2, 2)."""
         resting = self.view.to_plane(self.rest, self.view.heights)
         return *self.view.numbers, self.view.heights, resting, np.ascontiguousarray(self.axes())
 
     def axes(self) -> Float[np.ndarray, "m 2 2"]:
-        """Return unit vectors outwards and along rising angles at each marker in its plane, as columns (m, 2, 2)."""
+        """Return unit vectors outwards and along rising angles at each marker, as columns (m, 2, 2)."""
         c, s = np.cos(self.view.angles), np.sin(self.view.angles)
         return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-1)
 
     def noise(self) -> Float[np.ndarray, "m 2"]:
-        """Return the standard deviation (m, 2) [m] of each displacement that comes from `jitter`."""
+        """Return the standard deviation (m, 2) [m] of each displacement, due to `jitter`."""
         along = np.swapaxes(self.axes(), -1, -2) @ self.view.to_plane_with_slope(self.rest, self.view.heights)[1]
         return self.jitter * np.linalg.norm(along, axis=-1)
 

@@ -36,13 +36,13 @@ class RingPresses:
     """Single contacts of known truth with the displacements of the markers.
 
     Attributes:
-        angle: (n,) [rad] of the centre of pressure.
+        angle: (n,) of the centre of pressure [rad].
         depth: (n,) [m].
-        force: (n,) [N] radial, positive inwards.
-        shear: (n,) [N] along rising angles; NaN: not known.
-        displacements: (n, m, 2) [m] outwards and along; NaN: not seen.
-        markers: (m,) [rad] angles at rest, ring by ring, the same number in each.
-        noise: (m, 2) [m] standard deviation of a displacement.
+        force: (n,) radial, positive inwards [N].
+        shear: (n,) along rising angles [N]; NaN: not known.
+        displacements: (n, m, 2) outwards and along [m]; NaN: not seen.
+        markers: (m,) angles at rest [rad], ring by ring, the same number in each.
+        noise: (m, 2) standard deviation of a displacement [m].
         rings: number of rings of markers.
     """
 
@@ -59,13 +59,17 @@ class RingPresses:
         return len(self.angle)
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> RingPresses:
-        """Return the `RingPresses` of a mask (n,)."""
+        """Return the `RingPresses` that a mask (n,) selects.
+
+        Raises:
+            InputError: the mask is not of n bools.
+        """
         rows = shaped(rows, self.angle.shape, "rows", np.dtype(np.bool_))
         names = ("angle", "depth", "force", "shear", "displacements")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def by_ring(self) -> list[RingPresses]:
-        """Return a list of `RingPresses`, one for each ring, with the displacements of its markers."""
+        """Return `RingPresses` for each ring, with the displacements of its markers."""
         if self.rings == 1:
             return [self]
         own = [np.split(each, self.rings) for each in (np.swapaxes(self.displacements, 0, 1), self.markers, self.noise)]
@@ -78,38 +82,31 @@ class RingPresses:
 def fit_response(presses: RingPresses, before: RingResponse | None = None) -> RingResponse:
     """Fit the `RingResponse` that explains presses, with its errors on presses omitted from the fit.
 
-    A regression on v0, v1, v2 and s with a prior: smooth in the angle from the contact, and nearly the same all round
-    the ring. The degrees of both are chosen from the presses: a looser prior learns the pixels' noise, which makes two
-    contacts near to each other worse. With the response of another unit the prior is that response, times a stiffness
-    that varies round the ring: tens of presses are then enough.
+    It is a regression with a prior: smooth in the angle from the contact, and nearly the same all round the ring; or,
+    with `before`, that response times a stiffness that varies round the ring.
 
     Args:
         presses: presses all round the ring, of two widths at least; with shear, if it is known.
-        before: response of another unit.
+        before: response of another unit, with which tens of presses are enough; None: not known.
 
     Raises:
-        InputError: the presses are too few, or only on a part of the ring; a shear is more than friction allows; or
-            omitted presses are not found with the response of the others.
+        InputError: the presses are too few, or only on a part of the ring; `before` has another number of rings; a
+            shear is more than friction allows; or omitted presses are not found with the response of the others.
     """
     _require_presses(presses, before)
     whole = _fitted(presses, before)
     judged = replace(whole, **_left_out(presses, before, whole))
     angle, _, force, _ = judged.left_out.tolist()
     if not (angle <= _ASTRAY and force <= _WRONG):  # NaN too: hardly one is found
+        off = f"found {np.degrees(angle):.0f} degrees and {force:.0%} of their force off"
         raise InputError(
-            f"presses that were not fitted are {_off(angle, force)}: the markers do not move as angle, depth and force "
-            "state.",
+            f"presses that were not fitted are {'mostly not found' if np.isnan(angle) else off}: the markers do not "
+            "move as angle, depth and force state.",
             where="truth",
             hint="Check that each row belongs to its frame, and that angle_deg is in degrees, depth_mm in mm and "
             "force_n in N.",
         )
     return judged
-
-
-def _off(angle: float, force: float) -> str:
-    if np.isnan(angle):
-        return "mostly not found"
-    return f"found {np.degrees(angle):.0f} degrees and {force:.0%} of their force off"
 
 
 def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
@@ -134,7 +131,7 @@ def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
 
 
 def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
-    """Return the fitted response without its errors: misfit and spread are zero."""
+    """Return the fitted response, with a misfit and spread of zero."""
     if before is None:
         ratio = presses.depth / presses.force
         sheared = bool(np.isfinite(presses.shear).all() and np.ptp(presses.shear / presses.force) > 0.1)
@@ -156,7 +153,7 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
 
 
 def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Float[np.ndarray, "3"], float]:
-    """Return `usual` and `grip` of a `RingResponse`; grip from the heavier half, as light presses show the gauge."""
+    """Return `usual` and `grip` of a `RingResponse`, grip from the heavier half of the presses."""
     z = (presses.depth / presses.force - width[0]) / width[1]
     if not sheared:
         return np.array([z.mean(), z.std(), _SHEAR]), 0.0
@@ -168,7 +165,7 @@ def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Floa
 def _dragged(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3"]:
     """Return `dragged` of a `RingResponse`: two normal distributions about 0, by expectation and maximisation.
 
-    Zeros if one distribution explains shear / force as well, by Schwarz's criterion [Bishop 2006, 4.4.1 and 9.2.2].
+    Zeros if one distribution explains them as well, by Schwarz's criterion [Bishop 2006, 4.4.1 and 9.2.2].
     """
     square, deviations = share**2, np.maximum([np.median(np.abs(share)), np.abs(share).max()], _PLAIN)
     weights = np.array([0.5, 0.5])
@@ -189,16 +186,13 @@ def _dragged(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3"]:
 
 
 def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndarray, "n b"]:
-    """Return the factors (n, b) of v0, v1, v2 and s for each press: F, F z, F z^2 and the shear."""
+    """Return F, F z, F z^2 and the shear of each press, (n, b)."""
     force, z = presses.force, (presses.depth / presses.force - width[0]) / width[1]
-    columns = [force, force * z, force * z * z]
-    if terms == 4:
-        columns.append(np.nan_to_num(presses.shear))
-    return np.stack(columns, axis=1)
+    return np.stack([force, force * z, force * z * z, np.nan_to_num(presses.shear)][:terms], axis=1)
 
 
 def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, np.ndarray]:
-    """Return another unit's response times a softness g: u = g(phi) u_before, width = mean(g) width_before."""
+    """Return another unit's response and width times a softness: u = g(phi) u_before, width = mean(g) width_before."""
     g, gain = np.ones(len(presses)), np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     for _ in range(3):
         terms = _terms(presses, before.width * np.mean(g), len(before.coefficients))
@@ -214,7 +208,7 @@ def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, n
 
 
 def _times(coefficients: np.ndarray, gain: np.ndarray, order: int) -> np.ndarray:
-    """Return a response's coefficients times a series in the contact's angle, truncated at the response's order."""
+    """Return coefficients times a series in the contact's angle, truncated at their order."""
     phi = 2.0 * np.pi * np.arange(64) / 64
     of_phi = ring_basis(phi, order)
     values = np.einsum("bckm,am->bcka", coefficients, of_phi) * (ring_basis(phi, 2) @ gain)
@@ -232,7 +226,7 @@ def _predicted(presses: RingPresses, coefficients: np.ndarray, terms: np.ndarray
 
 
 def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, known: bool) -> np.ndarray:
-    """Return one ring's response by ridge regression towards `start`, with the prior of the largest evidence."""
+    """Return one ring's response by ridge regression towards `start`."""
     shape, usual = start.shape, float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
     normal, right = _sums(presses, start, width, usual)
     scale = _most_likely(normal, right, shape, usual, _NEW_UNIT if known else _NEW_SKIN)
@@ -243,7 +237,7 @@ def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, k
 def _sums(
     presses: RingPresses, start: np.ndarray, width: np.ndarray, usual: float
 ) -> tuple[Float[np.ndarray, "size size"], Float[np.ndarray, "size 2"]]:
-    """Return the normal matrix and its right sides, outwards and along, for the residuals of `start`."""
+    """Return the normal matrix and its right sides for the residuals of `start`."""
     terms, shape = _terms(presses, width, len(start)), start.shape
     size = shape[0] * shape[2] * shape[3]
     normal, right = np.zeros((size, size)), np.zeros((size, 2))
@@ -269,14 +263,7 @@ def _most_likely(
     """Return the coefficients' standard deviations under the prior of the largest evidence [Bishop 2006, 3.5.1].
 
     log p(u) = sum over both axes of (log|P| - log|N + P| + r' (N + P)^-1 r) / 2 + a constant, with P the precision, N
-    the normal matrix, r its right side.
-
-    Args:
-        normal: (size, size) normal matrix of the regression.
-        right: (size, 2) its right sides.
-        shape: shape of the coefficients.
-        usual: usual displacement per newton [m/N].
-        first: numbers of `_deviations` to start from.
+    the normal matrix, r its right side. The search starts from the numbers `first` of `_deviations`.
     """
     from scipy.linalg import cho_factor, cho_solve  # here: they take a while to import
     from scipy.optimize import minimize
@@ -298,10 +285,10 @@ def _most_likely(
 
 
 def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: float) -> Float[np.ndarray, " size"]:
-    """Return prior standard deviations of the coefficients' differences from the start, per usual displacement.
+    """Return prior standard deviations of the coefficients' differences from the start.
 
     Args:
-        shape: shape of the coefficients.
+        shape: of the coefficients.
         size: standard deviation of the lowest orders.
         smooth: order in delta from which they decrease.
         uneven: share of the first order in phi.
@@ -315,19 +302,16 @@ def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: floa
 
 
 def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResponse) -> dict[str, np.ndarray]:
-    """Return `misfit`, `spread` and `left_out`, from two fits to halves of the angles, each tested on the other."""
+    """Return `misfit`, `spread` and `left_out`, from fits to halves of the angles, tested on the others."""
     _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
     folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
-    judged = list[np.ndarray]()
     fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
     parts = [presses.picked(folds == fold) for fold in (0, 1)]
     square, number = np.zeros((2, 2 * presses.rings, PARTS))
     for fit, part in zip(fits, parts, strict=True):
         _add_misfit(fit, part, square, number)
     misfit = np.sqrt(np.maximum(square, 0.0) / np.maximum(number, 1e-30))
-    for fit, part in zip(fits, parts, strict=True):
-        judged.append(_errors(replace(fit, misfit=misfit), part))
-    every = np.concatenate(judged)
+    every = np.concatenate([_errors(replace(fit, misfit=misfit), part) for fit, part in zip(fits, parts, strict=True)])
     spread, shares = _beside(every), np.stack([np.ones(len(every)), every[:, 4]])
     found: Float[np.ndarray, "4"] = np.full(4, np.nan)
     for e in range(2 if 2 * len(every) >= len(presses) else 0):  # else NaN: most are not found
@@ -341,7 +325,7 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number: np.ndarray) -> None:
-    """Add the squared residuals of presses, less the noise, to `square`, and the squared forces to `number`."""
+    """Add squared residuals, less the noise, to `square`, and squared forces to `number`."""
     left = part.displacements - _predicted(part, fit.coefficients, _terms(part, fit.width, len(fit.coefficients)))
     delta = np.mod(part.markers[None, :] - part.angle[:, None], 2.0 * np.pi)
     where = np.minimum((delta / (2.0 * np.pi) * PARTS).astype(np.int64), PARTS - 1)
@@ -354,7 +338,7 @@ def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number
 
 
 def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
-    """Return errors of angle [rad] and force [N], their standard deviations, and the force, of presses not fitted."""
+    """Return errors of angle [rad] and force [N], their standard deviations, and the force."""
     locator = RingLocator(fit, part.markers, part.noise, RingSettings())
     rows = list[list[float]]()
     for k in range(len(part)):
@@ -369,7 +353,7 @@ def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
 
 
 def _beside(errors: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "2"]:
-    """Return the additional standard deviations (2,) with which 95 % of the errors lie within 1.96 of the total."""
+    """Return additional standard deviations (2,) with which 95 % of the errors lie within 1.96 of the total."""
     found = np.zeros(2)
     if not len(errors):
         return found

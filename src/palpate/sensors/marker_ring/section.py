@@ -1,4 +1,4 @@
-"""A ring of markers that a camera watches, in a rig: its table, the layout of images, and the estimator built of it."""
+"""A ring of markers in a rig: its table, the layout of images, and the estimator built of it."""
 
 from __future__ import annotations
 
@@ -49,11 +49,13 @@ _NO_WRENCH = "a camera measures no wrench"
 class RigMarkerRing:
     """Rig table of a marker ring: its model, its dimensions, and the topic of its images.
 
-    `model` is a file of `palpate calibrate marker-ring`. For a calibration: `radius` [m] of the outer surface at the
-    markers, `thickness` [m] of the skin, the number of `markers`, the `camera`'s lens as a file, its `height` [m] above
-    the markers; `rings` [m], the heights of several rings with that number of markers each, the first 0. `topic` is
-    that of a log with topics; `tare` [s] is the untouched time at the log's start; `contacts` are the settings of the
-    search for contacts.
+    `model` is a file of `palpate calibrate marker-ring`. A calibration needs the `radius` [m] of the outer surface at
+    the markers, the `thickness` [m] of the skin, the number of `markers` in a ring, the `camera`'s lens as a file, its
+    `height` [m] above the markers, and the heights [m] of the `rings`, the first 0. `topic` is that of the images;
+    `tare` [s] is the untouched time at the log's start; `contacts` are the settings of the search for contacts.
+
+    Raises:
+        ValueError: a number is out of its range, or `rings` are not below the camera, different and the first 0.
     """
 
     model: str | None = None
@@ -105,7 +107,7 @@ class MarkerRingSection(SensorSection):
         return read_model(self.link.folder / self.table.model, MarkerRing)
 
     def body(self) -> RingBody:
-        """Return the dimensions that the rig states for a unit before its calibration, as a `RingBody`.
+        """Return the dimensions that the rig states for a calibration, as a `RingBody`.
 
         Raises:
             InputError: radius, thickness or markers are missing, or the camera's file cannot be read.
@@ -123,7 +125,7 @@ class MarkerRingSection(SensorSection):
         return RingBody(table.radius, table.thickness, table.markers, camera, table.height, rings=table.rings)
 
     def surface(self) -> Surface:
-        """Return a cylinder of the ring's radius, a `Surface`, on which it is drawn if the rig has no [surface].
+        """Return a cylinder of the ring's radius about the sensor's z axis, as a `Surface`.
 
         Raises:
             InputError: no model is named, or it cannot be read.
@@ -133,7 +135,7 @@ class MarkerRingSection(SensorSection):
 
 
 def _camera(path: Path) -> Fisheye:
-    """Return the lens of a file of `palpate calibrate camera`, or of a table with the same keys, without its kind."""
+    """Return the lens of a model file, or of a table with the same keys."""
     table = load_toml(path)
     return read_model(path, Fisheye) if "kind" in table else parse(table, Fisheye, file=str(path))
 
@@ -154,7 +156,7 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Return the rig text for a video, a folder of images, or a topic of colour images; None if there are none."""
+    """Return a rig for a video, a folder or a topic of images; None if there are none."""
     size = image_size(log)
     if size is None:
         return None

@@ -22,7 +22,7 @@ SHOWN = 0.25  # s between two images that are shown
 
 
 class MarkerRingView(SensorView):
-    """The view of a marker ring: the camera's image, and the markers on the surface, or on a cylinder without one."""
+    """The view of a marker ring: the camera's image, and the markers on a surface."""
 
     words: ClassVar[Mapping[str, Words]] = {
         **TRACKED,
@@ -41,7 +41,7 @@ class MarkerRingView(SensorView):
         return super().body(setup) or setup.of(MarkerRingSection).surface()
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return a tuple with one `RingLayer`, which draws the ring's images and markers.
+        """Return one `RingLayer`, which draws the ring's images and markers.
 
         Raises:
             InputError: the rig names no model, or it cannot be read.

@@ -1,4 +1,4 @@
-"""Fit a taxel's curve from intensity to force, from presses whose force a load cell measured."""
+"""Fit curves from intensity to force to presses that a load cell measured."""
 
 from __future__ import annotations
 
@@ -24,17 +24,11 @@ _FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturat
 def _identified(
     force: Float[np.ndarray, " n"], intensity: Float[np.ndarray, " n"], kind: str, degree: int | None, top: float | None
 ) -> tuple[Curve, str, Validation]:
-    """Return the curve I - I0 = f(F), the reason if it is a straight line by choice, and its cross-validation.
-
-    It is fitted by least squares in the intensity: the load cell is the more accurate sensor. Rows at the end of the
-    sensor's range are excluded, and so are those beyond the force at which the curve goes flat.
-    """
+    """Return the least-squares curve, the reason if it is a straight line by choice, and its cross-validation."""
     force, intensity, dropped = _sound(force, intensity)
     _require_spread(force, dropped)
     if not np.ptp(intensity) > 0:
-        raise NotIdentifiable(
-            "the reading never changes: check that it is that of the pressed cell.", rank=0, missing=("curve",)
-        )
+        raise _no_curve("the reading never changes: check that it is that of the pressed cell.", 0)
     falling = bool(np.corrcoef(force, intensity)[0, 1] < 0)
     signed = -intensity if falling else intensity
     limit = _limit(force, signed, None if top is None else (-top if falling else top))
@@ -52,11 +46,7 @@ def _identified(
 
 
 def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> Validation:
-    """Compare unseen presses with a curve of the same kind that is fitted to the others.
-
-    Compare by the normal equations, J^T r: readings of one press have errors in common, which the fit's covariance
-    ignores.
-    """
+    """Compare unseen presses with a curve that is fitted to the others, by the normal equations."""
     degree, rounding = len(curve.parameters) if curve.kind == "polynomial" else None, 1e-6 * float(np.ptp(signed))
 
     def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
@@ -78,10 +68,7 @@ def tells(curve: Curve, force: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"
 
 
 def _goes_flat(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Return the force [N] above which a taxel saturates, and the reading that 98 % there exceed; inf if it does not.
-
-    A curve that is linear between knots is fitted, and fitted again to the rows below, with closer knots.
-    """
+    """Return the force [N] above which a taxel saturates, and the reading that 98 % there exceed; inf if none does."""
     end = limit = np.inf
     for _ in range(4):
         below = force <= end
@@ -119,16 +106,16 @@ def identify_intensity(
 ) -> Intensity:
     """Return the `Intensity` of a sheet, I = I0_k + g_k f(F) for cell k: one curve f, and a gain g_k for each cell.
 
-    The unloaded readings I0_k are fitted too but not returned. Rows that are not finite, at the end of the sensor's
-    range, or beyond the force at which the curve goes flat are excluded. Forty presses a cell are enough.
+    The unloaded readings I0_k are fitted but not returned. Rows that are not finite, at the end of the sensor's range,
+    or beyond the force at which the curve goes flat are excluded. Forty presses a cell are enough.
 
     Args:
         force: (n,) [N], not negative.
         intensity: (n,) raw.
-        cell: (n, 2) row and column of the pressed cell; None: one curve is fitted for all cells.
-        shape: rows and columns of the sheet; None: up to the largest row and column that were pressed.
+        cell: (n, 2) row and column of the pressed cell; None: one curve for all cells.
+        shape: rows and columns of the sheet; None: up to the largest that were pressed.
         kind: of `Curve` but "resistive", or "auto": the one that predicts unseen presses best.
-        degree: of a polynomial; None: the best of 1 to 5, in the same way.
+        degree: of a polynomial; None: the best of 1 to 5.
         top: raw reading at the end of the range; None: found where readings stop rising.
         provenance: origin of the log.
 
@@ -143,8 +130,10 @@ def identify_intensity(
         return Intensity((common,), provenance=record, notes=(*_remarks(common, why), *left.notes))
     rows, columns = shape or tuple(int(last) + 1 for last in cell.max(axis=0))
     pressed, number = np.unique(cell, axis=0, return_inverse=True)
-    if (pressed < 0).any() or (pressed >= [rows, columns]).any():
-        raise InputError(f"a press names a cell that is not on the sheet of {rows} x {columns}.", where="intensity")
+    outside = ((pressed < 0) | (pressed >= [rows, columns])).any(axis=1)
+    if outside.any():
+        named = tuple(pressed[outside][0].tolist())
+        raise InputError(f"a press names cell {named}, not on the sheet of {rows} x {columns}.", where="intensity")
     which, number = np.zeros((rows, columns), np.int64), number.ravel()
     use = _below(common, intensity)
     zero, gain, error = _gains(common, force, intensity, number, len(pressed))
@@ -156,25 +145,25 @@ def identify_intensity(
         refit, _, left = _identified(force[own], alike, common.kind, terms, np.inf)
         common = replace(refit, saturation=common.saturation, falling=common.falling)
         zero, gain, error = _gains(common, force, intensity, number, len(pressed))
-    notes, curves = _remarks(common, why), [common]
-    for (row, column), own, spread in zip(pressed.tolist(), gain.tolist(), error.tolist(), strict=True):
-        if own > 0:
-            values = common.parameters
-            covariance = own**2 * common.covariance + spread**2 * np.outer(values, values)
-            curves.append(replace(common, parameters=own * values, covariance=covariance))
-            which[row, column] = len(curves) - 1
-    if len(curves) - 1 < which.size:
-        notes.append(
-            f"{which.size - len(curves) + 1} of {which.size} cells have no gain of their own: they were pressed too "
-            "few times"
-        )
-    notes.append(f"gains of cells differ by {100 * float(np.std(gain[gain > 0])):.1f} %")
+    gained, notes = gain > 0, _remarks(common, why)
+    curves = [_scaled(common, *each) for each in zip(gain[gained].tolist(), error[gained].tolist(), strict=True)]
+    which[tuple(pressed[gained].T)] = 1 + np.arange(len(curves))
+    if len(curves) < which.size:
+        without = f"{which.size - len(curves)} of {which.size} cells"
+        notes.append(f"{without} have no gain of their own: they were pressed too few times")
+    notes.append(f"gains of cells differ by {100 * float(np.std(gain[gained])):.1f} %")
     record = {"left_out": str(left), **(provenance or {})}
-    return Intensity(tuple(curves), which, provenance=record, notes=(*notes, *left.notes))
+    return Intensity((common, *curves), which, provenance=record, notes=(*notes, *left.notes))
+
+
+def _scaled(curve: Curve, gain: float, error: float) -> Curve:
+    values = curve.parameters
+    covariance = gain**2 * curve.covariance + error**2 * np.outer(values, values)
+    return replace(curve, parameters=gain * values, covariance=covariance)
 
 
 def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Return whether each reading is finite and below the end of the range."""
+    """Return whether readings are finite and below the end of the range."""
     sign = -1.0 if common.falling else 1.0
     limit = np.inf if np.isnan(common.saturation) else sign * common.saturation
     return np.isfinite(intensity) & (sign * intensity < limit)
@@ -183,7 +172,7 @@ def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:
 def _gains(
     common: Curve, force: np.ndarray, intensity: np.ndarray, number: Int[np.ndarray, " n"], count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a line to each cell; return its unloaded reading, gain (0: not known) and the gain's standard deviation."""
+    """Fit a line to each cell; return unloaded reading, gain (0: not known) and the gain's standard deviation."""
     sign = -1.0 if common.falling else 1.0
     use = np.isfinite(force) & _below(common, intensity)
     x, y = sign * common.intensity(np.maximum(force, 0.0)), intensity
@@ -220,12 +209,12 @@ def identify_resistive(
         force: (n,) [N].
         reading: (n,) of the ADC, falling with force.
         scale: s, the reading without load.
-        reference: (n,) R of the divider, in any unit of resistance, which is also the unit of S/F and R_i.
+        reference: (n,) R of the divider, in any unit of resistance, also that of S/F and R_i.
         layer: (n,) index of each row's layer, from 0.
         floor: the lowest reading.
 
     Returns:
-        One `Curve` for each layer, with the parameters (S, R_i) and their covariance.
+        One `Curve` for each layer, with parameters (S, R_i) and their covariance.
 
     Raises:
         NotIdentifiable: too few rows, or forces that hardly differ.
@@ -282,22 +271,19 @@ def _sound(force: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _require_spread(force: np.ndarray, dropped: int) -> None:
     if len(force) < FEWEST:
-        raise NotIdentifiable(
-            f"{len(force)} rows are too few for a curve (at least {FEWEST}"
-            f"{f'; {dropped} rows had no number' if dropped else ''}): press with more forces.",
-            rank=len(force),
-            missing=("curve",),
-        )
+        without = f"; {dropped} rows had no number" if dropped else ""
+        few = f"{len(force)} rows are too few for a curve (at least {FEWEST}{without}): press with more forces."
+        raise _no_curve(few, len(force))
     if not np.ptp(force) > 1e-6 * max(float(np.abs(force).max()), 1e-12):
-        raise NotIdentifiable(
-            f"all presses have the same force ({force[0]:.3g} N): a curve needs several forces.",
-            rank=1,
-            missing=("curve",),
-        )
+        raise _no_curve(f"all presses have the same force ({force[0]:.3g} N): a curve needs several forces.", 1)
+
+
+def _no_curve(why: str, rank: int) -> NotIdentifiable:
+    return NotIdentifiable(why, rank=rank, missing=("curve",))
 
 
 def _limit(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"], stated: float | None) -> float:
-    """Return the reading at the end of the range: as stated, or the highest, if it stays over a tenth of the forces."""
+    """Return the end of the range: as stated, or the highest reading, if it stays over a tenth of the forces."""
     if stated is not None:
         return stated
     top = signed.max()
@@ -308,7 +294,7 @@ def _limit(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"], stat
 
 
 def _hysteresis(curve: Curve, force: np.ndarray, signed: np.ndarray) -> float:
-    """Return the largest difference between loading and unloading, over the span; NaN where there is only one."""
+    """Return the largest difference between loading and unloading, over the span; NaN: not known."""
     span = float(np.ptp(signed))
     trend = np.sign(np.convolve(np.gradient(force), np.ones(5) / 5, mode="same"))
     left = signed - curve.intensity(force)

@@ -1,4 +1,4 @@
-"""Define `palpate calibrate intensity`, which fits readings of taxels to forces that a load cell measured."""
+"""Define `palpate calibrate intensity`."""
 
 from __future__ import annotations
 
@@ -56,8 +56,7 @@ class CalibrateIntensity(Calibration):
         """Return the `CalibrationResult` of the presses of the log, with their `Intensity`.
 
         Raises:
-            InputError: a log that cannot be read, an unknown unit, an option that does not fit, or a curve that does
-                not rise with force.
+            InputError: a log, unit or option that cannot be used, or a curve that does not rise with force.
             NotIdentifiable: the presses do not determine a curve.
         """
         force, intensity, cell = _presses(self.log, to_si(self.unit, FORCE_UNITS, where="--unit"))
@@ -91,7 +90,7 @@ class CalibrateIntensity(Calibration):
 
 
 def _deviation(curve: Curve) -> str:
-    """Return, as text, the standard deviation of a force in the middle of the range, if a reading determines it."""
+    """Describe the standard deviation of a force in the middle of the range."""
     half = np.array([curve.largest / 2])
     if not tells(curve, half)[0]:
         return f"not known at {half[0]:.3g} N: no reading tells the force there"
@@ -117,7 +116,7 @@ def _divider(
 
 
 def _presses(log: Path, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Read forces [N], readings and cells; the cells are None where the log has no row and column."""
+    """Read forces [N], readings and cells; None where the log has no row and column."""
     table = read_table(log)
     values, _ = table.numbers(["force", "intensity"])
     if not {"row", "column"} <= set(table.names):

@@ -1,8 +1,9 @@
-"""Fit intensity curves of several kinds by least squares, and choose the one that predicts unseen presses best."""
+"""Fit intensity curves of several kinds, and choose the one that predicts unseen presses best."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,7 @@ _Make = Callable[[np.ndarray, np.ndarray], Curve]
 
 @dataclass(frozen=True)
 class _Linear:
-    """A kind of curve that is linear in its parameters and in the unloaded intensity, which is fitted too."""
+    """A curve that is linear in its parameters and in the unloaded intensity, which is fitted too."""
 
     kind: str
     design: Callable[[np.ndarray], np.ndarray]
@@ -62,7 +63,7 @@ def _two_range(joint: float) -> _Linear:
 
 
 def _monotone(knots: Float[np.ndarray, " k"]) -> _Linear:
-    """Return a curve that is linear between knots, as steps from knot to knot, none of them downward."""
+    """Return a curve that is linear between knots, as steps none of which is downward."""
 
     def design(force: np.ndarray) -> np.ndarray:
         edges = np.concatenate([[0.0], knots])
@@ -80,7 +81,7 @@ def _increasing(matrix: np.ndarray, signed: np.ndarray) -> np.ndarray:
 
 
 def _best_joint(force: np.ndarray, signed: np.ndarray) -> Curve:
-    """Fit a curve of two ranges, whose joint is where the residual is smallest."""
+    """Fit two ranges whose joint gives the smallest residual."""
     joints: Float[np.ndarray, " j"] = np.quantile(force[force > 0], np.linspace(0.02, 0.95, 48))
     best = _best(joints, force, signed)
     for _ in range(2):  # finer, to either side
@@ -94,10 +95,8 @@ def _best_joint(force: np.ndarray, signed: np.ndarray) -> Curve:
 def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
     fits: list[Curve] = []
     for joint in joints:
-        try:
+        with suppress(InputError):  # it does not rise
             fits.append(_two_range(float(joint))(force, signed))
-        except InputError:  # it does not rise
-            continue
     if not fits:
         raise InputError("no curve of two ranges that rises with force fits the log.", where="intensity")
     return min(fits, key=lambda fit: fit.residual)
@@ -116,7 +115,7 @@ def chosen(
         signed: (n,) readings that grow with the force.
 
     Raises:
-        InputError: an unknown kind, or a curve that does not rise with force.
+        InputError: an unknown kind, or a curve that does not rise.
     """
     choice = _choices(kind, degree, force, signed)
     errors = [_held_out(make, force, signed) for make in choice] if len(choice) > 1 else [0.0]
@@ -133,7 +132,6 @@ def chosen(
 
 
 def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray) -> list[_Make]:
-    """Return the fits to try for a kind and degree of curve."""
     known: dict[str, list[_Make]] = {
         "polynomial": [_polynomial(each) for each in (_DEGREES if degree is None else (degree,))],
         "two_range": [_best_joint],
@@ -147,7 +145,7 @@ def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarra
 
 
 def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
-    """Return up to twelve forces [N], equally spaced along the curve: dense where it is steep."""
+    """Return up to twelve forces [N], equally spaced along the curve."""
     count = int(np.clip(len(force) // 8, 2, 12))
     order = np.argsort(force, kind="stable")
     window = max(len(force) // 40, 1)
@@ -162,7 +160,7 @@ def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
 
 
 def _held_out(make: _Make, force: np.ndarray, signed: np.ndarray) -> float:
-    """Return the sum of squared errors over unseen blocks of neighbouring forces; inf where a fit cannot be made."""
+    """Return the sum of squared errors over unseen blocks of neighbouring forces; inf where no fit can be made."""
     order = np.argsort(force, kind="stable")
     fold = np.empty(len(force), dtype=np.int64)
     fold[order] = np.arange(len(force)) // max(len(force) // (4 * _FOLDS), 1) % _FOLDS

@@ -1,4 +1,4 @@
-"""Estimate several contacts at once from readings of taxels: place, force, pressure, area, axes and identity."""
+"""Estimate several contacts at once from readings of taxels."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times
 from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError
+from palpate.sensors.taxels._kernels import MOST
 from palpate.sensors.taxels.frames import TaxelFrames
 from palpate.sensors.taxels.health import FEWEST, Health, examine, tared
 from palpate.sensors.taxels.intensity import Intensity
@@ -48,28 +49,26 @@ class TaxelEstimator(ContactEstimator):
     """An estimator of contacts in frames of taxel readings; baseline, identities and filter go on between frames.
 
     A frame is raw readings, rows x columns or one for each taxel; another size, or too many readings that are not
-    finite, gives the status INVALID. Orientation and acceleration make no difference.
+    finite, gives the status INVALID.
 
     A cell's force is that of its reading less its baseline, which follows drift while nothing touches the cell.
-    Contacts are connected cells; one whose pressure has two peaks with a saddle between them is two contacts, a mixture
-    of two round Gaussians. The place on a sheet is the centroid, divided by the sum of the forces [skin map, (1)
-    corrected], on the map between cell centres; for taxels anywhere it is the middle of a round Gaussian fitted to
-    their readings, lifted onto the body, which an edge of the skin or a hole does not pull. Its covariance includes
-    that of the taxels' positions, where the body has one, as if the errors in a contact were equal. The force is the
-    sum over the cells, each along its own normal; the torque about the normal is NaN, because cells feel no shear.
-    SATURATED: located, but the force is a lower bound.
+    Contacts are connected cells, split where pressure has two peaks with a saddle between. The place on a sheet is the
+    centroid of the forces [skin map, (1) corrected]; for taxels anywhere the middle of a round Gaussian fitted to their
+    readings, which an edge or a hole of the skin does not pull, lifted onto the body. Its covariance includes that of
+    the taxels' positions, as if their errors in a contact were equal. The force is the sum over the cells, each along
+    its own normal; the torque about the normal is NaN. SATURATED: located, but the force is a lower bound.
 
     The features are `FEATURES`, and on a sheet `row` and `column`, integers at cell centres.
 
-    Baseline, noise and bad cells are those of `health`, or found in the first 2,048 frames that `run`, `pairs` or
-    `stream` are given; `tare` sets the baseline, and `update` needs it or `health`.
+    Baseline, noise and bad cells are those of `health`, or found in the first 2,048 frames of `run`, `pairs` or
+    `stream`; `tare` sets the baseline, and `update` needs it or `health`.
 
     Args:
         body: the places of the cells.
         intensity: converts readings to forces; None: one count is taken for 1 N.
         health: from `palpate.sensors.taxels.health.examine`.
         settings: of the contact search.
-        filter: of each cell's reading; None: none. A filter of zero phase works in `pairs` and `stream` only.
+        filter: of each cell's reading; one of zero phase works in `pairs` and `stream` only.
         rate: [Hz] of the frames; a filter needs it.
         mount: T_sensor_surface.
 
@@ -89,8 +88,6 @@ class TaxelEstimator(ContactEstimator):
         rate: float | None = None,
         mount: Pose | None = None,
     ) -> None:
-        from palpate.sensors.taxels._kernels import MOST  # compiled: loaded when first needed
-
         super().__init__((CELLS,), ("row", "column", *FEATURES) if body.rows else FEATURES, MOST, mount, filter)
         self.body, self.settings, self.rate, self.intensity = body, settings or TaxelSettings(), rate, intensity
         self.health: Health | None = None
@@ -110,7 +107,7 @@ class TaxelEstimator(ContactEstimator):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the state of past frames: drift of the baseline, wrapped readings, filter and identities."""
+        """Forget drift of the baseline, wrapped readings, filter and identities."""
         super().reset()
         self._frames.reset()
 
@@ -127,19 +124,14 @@ class TaxelEstimator(ContactEstimator):
 
     @property
     def label(self) -> Int[np.ndarray, "*cells"]:
-        """Return each cell's area in the last frame (`body.shape`), from 1; 0: none, negative: the area's rim."""
+        """Return the index of each cell's area in the last frame (`body.shape`), from 1; 0: none, negative: its rim."""
         return self._frames.label.reshape(self.body.shape)
-
-    @property
-    def wrapped(self) -> Int[np.ndarray, "*cells"]:
-        """Return the number of times that each cell's reading passed an end of its range (`body.shape`)."""
-        return self._frames.wrapped.reshape(self.body.shape)
 
     def tare(self, recording: Recording) -> Tare:
         """Take each cell's mean reading in a recording as its baseline from now on; return a `Tare`.
 
         Raises:
-            InputError: too few frames, no readings of these taxels, or cells that do not keep still.
+            InputError: too few frames, no readings of these taxels, no usable cell, or cells that do not keep still.
         """
         rest, self._tared = tared(
             recording, self.body, self.health, pressed=3.0 * self.settings.on, falling=self._frames.falling
@@ -172,7 +164,7 @@ class TaxelEstimator(ContactEstimator):
         """Yield an `Answered` for each block of a log; baseline and bad cells not known come from its first frames.
 
         Raises:
-            InputError: too few frames, every cell stuck, or no readings of these taxels.
+            InputError: too few frames, no usable cell, or no readings of these taxels.
         """
         blocks = self._examined(iter(blocks))
         if not self._ahead or self._recursion is None:
@@ -183,10 +175,10 @@ class TaxelEstimator(ContactEstimator):
             yield self.answer(block, watched, (values, status, share))
 
     def run(self, recording: Recording) -> Contacts:
-        """Return the `Contacts` of a block; baseline and bad cells that are not known come from its first frames.
+        """Return the `Contacts` of a block; an unknown baseline, noise and bad cells come from its first frames.
 
         Raises:
-            InputError: a zero-phase filter, too few frames, every cell stuck, or no readings of these taxels.
+            InputError: a zero-phase filter, too few frames, no usable cell, or no readings of these taxels.
         """
         require_forward(self.filter)
         self.look(recording)
@@ -228,7 +220,6 @@ class TaxelEstimator(ContactEstimator):
         return self._frames.run(time, raw, out, counts, self._frames.no_forces)[0]
 
     def _know(self, health: Health) -> None:
-        """Use the baseline, noise and bad cells of a `Health` from now on."""
         if health.baseline.shape != (len(self.body),):
             raise InputError(
                 f"the frames examined have {health.baseline.size} cells, but the body has {self.body.named()}.",
@@ -244,7 +235,7 @@ class TaxelEstimator(ContactEstimator):
         """Set `health` from the first frames of a log, once; a baseline and noise that are known stay.
 
         Raises:
-            InputError: too few frames, every cell stuck, or no readings of these taxels.
+            InputError: too few frames, no usable cell, or no readings of these taxels.
         """
         if self._looked or not len(recording) or (self.health is not None and len(recording) < FEWEST):
             return
@@ -270,7 +261,7 @@ class TaxelEstimator(ContactEstimator):
         return chain(head, blocks)
 
     def _prepared(self, block: Recording) -> tuple[tuple[Recording, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
-        """Return a block, with status, times and values, for a filter of zero phase; see `BothWays.through`."""
+        """Return a block and its status, times, status and values, for `BothWays.through`."""
         values, status = self._frames.prepare(self.body.readings(block))
         return (block, status), block.time, status, values
 

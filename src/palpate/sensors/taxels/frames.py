@@ -1,13 +1,13 @@
-"""Run the compiled loop over frames of taxels, and keep the state that it carries from frame to frame."""
+"""Run the compiled loop over frames of taxels, and keep its state from frame to frame."""
 
 from __future__ import annotations
-
-from types import ModuleType
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.contact import _track
 from palpate.contact.taxel_settings import TaxelSettings
+from palpate.sensors.taxels import _kernels
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.sensors.taxels.model import TaxelBody
@@ -23,11 +23,9 @@ class TaxelFrames:
     """A loop that turns frames of raw readings into rows of contacts, with its state.
 
     Args:
-        body: the places of the cells.
-        intensity: converts readings to forces; None: one count is taken for 1 N.
-        settings: of the contact search.
-        forward: the filter of the readings; None: none, or one of zero phase.
-        filtered: whether any filter is used.
+        body, intensity, settings: as of `TaxelEstimator`.
+        forward: filter of the readings that needs no later ones.
+        filtered: whether there is any filter.
 
     Raises:
         InputError: the intensity model is of another number of cells.
@@ -42,9 +40,6 @@ class TaxelFrames:
         *,
         filtered: bool,
     ) -> None:
-        from palpate.contact import _track  # compiled: loaded when first needed
-
-        kernels = self._kernels
         self._health: Health | None = None
         self._settings, self._forward, self._filtered = settings, forward, filtered
         self._gains = (_UNKNOWN if intensity is None else _CALIBRATED) if settings.unequal is None else settings.unequal
@@ -62,26 +57,20 @@ class TaxelFrames:
         self._table = (*tables, max(body.columns, 1))
         self._usable, self._name = body.usable, body.name
         self._clock = np.zeros(2)
-        self._zeros = np.zeros((kernels.SLOTS, count)), np.zeros((kernels.SLOTS, 3)), np.full(2, np.nan)
+        self._zeros = np.zeros((_kernels.SLOTS, count)), np.zeros((_kernels.SLOTS, 3)), np.full(2, np.nan)
         self._turn = 0.0 if body.bits is None else body.top + 1.0
-        self._numbers = np.ones((kernels.NUMBERS, count))
-        self._whole = np.zeros((kernels.WHOLE, count), dtype=np.int64)
-        self._numbers[kernels.LIMIT], self._whole[kernels.CURVE] = limits[which], which
+        self._numbers = np.ones((_kernels.NUMBERS, count))
+        self._whole = np.zeros((_kernels.WHOLE, count), dtype=np.int64)
+        self._numbers[_kernels.LIMIT], self._whole[_kernels.CURVE] = limits[which], which
         self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
         self._unfiltered = np.zeros((1, count)), np.zeros(1, dtype=np.int8), np.zeros(0)
         self.no_forces = np.zeros((0, count))
         self._same = self._fixed()
 
-    @property
-    def _kernels(self) -> ModuleType:
-        from palpate.sensors.taxels import _kernels  # no attribute: a module cannot be pickled
-
-        return _kernels
-
     def know(self, health: Health) -> None:
         """Use the baseline, noise and bad cells of a `Health` from the next `reset` on."""
         self._health = health
-        self._whole[self._kernels.GOOD], self._numbers[self._kernels.NOISE] = self._usable & health.good, health.noise
+        self._whole[_kernels.GOOD], self._numbers[_kernels.NOISE] = self._usable & health.good, health.noise
         self._same = self._fixed()
 
     def notes(self, health: Health) -> tuple[str, ...]:
@@ -94,7 +83,7 @@ class TaxelFrames:
             said.append(f"readings at rest drifted by up to {moved}; they were followed where nothing touched")
         if self._clock[1]:
             said.append(f"{self._clock[1]:.0f} frames could not be used (they have another size, or no numbers)")
-        wrapped = [self._name(cell) for cell in np.flatnonzero(self.wrapped).tolist()]
+        wrapped = [self._name(cell) for cell in np.flatnonzero(self._whole[_kernels.WRAPPED]).tolist()]
         if wrapped:
             cells = f"{', '.join(wrapped[:5])}{', ...' if len(wrapped) > 5 else ''}"
             said.append(
@@ -104,16 +93,16 @@ class TaxelFrames:
         return tuple(said)
 
     def reset(self) -> None:
-        """Forget the state of past frames: drift of the baseline, wrapped readings, filter and identities."""
-        kernels, health = self._kernels, self._health
+        """Forget drift of the baseline, wrapped readings, filter and identities."""
+        health = self._health
         if health is not None:
-            self._numbers[[kernels.BASELINE, kernels.HELD]] = health.baseline
+            self._numbers[[_kernels.BASELINE, _kernels.HELD]] = health.baseline
             walks = self._settings.walk > 0.0
-            self._numbers[kernels.VARIANCE] = health.noise**2 / max(1, health.frames) if walks else 0.0
+            self._numbers[_kernels.VARIANCE] = health.noise**2 / max(1, health.frames) if walks else 0.0
         self._zeros[1][:], self._zeros[2][:] = 0.0, np.nan
-        self._whole[kernels.TOUCHED] = kernels.NEVER
-        self._numbers[kernels.LAST] = np.nan
-        self._whole[[kernels.TURNS, kernels.WRAPPED]] = 0
+        self._whole[_kernels.TOUCHED] = _kernels.NEVER
+        self._numbers[_kernels.LAST] = np.nan
+        self._whole[[_kernels.TURNS, _kernels.WRAPPED]] = 0
         self._clock[:] = np.nan, 0.0
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
         if self._forward is not None:
@@ -121,23 +110,18 @@ class TaxelFrames:
 
     @property
     def force(self) -> Float[np.ndarray, " k"]:
-        """Return each cell's force (k,) [N] in the last frame, as a view that the next frame overwrites."""
-        return self._numbers[self._kernels.FORCE]
+        """Return each cell's force (k,) [N] in the last frame, a view."""
+        return self._numbers[_kernels.FORCE]
 
     @property
     def rest(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Return each cell's baseline (k,) [counts] after the last frame and its standard deviation, 0 if walk is 0."""
-        return self._numbers[self._kernels.BASELINE].copy(), np.sqrt(self._numbers[self._kernels.VARIANCE])
+        """Return each cell's baseline (k,) [counts] and its standard deviation, as `TaxelEstimator.rest`."""
+        return self._numbers[_kernels.BASELINE].copy(), np.sqrt(self._numbers[_kernels.VARIANCE])
 
     @property
     def label(self) -> Int[np.ndarray, " k"]:
-        """Return the index (k,) of each cell's area in the last frame, from 1; 0: none, negative: that area's rim."""
-        return self._whole[self._kernels.LABEL]
-
-    @property
-    def wrapped(self) -> Int[np.ndarray, " k"]:
-        """Return the number of times (k,) that each cell's reading passed an end of its range."""
-        return self._whole[self._kernels.WRAPPED]
+        """Return the index of each cell's area (k,), as `TaxelEstimator.label`."""
+        return self._whole[_kernels.LABEL]
 
     def run(
         self,
@@ -155,25 +139,25 @@ class TaxelFrames:
             raw: (n, k) readings.
             out: rows of contacts; written.
             counts: (n,) number of rows of each frame; written.
-            forces: (n, k) [N] of each cell; written. `no_forces`: not requested.
-            filtered: readings, statuses and shares of the noise from a filter of zero phase; None: not used.
+            forces: (n, k) [N] of each cell, or `no_forces`; written.
+            filtered: readings, statuses and shares of the noise from a filter of zero phase.
 
         Returns:
             The number of frames that were processed, and the number of their rows.
         """
         values = self._unfiltered if filtered is None else filtered
-        return self._kernels.frames(_constant(time), _constant(raw), *values, *self._same, out, counts, forces)
+        return _kernels.frames(_constant(time), _constant(raw), *values, *self._same, out, counts, forces)
 
     def prepare(self, raw: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n k"], np.ndarray]:
         """Return unwrapped readings (n, k) [counts] for a filter of zero phase, and each frame's status (n,), int8."""
         values, status = np.empty(raw.shape), np.empty(len(raw), dtype=np.int8)
         rest = np.zeros(raw.shape[1]) if self._health is None else self._health.baseline
         known = (self._table[0], self._turn, self._numbers, self._whole)
-        self._kernels.prepare(_constant(raw), _constant(rest), *known, values, status)
+        _kernels.prepare(_constant(raw), _constant(rest), *known, values, status)
         return values, status
 
     def _fixed(self) -> tuple[object, ...]:
-        """Return the arguments of the loop that stay the same from frame to frame, or that it updates."""
+        """Return the arguments of the loop that are the same objects for all frames."""
         set_, forward = self._settings, self._forward
         resting = 1.0 / self._health.frames if self._filtered and self._health is not None else 0.0
         sign = -1.0 if self.falling else 1.0
@@ -185,7 +169,7 @@ class TaxelFrames:
 
 
 def _constant(values: np.ndarray) -> np.ndarray:
-    """Return a read-only view, because the loops are compiled once, for read-only arrays."""
+    """Return a read-only view: the loops are compiled for read-only arrays."""
     view = values.view()
     view.flags.writeable = False
     return view

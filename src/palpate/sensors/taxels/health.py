@@ -1,4 +1,4 @@
-"""Examine taxels: their baseline and noise, and which of them are dead, stuck or wrapped around."""
+"""Find baseline and noise of taxels, and which of them are dead, stuck or wrapped around."""
 
 from __future__ import annotations
 
@@ -37,11 +37,10 @@ class Health:
         baseline: (k,) reading without a touch [counts].
         noise: (k,) standard deviation of that reading.
         dead: (k,) true for cells that are silent between neighbours that are pressed.
-        stuck: (k,) true for cells at one value that differs from the baseline of the others.
+        stuck: (k,) true for cells at one value far from the others' baseline.
         frames: number of frames from which the baseline was taken.
         notes, warnings: one sentence each.
-        hysteresis: share of a reading's height that remains 0.5 s after a touch (median over releases); NaN where the
-            log has none.
+        hysteresis: median share of a reading's height that remains 0.5 s after a touch; NaN: not known.
     """
 
     baseline: Float[np.ndarray, " k"]
@@ -61,8 +60,6 @@ class Health:
 
 def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = None, falling: bool = False) -> Health:
     """Return the `Health` of a body's cells from a log's start, which may contain touches.
-
-    The baseline of a cell is where its readings crowd at their unloaded end.
 
     Args:
         recording: at least 8 frames.
@@ -119,7 +116,7 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
 
 
 def _at_rest(recording: Recording, body: TaxelBody, falling: bool) -> Health:
-    """Return the `Health` of every cell from a recording in which nothing touches; raise if cells do not keep still."""
+    """Return the `Health` of untouched cells; raise an InputError if they do not keep still."""
     health = examine(recording, body, seconds=np.inf, falling=falling)
     raw = body.readings(recording)
     off = raw[np.isfinite(raw).all(axis=1)] - health.baseline
@@ -146,7 +143,7 @@ def tared(
     Args:
         recording: steady and untouched.
         body: the body that was recorded.
-        before: earlier health of the cells, whose bad cells stay bad; None: not known.
+        before: earlier health, whose bad cells stay bad; None: not known.
         pressed: height above the baseline at which a cell looks pressed, in standard deviations of its noise.
         falling: readings fall under load.
 
@@ -172,7 +169,7 @@ def tared(
 def _hysteresis(
     time: Float[np.ndarray, " n"], above: Float[np.ndarray, "n k"], noise: Float[np.ndarray, " k"]
 ) -> float:
-    """Return the median share that remains after releases of all cells; NaN where there is none."""
+    """Return the median share that remains after releases; NaN where there is none."""
     limit = 0.25 * float(above.max(initial=0.0))
     if not limit > 20 * float(np.median(noise)):
         return float("nan")
@@ -224,7 +221,7 @@ def _dead(
     stuck: Bool[np.ndarray, " k"],
     body: TaxelBody,
 ) -> Bool[np.ndarray, " k"]:
-    """Return which cells are silent in frames in which both of two opposite neighbours are pressed hard."""
+    """Return which cells are silent while both of two opposite neighbours are pressed hard."""
     above = np.where(stuck, 0.0, np.abs(above))
     hard = above > max(PRESSED * float(above.max(initial=0.0)), 10 * float(np.median(noise)))
     between = np.zeros_like(hard)
@@ -239,7 +236,7 @@ def _dead(
 
 
 def _opposite(body: TaxelBody) -> Iterator[tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]]:
-    """Yield pairs of neighbours (k,) that touch each cell at opposite sides; -1 where there are none."""
+    """Yield pairs of neighbours (k,) at opposite sides of each cell; -1 where there are none."""
     beside = np.where(body.between[..., 0] < 0, body.neighbours, -1)
     for a in range(beside.shape[1]):
         for b in range(a):
@@ -253,7 +250,7 @@ def _opposite(body: TaxelBody) -> Iterator[tuple[Int[np.ndarray, " k"], Int[np.n
 def _unwrapped(
     cells: Float[np.ndarray, "n k"], body: TaxelBody
 ) -> tuple[Float[np.ndarray, "n k"], Bool[np.ndarray, " k"]]:
-    """Undo the wrap of readings that fell below 0 at rest and came out at the top; return which cells wrapped."""
+    """Undo the wrap of readings that fell below 0 at rest; return which cells wrapped."""
     if body.bits is None or cells.min() < 0:  # floats, or turned: rest is at the top, and falls
         return cells, np.zeros(len(body), dtype=bool)
     turn = body.top + 1.0
@@ -268,7 +265,6 @@ def _unwrapped(
 
 
 def _named(what: str, which: Bool[np.ndarray, " k"], body: TaxelBody) -> list[str]:
-    """Return a sentence that names some cells, or nothing."""
     found = [body.name(cell) for cell in np.flatnonzero(which).tolist()]
     if not found:
         return []

@@ -1,4 +1,4 @@
-"""Convert a taxel's intensity to the force on it, by calibrated curves with a covariance and a saturation limit."""
+"""Convert a taxel's intensity to the force on it by calibrated curves."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Curve:
         kind: one of `KINDS`.
         parameters: (p,).
         covariance: (p, p) of the parameters.
-        largest: [N] up to which the curve was measured; it must rise up to there.
-        saturation: raw intensity at the end of the sensor's range; NaN where it is not known.
+        largest: [N] up to which the curve was measured.
+        saturation: raw intensity at the end of the sensor's range; NaN: not known.
         falling: the raw reading falls as the force grows.
         joint: [N] of `two_range`; knots: [N] of `monotone`; reference, scale: of `resistive`.
         residual: rms residual of the fit [counts].
-        hysteresis: largest difference between loading and unloading at one force, as a share of the span; NaN where it
-            is not known.
+        hysteresis: largest difference between loading and unloading at one force, as a share of the span; NaN: not
+            known.
 
     Raises:
         InputError: an unknown kind, a largest force that is not positive, or a curve that does not rise with force.
@@ -112,7 +112,7 @@ class Curve:
     def deviation(self, force: Float[np.ndarray, "*batch"], noise: float = 0.0) -> Float[np.ndarray, "*batch"]:
         """Return the standard deviation [N] of each force [N] found from an intensity with a noise [counts].
 
-        Var F = (J C J^T + noise^2) / f'(F)^2, J the derivative of f by its parameters.
+        Var F = (J C J^T + noise^2) / f'(F)^2, J = df/dp.
         """
         jacobian = self.jacobian(force)
         variance = np.einsum("...i,ij,...j->...", jacobian, self.covariance, jacobian) + noise**2
@@ -158,13 +158,13 @@ class Intensity(Value):
 
     Args:
         curves: one for all cells, or several.
-        which: (rows, columns), or (k,), the index of each cell's curve; None: the first for all.
-        unit: unit of an intensity in messages.
+        which: (rows, columns) or (k,), the index of each cell's curve; None: the first for all.
+        unit: of an intensity, in messages.
         provenance: origin of the calibration.
         notes: notes for the user, one sentence each.
 
     Raises:
-        InputError: no curve, an index of no curve, `which` of another shape, or curves of which some fall with force.
+        InputError: no curve, `which` of another shape or with an index of no curve, or curves of which some fall.
     """
 
     curves: tuple[Curve, ...]

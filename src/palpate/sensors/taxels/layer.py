@@ -1,4 +1,4 @@
-"""Draw taxels on the page: each cell as a patch coloured by its force, and a sheet unrolled as an image."""
+"""Draw taxels on the page as patches coloured by their forces, and a sheet unrolled as an image."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from palpate.viewer.scene import Scene
 if TYPE_CHECKING:
     from viser import BatchedMeshHandle, ClientHandle, GuiApi, GuiImageHandle, ViserServer
 
-__all__ = ["TaxelLayer", "cell_mesh", "patches", "unrolled"]
+__all__ = ["CORNERS", "FACES", "TaxelLayer", "cell_mesh", "tangent_frames", "unrolled"]
 
 PIXELS = 18  # of a cell of the unrolled sheet
 LIFT = 3e-4  # m: cells stand out from the body
 GAP = 0.94  # of a cell's side is drawn
 CLEAR = 0.9  # of the way to the nearest cell that one anywhere on a body is wide
-_CORNERS = 0.5 * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)])
-_FACES = np.array([(0, 1, 2), (0, 2, 3)])
+CORNERS = 0.5 * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)])  # of a patch
+FACES = np.array([(0, 1, 2), (0, 2, 3)])
 
 
 @takes_arrays
 class TaxelLayer:
-    """A layer of the page that draws cells anywhere on a body, each as a patch in its tangent plane.
+    """A layer of the page that draws cells on a body as patches.
 
     Args:
         body: the k cells.
-        forces: (n, k) [N] of each cell, a row for each sample of the log; None: not known, as for a file of contacts.
+        forces: (n, k) [N], a row for each sample of the log; None: not known.
         live: the forces come from a stream, through `feed`.
 
     Raises:
@@ -61,7 +61,7 @@ class TaxelLayer:
 
     @property
     def covers(self) -> bool:
-        """Return True: the cells lie on the body and cover it."""
+        """Return True: the cells cover the body."""
         return True
 
     @property
@@ -70,8 +70,8 @@ class TaxelLayer:
         return self._body.positions
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Draw all cells in the server's scene as instances of one square, visible from both sides."""
-        rotations, sides = patches(self._body)
+        """Draw all cells in the server's scene, visible from both sides."""
+        rotations, sides = _patches(self._body)
         if not self._body.rows and len(self._body) > 1:  # places and areas are measured: squares could overlap
             from scipy.spatial import KDTree
 
@@ -79,8 +79,8 @@ class TaxelLayer:
             sides = np.minimum(sides, CLEAR * away[:, 1:])
         self._cells: BatchedMeshHandle = server.scene.add_batched_meshes_simple(
             "/taxels",
-            _CORNERS,
-            _FACES,
+            CORNERS,
+            FACES,
             batched_wxyzs=np.roll(quaternion_from_rotation(rotations), 1, axis=1),
             batched_positions=scene.placed(self._body.positions + LIFT * self._body.normals),
             batched_scales=GAP * sides / scene.size,
@@ -91,7 +91,7 @@ class TaxelLayer:
         )
 
     def panel(self, gui: GuiApi) -> None:
-        """Add to the panel a checkbox that hides the cells, and the image of the unrolled sheet."""
+        """Add a checkbox that hides the cells, and the image of the unrolled sheet."""
         seen = gui.add_checkbox("cells", True, hint="hide them to see the body below")
         seen.on_update(lambda event: setattr(self._cells, "visible", seen.value))
         if self._body.rows and self._known:
@@ -99,7 +99,7 @@ class TaxelLayer:
             self._sheet = gui.add_image(flat, label="sheet, unrolled, row 0 below; ring: contact")
 
     def feed(self, force: Float[np.ndarray, " k"]) -> None:
-        """Take the present forces (k,) [N] of the cells; the largest force so far is drawn darkest."""
+        """Take the present forces (k,) [N] of the cells; the largest so far is drawn darkest."""
         self._fed, self.most = force, max(self.most, float(np.nan_to_num(force).max(initial=0.0)))
 
     def show(self, scene: Scene, index: int) -> None:
@@ -112,7 +112,7 @@ class TaxelLayer:
             self._sheet.image = unrolled(force.reshape(self._body.rows, -1), self.most, _dots(scene, index))
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Return two (name, text) pairs, the sum of the cells' forces and the largest one [N]; [] if not known."""
+        """Return (name, text) pairs of the sum of the cells' forces and the largest one [N]; [] if not known."""
         if not self._known:
             return []
         force = self._force(scene, index)
@@ -122,7 +122,7 @@ class TaxelLayer:
         ]
 
     def legend(self) -> list[str]:
-        """Return a list with one HTML string, a colour bar up to the force `most` [N], or [] if not known."""
+        """Return a list of one HTML string, a colour bar up to the force `most` [N]; [] if no forces are known."""
         return [bar("cell", self.most, "N")] if self._known else []
 
     @property
@@ -130,7 +130,7 @@ class TaxelLayer:
         return self._forces is not None or self._fed is not None
 
     def _force(self, scene: Scene, index: int) -> Float[np.ndarray, " k"]:
-        """Return the force (k,) [N] of each cell at a sample; 0 where the log has no forces for it."""
+        """Return each cell's force (k,) [N] at a sample; 0 where the log has none."""
         if self._fed is not None:
             return self._fed
         sample = int(scene.contacts.sample[scene.starts[index]])
@@ -148,11 +148,10 @@ def _dots(scene: Scene, index: int) -> Float[np.ndarray, "c 2"]:
     return np.zeros((0, 2)) if places is None else places[np.isfinite(places).all(axis=1)]
 
 
-def patches(body: TaxelBody) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, "k 3"]]:
-    """Return frames (k, 3, 3), third column outward, and sides (k, 3), (length, width, 1) [m], of the cells' patches.
+def _patches(body: TaxelBody) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, "k 3"]]:
+    """Return frames (k, 3, 3) and sides (k, 3), (length, width, 1) [m], of rectangles with the areas of the cells.
 
-    Each is a rectangle with the area of its cell. On a sheet the first side points from row to row, and is as long as
-    that distance; else cells are squares.
+    On a sheet the length is the distance from row to row; else cells are squares.
     """
     normals, side = body.normals, np.sqrt(body.areas)
     along = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
@@ -161,17 +160,21 @@ def patches(body: TaxelBody) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarr
         length: Float[np.ndarray, " k"] = np.linalg.norm(steps, axis=1)
         usable = length > 0
         side, along = np.where(usable, length, side), np.where(usable[:, None], steps, along)
+    return tangent_frames(normals, along), np.column_stack([side, body.areas / side, np.ones(len(side))])
+
+
+def tangent_frames(normals: Float[np.ndarray, "k 3"], along: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 3"]:
+    """Return rotations (k, 3, 3): the first columns are `along` in the tangent planes, the third the unit normals."""
     across = np.cross(normals, along)
     across = across / np.linalg.norm(across, axis=1, keepdims=True)
-    frames = np.stack([np.cross(across, normals), across, normals], axis=2)
-    return frames, np.column_stack([side, body.areas / side, np.ones(len(side))])
+    return np.stack([np.cross(across, normals), across, normals], axis=2)
 
 
 def cell_mesh(body: TaxelBody) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Return all cells as vertices (4 k, 3) [m] and faces (2 k, 3), to draw on where there is no mesh."""
-    frames, sides = patches(body)
-    corners = body.positions[:, None] + np.einsum("kij,kcj->kci", frames, _CORNERS * sides[:, None])
-    faces = 4 * np.arange(len(body))[:, None, None] + _FACES
+    """Return all cells as a mesh: vertices (4 k, 3) [m] and faces (2 k, 3)."""
+    frames, sides = _patches(body)
+    corners = body.positions[:, None] + np.einsum("kij,kcj->kci", frames, CORNERS * sides[:, None])
+    faces = 4 * np.arange(len(body))[:, None, None] + FACES
     return corners.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int64)
 
 
@@ -179,12 +182,12 @@ def cell_mesh(body: TaxelBody) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray
 def unrolled(
     force: Float[np.ndarray, "rows columns"], most: float, contacts: Float[np.ndarray, "c 2"]
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Return the sheet as an RGB image, (h, w, 3) uint8, the last row on top, with a dark dot at each contact.
+    """Return the sheet as an RGB image (h, w, 3), the last row on top, with a dark dot at each contact.
 
     Args:
-        force: (rows, columns) [N] of each cell.
+        force: (rows, columns) [N].
         most: force [N] that is drawn darkest.
-        contacts: (c, 2) row and column of each contact.
+        contacts: (c, 2) row and column.
     """
     shade = colours(np.clip(np.nan_to_num(force.ravel()) / most, 0.0, 1.0)).reshape(*force.shape, 3)
     picture = np.repeat(np.repeat(shade, PIXELS, axis=0), PIXELS, axis=1)

@@ -1,4 +1,4 @@
-"""Describe a body of taxels: the positions, normals and neighbours of its cells, on a sheet or anywhere on a link."""
+"""Describe a body of taxels, on a sheet or anywhere on a link: positions, normals and neighbours."""
 
 from __future__ import annotations
 
@@ -42,22 +42,22 @@ class TaxelBody(Value):
     Made by `sheet`, `anywhere` and `placed`.
 
     Attributes:
-        positions: (k, 3) [m]; normals: (k, 3) outward, unit; areas: (k,) [m^2] of the cells.
-        spacing: (k,) [m] to the cells around; 1 on a sheet, whose steps are in cells.
-        tangents: (k, 3) unit vectors in the tangent planes, from which angles on the body count; 0 on a sheet.
-        neighbours: (k, m) the numbers of each cell's neighbours, -1 for none.
-        steps: (k, m, 2) from each cell to each neighbour, in cells: integer rows and columns on a sheet, else in the
-            tangent plane, the first along `tangents`.
-        between: (k, m, 2) the cells that lie between a cell and a neighbour across a corner; -1 where the two touch.
+        positions: (k, 3) [m]; normals: (k, 3) outward, unit; areas: (k,) [m^2].
+        spacing: (k,) [m] to the cells around; 1 on a sheet.
+        tangents: (k, 3) unit vectors in the tangent planes, from which angles count; 0 on a sheet.
+        neighbours: (k, m) indices of each cell's neighbours, -1 for none.
+        steps: (k, m, 2) to each neighbour, in cells: integer rows and columns on a sheet, else in the tangent plane,
+            the first along `tangents`.
+        between: (k, m, 2) the cells between a cell and a neighbour across a corner; -1 where the two touch.
         usable: (k,) false where a cell is masked or, on a sheet, overlaps other cells.
         bits: 1 to 16 for integer readings; None: readings are floats.
         rows, columns: size of a sheet; 0 for taxels anywhere.
-        grid: (rows + 4, columns + 4, 6) positions and normals of a sheet, with two more cells at each end; None else.
+        grid: (rows + 4, columns + 4, 6) positions and normals of a sheet, two cells more at each end; None: no sheet.
         turn: number of columns after which a sheet closes to a ring; 0: never.
         notes: notes for the user, a sentence each.
         numbers: (k,) index of each taxel among the readings of a frame; None: all readings, in order.
         frame: number of readings in a frame if `numbers` is given.
-        covariance: (k, 3, 3) [m^2] of the positions, 0 where it is not known; None: not known for any taxel.
+        covariance: (k, 3, 3) [m^2] of the positions, 0 where not known; None: not known for any.
 
     Raises:
         InputError: bits outside 1 to 16.
@@ -102,7 +102,7 @@ class TaxelBody(Value):
         Args:
             place: map of the sheet.
             bits: of a reading; None: readings are floats.
-            masked: (row, column) of each cell that must not be used.
+            masked: (row, column) of cells not to be used.
 
         Raises:
             InputError: fewer than two cells, a masked cell that is not on the sheet, or bits outside 1 to 16.
@@ -162,9 +162,9 @@ class TaxelBody(Value):
             positions: (k, 3) [m].
             normals: (k, 3) outward, of any length.
             areas: (k,) [m^2] that each taxel senses; None: as on a lattice.
-            reach: [m] largest distance between neighbours; None: 1.6 times the local spacing of the taxels.
+            reach: [m] largest distance between neighbours; None: 1.6 times the local spacing.
             bits: of a reading; None: readings are floats.
-            masked: indices of taxels that must not be used.
+            masked: indices of taxels not to be used.
 
         Raises:
             InputError: fewer than two taxels, two at one place, a position that is not finite, a normal that is 0, an
@@ -201,18 +201,17 @@ class TaxelBody(Value):
         bits: int | None = None,
         masked: Sequence[int] = (),
     ) -> TaxelBody:
-        """Return a `TaxelBody` as `anywhere` does, without readings whose positions are NaN, which have no taxel.
+        """Return a `TaxelBody` as `anywhere` does, without readings that have no taxel: their positions are NaN.
 
         Args:
             positions: (n, 3) [m], a row for each reading of a frame.
             normals: (n, 3) outward.
-            covariance: (n, 3, 3) [m^2] of the positions, NaN where it is not known.
+            covariance: (n, 3, 3) [m^2] of the positions, NaN where not known.
             bits: of a reading; None: readings are floats.
-            masked: indices of readings that must not be used.
+            masked: indices of readings not to be used.
 
         Raises:
-            InputError: fewer than two taxels, two at one place, a normal that is 0 or not known, a masked reading that
-                does not exist, or bits outside 1 to 16.
+            InputError: as by `anywhere`, or a normal that is not known.
         """
         points = shaped(positions, (None, 3), "positions")
         outward = shaped(normals, points.shape, "normals")
@@ -243,7 +242,7 @@ class TaxelBody(Value):
         return f"{self.rows} x {self.columns} cells" if self.rows else f"{len(self)} taxels"
 
     def picked(self, frames: np.ndarray) -> np.ndarray:
-        """Return frames (..., n) without readings that have no taxel, (..., k); other sizes are unchanged."""
+        """Return frames (..., n) without readings that have no taxel, (..., k); other sizes unchanged."""
         if self.numbers is None or frames.shape[-1:] != (self.frame,):
             return frames
         return frames[..., self.numbers]
@@ -279,7 +278,7 @@ def _known(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k 3 3"]
 
 
 def _columns_used(place: SkinMap) -> int:
-    """Return the number of columns before those that overlap others: in an overlap, both layers feel a press."""
+    """Return the number of columns before those that overlap others, where both layers feel a press."""
     over = place.overlap.mean(axis=0) > 0.5
     over[: place.columns // 2] = False
     last = np.flatnonzero(over)
@@ -295,7 +294,7 @@ def _is_ring(place: SkinMap, used: int) -> bool:
 
 
 def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]:
-    """Extend centres and normals by two cells at each end: over the seam of a ring, else by a parabola."""
+    """Extend centres and normals by two cells at each end, over the seam of a ring or by a parabola."""
     values = np.concatenate([place.centres, place.normals], axis=2)
     if ring:
         columns = np.concatenate([values[:, used - 2 : used], values[:, :used], values[:, :2]], axis=1)
@@ -305,7 +304,7 @@ def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]
 
 
 def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]:
-    """Extend the first axis by one cell at each end, by a parabola through the last three (or a line through two)."""
+    """Extend the first axis by one cell at each end, by a parabola or a line."""
     if len(values) == 1:
         return np.concatenate([values, values, values])
     if len(values) == 2:
@@ -316,7 +315,7 @@ def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]
 
 
 def _unmasked(count: int, masked: Sequence[int]) -> Bool[np.ndarray, " k"]:
-    """Return whether each taxel is not masked; raise an InputError if a masked one does not exist."""
+    """Return whether taxels are not masked; raise an InputError if a masked one does not exist."""
     for taxel in masked:
         if not 0 <= taxel < count:
             raise InputError(f"masked taxel {taxel} does not exist: there are {count}, counted from 0.", where="taxels")
@@ -337,7 +336,7 @@ def _placed(positions: ArrayLike, normals: ArrayLike) -> tuple[Float[np.ndarray,
 def _paired(
     points: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "k 3"], reach: float | None
 ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, "p 2"]]:
-    """Return the local spacing of the taxels (k,) [m], and the pairs that are neighbours (p, 2)."""
+    """Return the local spacing of the taxels (k,) [m], and pairs of neighbours (p, 2)."""
     from scipy.spatial import cKDTree  # here: scipy is slow to import
 
     tree = cKDTree(points)
@@ -362,7 +361,7 @@ def _paired(
 
 
 def _tangents(normals: Float[np.ndarray, "k 3"], axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 3"]:
-    """Return unit tangents (k, 3), as parallel to an axis as the body allows; where the normal is, any tangent."""
+    """Return unit tangents (k, 3), as parallel to an axis as the body allows; any where it is normal."""
     along = axis / max(float(np.linalg.norm(axis)), 1e-300)
     first = along - (normals @ along)[:, None] * normals
     lying = np.linalg.norm(first, axis=1) < 1e-3
@@ -373,7 +372,7 @@ def _tangents(normals: Float[np.ndarray, "k 3"], axis: Float[np.ndarray, "3"]) -
 def _between(
     neighbours: Int[np.ndarray, "k m"], away: Float[np.ndarray, "k m 3"], points: Float[np.ndarray, "k 3"]
 ) -> Int[np.ndarray, "k m 2"]:
-    """Return the neighbours that lie between a cell and another: inside, or nearly on, the ball that the two span."""
+    """Return the neighbours between a cell and another: inside, or nearly on, the ball that the two span."""
     square = np.where(neighbours < 0, np.inf, (away**2).sum(axis=2))
     across = ((away[:, :, None] - away[:, None]) ** 2).sum(axis=3)  # from neighbour to neighbour
     round_about = square[:, None, :] + across + np.where(np.eye(neighbours.shape[1], dtype=bool), np.inf, 0.0)

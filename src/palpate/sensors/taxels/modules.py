@@ -1,4 +1,4 @@
-"""Describe rigid modules of taxels by the place of each taxel on its flat module."""
+"""Describe rigid modules of taxels by the places of taxels on flat modules."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ class ModuleLayout(Value):
 
     Attributes:
         places: (k, 2) [m] in the plane of each taxel's module, about its middle; NaN for an index without a taxel.
-        module: (k,) the index of each taxel's module; -1: none.
+        module: (k,) index of each taxel's module; -1: none.
+
+    Raises:
+        InputError: places are not (k, 2), or `module` is not of k taxels.
     """
 
     places: Float[np.ndarray, "k 2"]
@@ -48,12 +51,12 @@ class ModuleLayout(Value):
 
     @property
     def modules(self) -> int:
-        """Return the number of modules."""
+        """Return one more than the largest index of a module."""
         return int(self.module.max(initial=-1)) + 1
 
     @classmethod
     def repeated(cls, places: Float[np.ndarray, "t 2"], modules: int) -> ModuleLayout:
-        """Return a `ModuleLayout` of n equal modules with taxel places (t, 2) [m], numbered one after the other.
+        """Return the `ModuleLayout` of equal modules with taxel places (t, 2) [m], numbered one after the other.
 
         Raises:
             InputError: a number of modules that is negative or above 10,000.
@@ -64,18 +67,16 @@ class ModuleLayout(Value):
 
     @classmethod
     def of(cls, places: TaxelPlaces, *, bent: bool = False) -> ModuleLayout:
-        """Return a `ModuleLayout` from taxel places, as of CAD, projected onto the plane that fits each module best.
+        """Return the `ModuleLayout` of taxel places, each module laid into the plane that fits it best.
 
         Args:
             places: places of taxels with modules.
-            bent: modules follow their link, as far as these places do: laid flat they are longer than seen from above.
+            bent: flatten modules that are bent as their link is, instead of projecting them.
         """
         flat = np.full((len(places), 2), np.nan)
         module = np.where(places.there, places.module, -1)
-        for number in range(places.modules):
+        for number in np.unique(module[module >= 0]):
             rows = np.flatnonzero(module == number)
-            if not len(rows):
-                continue
             away = places.positions[rows] - places.positions[rows].mean(axis=0)
             outward = np.nan_to_num(places.normals[rows]).sum(axis=0)
             axes = np.linalg.svd(away, full_matrices=True)[2]
@@ -86,10 +87,7 @@ class ModuleLayout(Value):
 
 
 def _unbent(away: Float[np.ndarray, "t 3"], axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "t 2"]:
-    """Fit a bent sheet to points about its origin; return their flat places p + (p' K p) K p / 6, K its curvature.
-
-    To fourth order: along x the arc of K x^2 / 2 is x + K^2 x^3 / 6, and across it nothing is longer.
-    """
+    """Return flat places p + (p' K p) K p / 6 of points on a bent sheet of curvature K, to fourth order."""
     for _ in range(_ROUNDS):  # until the third axis is normal to the sheet in the middle
         lean, _ = _bend(away @ axes.T)
         outward: Float[np.ndarray, "3"] = axes[2] - lean @ axes[:2]
@@ -111,7 +109,7 @@ def _bend(points: Float[np.ndarray, "t 3"]) -> tuple[Float[np.ndarray, "2"], Flo
 
 
 def _ring() -> Float[np.ndarray, "12 2"]:
-    """Return twelve taxels along the edge of a triangle, each next to the last: iCub's earlier modules."""
+    """Return twelve taxels along the edge of a triangle: iCub's earlier modules."""
     angle = np.pi / 2 + 2 * np.pi / 3 * np.arange(4)
     corners = 4 * _STEP / np.sqrt(3) * np.column_stack([np.cos(angle), np.sin(angle)])
     share = np.arange(4)[:, None] / 4
@@ -125,16 +123,9 @@ def _lattice() -> Float[np.ndarray, "10 2"]:
     return places - places.mean(axis=0)
 
 
-def _alive(places: Float[np.ndarray, "t 2"], dead: tuple[int, ...]) -> Float[np.ndarray, "s 2"]:
-    """Insert NaN at indices that have no taxel: those of thermal pads."""
-    full = np.full((len(places) + len(dead), 2), np.nan)
-    full[[k for k in range(len(full)) if k not in dead]] = places
-    return full
-
-
 LAYOUTS: dict[str, Float[np.ndarray, "t 2"]] = {
     "ring12": _ring(),
     "triangle10": _lattice(),
-    "triangle10+2": _alive(_lattice(), (6, 10)),
+    "triangle10+2": np.insert(_lattice(), [6, 9], np.nan, axis=0),  # 6 and 10 are thermal pads
 }
-"""Name -> places (t, 2) [m] of the taxels of one module, NaN for an index that has no taxel."""
+"""Name -> places (t, 2) [m] of the taxels of one module, NaN for an index without a taxel."""

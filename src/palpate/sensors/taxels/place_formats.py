@@ -1,7 +1,6 @@
-"""Read and write files of taxel places: the model, iCub's positions, tables, or fixed frames of a URDF.
+"""Read and write files of taxel places: the model (.toml), iCub's positions (.txt), tables (.csv) or frames (.urdf).
 
-The content of a file decides how it is read, and the suffix how it is written: .toml (the model, with everything that
-is known), .txt (iCub), .csv or .urdf.
+The content of a file decides how it is read, the suffix how it is written.
 """
 
 from __future__ import annotations
@@ -39,14 +38,14 @@ _NAMED = re.compile(rb"\s*(?:name\s|spatial_sampling\s|taxel2Repr\b|\[calibratio
 
 
 def read_taxel_places(path: str | Path) -> TaxelPlaces:
-    """Read `TaxelPlaces` [m] from any supported file: the model, iCub's positions, a table, or a URDF's frames.
+    """Return the `TaxelPlaces` of a file: the model, iCub's positions, a table, or a URDF's frames.
 
-    A table has columns x, y, z and, where they are known, nx, ny, nz and module; if it states a unit (`x [mm]`,
-    `x_mm`), it is converted. In iCub's files rows of zeros are indices without a taxel; normals that are zero, or equal
-    all over a body that is not flat, are not known.
+    A table has columns x, y, z and, where known, nx, ny, nz and module, in metres or a unit that it states (`x [mm]`,
+    `x_mm`). In iCub's files rows of zeros are no taxel; normals that are zero, or equal all over a body that is not
+    flat, are not known.
 
     Raises:
-        InputError: a missing file or another kind of file, or content that cannot be right.
+        InputError: the file cannot be read, is of another kind, has no taxels, or taxels over 10 m from each other.
     """
     path = Path(path)
     with open_input(path) as file:
@@ -69,7 +68,7 @@ def holds_taxels(path: Path) -> bool:
     """Return whether a file other than TOML looks like taxel places, and not like a log.
 
     Raises:
-        InputError: the file cannot be opened.
+        InputError: the file cannot be read.
     """
     with open_input(path) as file:
         head = read_some(file, path, 1 << 20).removeprefix(b"\xef\xbb\xbf")
@@ -92,11 +91,11 @@ def holds_taxels(path: Path) -> bool:
 
 
 def write_taxel_places(path: str | Path, places: TaxelPlaces, *, name: str = "skin") -> None:
-    """Write taxel places in the format of the suffix; all but the model store only places, normals and modules.
+    """Write taxel places in the format of the suffix; all but .toml store only places, normals and modules.
 
     Args:
         path: .toml, .txt, .csv or .urdf.
-        places: places of the taxels.
+        places: to write.
         name: of the skin's part, in iCub's file and in the URDF's links; "" for iCub's bare rows.
 
     Raises:
@@ -129,7 +128,7 @@ def _checked(places: TaxelPlaces, path: Path) -> TaxelPlaces:
 
 
 def _read_icub(content: bytes, path: Path) -> TaxelPlaces:
-    """Read both of iCub's forms: bare rows, or rows below [calibration] with taxel2Repr, their modules, above them."""
+    """Read bare rows, or rows below [calibration] with taxel2Repr, their modules, above."""
     text = content.decode("utf-8", errors="replace")
     head, named, body = text.partition("[calibration]")
     offset = len(head.splitlines()) if named else 0
@@ -173,7 +172,7 @@ def _rows(text: str, offset: int, path: Path) -> Float[np.ndarray, "k 6"]:
 
 
 def _numbered(groups: Int[np.ndarray, " k"], *, own: bool) -> Int[np.ndarray, " k"]:
-    """Return module indices from 0, in rising order; `own`: a taxel that represents only itself is on no module."""
+    """Return module indices from 0; `own`: a taxel that represents only itself is on no module."""
     known = np.unique(groups[groups >= 0])
     if own:
         alone = [group for group in known.tolist() if group < len(groups) and (groups == group).sum() == 1]
@@ -200,7 +199,7 @@ def _unit_normals(
 
 
 def _read_table(path: Path) -> TaxelPlaces:
-    """Read the columns x, y, z[, nx, ny, nz][, module], a row for each taxel."""
+    """Read the columns x, y, z[, nx, ny, nz][, module]."""
     from palpate.files.tables.table import read_table  # here: it loads polars
 
     table = read_table(path)
@@ -224,20 +223,21 @@ def _read_table(path: Path) -> TaxelPlaces:
     module = np.full(len(positions), -1)
     if "module" in columns:
         given = np.nan_to_num(table.numbers([columns["module"]], strict=True)[0][:, 0], nan=-1.0)
-        if (given != np.round(given)).any() or (given < -1).any():
-            table.refuse(int(np.argmax((given != np.round(given)) | (given < -1))), "module must be a whole number")
+        odd = (given != np.round(given)) | (given < -1)
+        if odd.any():
+            table.refuse(int(np.argmax(odd)), "module must be a whole number, -1: none")
         module = given.astype(np.int64)
     normals, notes = _unit_normals(positions, normals)
     return TaxelPlaces(positions, normals, module=module, notes=notes)
 
 
 def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
-    """Read fixed frames of taxels, z outward, numbered by their names, from a URDF fragment or a robot's URDF."""
+    """Read fixed frames of taxels, z outward, numbered by their names."""
     try:
         root = ElementTree.fromstring(b"<fragment>" + re.sub(rb"<\?xml.*?\?>", b"", content) + b"</fragment>")
     except ElementTree.ParseError as problem:
         raise InputError(f"cannot be read as XML ({problem}).", where=str(path)) from problem
-    numbered, modules = dict[int, np.ndarray](), dict[int, int]()
+    numbered = dict[int, tuple[np.ndarray, int]]()
     for joint in root.iter("joint"):
         child, origin = joint.find("child"), joint.find("origin")
         match = re.fullmatch(r".*?(?:_module_(\d+))?_taxel_(\d+)", "" if child is None else child.get("link", ""))
@@ -245,8 +245,7 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
             continue
         try:
             six = [float(part) for key in ("xyz", "rpy") for part in origin.get(key, "0 0 0").split()]
-            numbered[int(match[2])] = np.array(six).reshape(2, 3)
-            modules[int(match[2])] = int(match[1] or -1)
+            numbered[int(match[2])] = np.array(six).reshape(2, 3), int(match[1] or -1)
         except ValueError as problem:
             raise InputError(
                 f"joint {joint.get('name')!r} has an <origin> that cannot be read: xyz and rpy are three numbers each.",
@@ -255,8 +254,9 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
     if not numbered:
         raise InputError("has no frames of taxels.", where=str(path), hint="Name their links ..._taxel_0, ..._taxel_1.")
     positions, normals = np.full((2, max(numbered) + 1, 3), np.nan)
-    for number, (xyz, (roll, pitch, yaw)) in numbered.items():
-        positions[number] = xyz
+    module = np.full(len(positions), -1)
+    for number, ((xyz, (roll, pitch, yaw)), of) in numbered.items():
+        positions[number], module[number] = xyz, of
         cosine, sine = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
         normals[number] = (
             cosine[2] * sine[1] * cosine[0] + sine[2] * sine[0],
@@ -264,12 +264,11 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
             cosine[1] * cosine[0],
         )
     normals, notes = _unit_normals(positions, normals)
-    module = np.array([modules.get(number, -1) for number in range(len(positions))])
     return TaxelPlaces(positions, normals, module=module, notes=notes)
 
 
 def _icub(places: TaxelPlaces, name: str) -> str:
-    """Return [calibration] of iCub's skinManager as text; rows of zeros are indices without a taxel."""
+    """Return [calibration] of iCub's skinManager; rows of zeros are no taxel."""
     table = np.nan_to_num(np.concatenate([places.positions, places.normals], axis=1))
     table[~places.there] = 0.0
     rows = [" ".join(f"{number:.9f}" for number in row) for row in table]
@@ -281,13 +280,12 @@ def _icub(places: TaxelPlaces, name: str) -> str:
 
 
 def _represented(places: TaxelPlaces) -> Int[np.ndarray, " k"]:
-    """Return the taxel that represents each taxel's module; a taxel on no module represents itself."""
+    """Return the taxel that represents each taxel's module, itself on no module."""
     module = np.where(places.there, places.module, -1)
     found = np.where(places.there, np.arange(len(places)), _NONE)
-    for number in range(places.modules):
+    for number in np.unique(module[module >= 0]):
         rows = np.flatnonzero(module == number)
-        if len(rows):
-            found[rows] = rows[min(_REPRESENTS, len(rows) - 1)]
+        found[rows] = rows[min(_REPRESENTS, len(rows) - 1)]
     whole = np.arange(len(places)) // _MODULE
     inside = np.isin(whole, np.unique(whole[places.there & (places.module >= 0)]))
     return np.where((found == _NONE) & inside, _PAD, found)
@@ -303,7 +301,7 @@ def _csv(places: TaxelPlaces, name: str) -> str:
 
 
 def _urdf(places: TaxelPlaces, name: str) -> str:
-    """Return a fixed frame for each taxel, z along its normal, below a link that the user must name."""
+    """Return a fixed frame for each taxel, z along its normal."""
     lines = [f"<!-- Taxels of {name}: put these into the robot and name the link that carries them. -->"]
     for number in np.flatnonzero(places.there).tolist():
         normal = places.normals[number]

@@ -19,22 +19,24 @@ __all__ = ["TaxelPlaces"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class TaxelPlaces(Value):
-    """Places of k taxels in the frame of the link that carries them.
+    """Places of k taxels in the frame of the link that carries them; NaN: not known.
 
     Attributes:
         positions: (k, 3) [m]; NaN for an index that has no taxel.
-        normals: (k, 3) outward, unit; NaN where not known.
-        covariance: (k, 3, 3) [m^2] of the positions; NaN where not known.
-        module: (k,) the index of each taxel's module, -1: none.
-        pokes: (k,) number of pokes to which each taxel responded; 0: never touched, placed by its module.
-        relative: (k,) [m] standard deviation (root of the trace) after one rigid motion of the skin is removed; NaN
-            where not known.
-        reach: [m] standard deviation of the response to a poke over its distance from the taxel; NaN where not known.
+        normals: (k, 3) outward, unit.
+        covariance: (k, 3, 3) [m^2] of the positions.
+        module: (k,) index of each taxel's module, -1: none.
+        pokes: (k,) number of pokes to which each taxel responded; 0: placed by its module.
+        relative: (k,) [m] standard deviation (root of the trace) after one rigid motion of the skin is removed.
+        reach: [m] standard deviation of the response to a poke over its distance from the taxel.
         configurations: (d, 8) of the arm during pokes: pose of the link in the sensor's frame, x y z [m] and quaternion
             x y z w, and the number of pokes.
-        noise: (6,) standard deviations of the wrench of a poke [N, N m]; empty where not known.
+        noise: (6,) standard deviations of the wrench of a poke [N, N m]; empty: not known.
         provenance: origin of the places.
         notes: notes for the user, a sentence each.
+
+    Raises:
+        InputError: arrays that are not of k taxels.
     """
 
     positions: Float[np.ndarray, "k 3"]
@@ -72,14 +74,14 @@ class TaxelPlaces(Value):
 
     @property
     def there(self) -> Bool[np.ndarray, " k"]:
-        """Return a bool for each index, (k,), True where it has a taxel."""
+        """Return bools (k,), whether each index has a taxel."""
         return np.asarray(np.isfinite(self.positions).all(axis=1), dtype=bool)
 
     @property
     def modules(self) -> int:
-        """Return the number of modules, one more than the largest index."""
+        """Return one more than the largest index of a module."""
         return int(self.module.max(initial=-1)) + 1
 
     def deviations(self) -> Float[np.ndarray, " k"]:
-        """Return each place's standard deviation (k,) [m], the root of its covariance's trace; NaN: not known."""
+        """Return each place's standard deviation (k,) [m], the root of its covariance's trace; NaN where not known."""
         return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2))

@@ -1,4 +1,4 @@
-"""Show taxel places on a page: each as a patch, coloured by module or standard deviation, with its ellipsoid."""
+"""Show taxel places on a page, coloured by module or standard deviation, with their ellipsoids."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from palpate.sensors.taxels.layer import CORNERS, FACES, tangent_frames
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces import Surface
@@ -34,22 +35,19 @@ MODULES = np.array(  # Okabe and Ito's colours, and two more: told apart by the 
 )
 LOOSE, NEVER = (150, 158, 166), (20, 24, 30)
 ONE_SIDED = 0.1  # length of the mean of the normals of a skin that is not round its link
-BY = ("module", "deviation", "pokes")
-_CORNERS = 0.5 * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)])
-_FACES = np.array([(0, 1, 2), (0, 2, 3)])
 
 
 class PlacesLayer:
     """A layer of patches at the taxels, with a black rim on those never touched, and their 95 % ellipsoids.
 
     Args:
-        places: places of the taxels.
-        surface: surface of the link, which gives the normals that are not known; None: they point away from the middle.
+        places: to draw.
+        surface: of the link, for normals that are not known; None: these point away from the middle.
     """
 
     def __init__(self, places: TaxelPlaces, surface: Surface | None = None) -> None:
         there = places.there
-        self._points, self._numbers = places.positions[there], np.flatnonzero(there)
+        self._points = places.positions[there]
         normals = places.normals[there].copy()
         lacking = ~np.isfinite(normals).all(axis=1)
         away = self._points - self._points.mean(axis=0)
@@ -63,7 +61,7 @@ class PlacesLayer:
 
     @property
     def covers(self) -> bool:
-        """Return True: the taxels lie on the body and cover it."""
+        """Return True: the taxels cover the body."""
         return True
 
     @property
@@ -72,21 +70,22 @@ class PlacesLayer:
         return self._points
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Draw the patches, rims, ellipsoids and module numbers in the server's scene."""
+        """Draw patches, rims, ellipsoids and module numbers in the server's scene."""
         self._scene = scene
         side = self._side()
-        turns = np.roll(quaternion_from_rotation(_frames(self.normals)), 1, axis=1)
+        frames = tangent_frames(self.normals, np.eye(3)[np.argmin(np.abs(self.normals), axis=1)])
+        turns = np.roll(quaternion_from_rotation(frames), 1, axis=1)
         lifted = scene.placed(self._points + LIFT * self.normals)
         add = server.scene.add_batched_meshes_simple
         self._patches = add(
-            "/taxels", _CORNERS, _FACES, turns, lifted, batched_scales=np.full((len(turns), 3), side / scene.size),
+            "/taxels", CORNERS, FACES, turns, lifted, batched_scales=np.full((len(turns), 3), side / scene.size),
             batched_colors=self._colours("module"), side="double", lod="off", cast_shadow=False,
         )  # fmt: skip
         if self.never.any():
             under = scene.placed(self._points + 0.5 * LIFT * self.normals)[self.never]
             scales = np.full((len(under), 3), 1.45 * side / scene.size)
             add(
-                "/never", _CORNERS, _FACES, turns[self.never], under, batched_scales=scales, batched_colors=NEVER,
+                "/never", CORNERS, FACES, turns[self.never], under, batched_scales=scales, batched_colors=NEVER,
                 side="double", lod="off", cast_shadow=False,
             )  # fmt: skip
         for number in np.unique(self._module[self._module >= 0]).tolist():
@@ -98,16 +97,16 @@ class PlacesLayer:
                 font_screen_scale=0.9,
             )  # fmt: skip
         self._server = server
-        self.ellipsoids(self.magnification(scene.size))
+        self._ellipsoids(self._magnification(scene.size))
 
-    def magnification(self, size: float) -> int:
-        """Return the integer magnification that makes the median ellipsoid visible on a body of a size [m]; 1: none."""
+    def _magnification(self, size: float) -> int:
+        """Return the magnification that makes the median ellipsoid visible on a body of a size [m]."""
         if not self._known.any():
             return 1
         axis = float(np.sqrt(CHI2_95 * np.median(np.linalg.eigvalsh(self._covariance[self._known])[:, -1])))
         return next((times for times in MAGNIFICATIONS if times * axis >= size / 60), MAGNIFICATIONS[-1])
 
-    def ellipsoids(self, times: int) -> None:
+    def _ellipsoids(self, times: int) -> None:
         """Draw the ellipsoids magnified `times`; 0: remove them."""
         rows = np.flatnonzero(self._known)
         if not times or not len(rows):
@@ -126,9 +125,9 @@ class PlacesLayer:
         )  # fmt: skip
 
     def panel(self, gui: GuiApi) -> None:
-        """Add the choice of colours, their legend, the size of the ellipsoids, and a checkbox that hides the taxels."""
+        """Add the choice of colours, their legend, the size of ellipsoids, and a checkbox that hides taxels."""
         known = {"module": True, "deviation": self._known.any(), "pokes": self._pokes.any()}
-        options = [by for by in BY if known[by]]
+        options = [by for by, there in known.items() if there]
         chosen = gui.add_dropdown("colour", tuple(options), initial_value=options[0])
         self._legend = gui.add_html(self._explained(options[0]))
 
@@ -139,25 +138,24 @@ class PlacesLayer:
         chosen.on_update(coloured)
         if self._known.any():
             sizes = {"hidden": 0} | {f"x {times}": times for times in MAGNIFICATIONS}
-            first = f"x {self.magnification(self._scene.size)}"
+            first = f"x {self._magnification(self._scene.size)}"
             shown = gui.add_dropdown("95 % ellipsoids", tuple(sizes), initial_value=first)
-            shown.on_update(lambda _: self.ellipsoids(sizes[shown.value]))
+            shown.on_update(lambda _: self._ellipsoids(sizes[shown.value]))
         seen = gui.add_checkbox("taxels", True, hint="hide them to see the body below")
         seen.on_update(lambda _: setattr(self._patches, "visible", seen.value))
 
     def show(self, scene: Scene, index: int) -> None:
-        """Do nothing: places do not change over samples."""
+        """Do nothing: places do not change."""
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Return [], as the panel has no rows."""
+        """Return []: the caption has no rows."""
         return []
 
     def legend(self) -> list[str]:
-        """Return [], as the panel explains the colours."""
+        """Return []: the panel explains the colours."""
         return []
 
     def _side(self) -> float:
-        """Return the side of a patch [m]."""
         from scipy.spatial import cKDTree  # here: scipy is slow to import
 
         if len(self._points) < 2:
@@ -165,15 +163,12 @@ class PlacesLayer:
         distances = np.asarray(cKDTree(self._points).query(self._points, k=2)[0])
         return SIDE * float(np.median(distances[:, 1]))
 
-    def _shares(self, by: str) -> Float[np.ndarray, " k"]:
-        values = self._deviation if by == "deviation" else self._pokes.astype(np.float64)
-        return np.nan_to_num(values / max(float(np.nanmax(values)), 1e-12))
-
     def _colours(self, by: str) -> UInt8[np.ndarray, "k 3"]:
-        if by != "module":
-            return linear(colours(self._shares(by)))
-        shade = np.where(self._module[:, None] >= 0, MODULES[self._module % len(MODULES)], LOOSE)
-        return linear(shade.astype(np.uint8))
+        if by == "module":
+            shade = np.where(self._module[:, None] >= 0, MODULES[self._module % len(MODULES)], LOOSE)
+            return linear(shade.astype(np.uint8))
+        values = self._deviation if by == "deviation" else self._pokes.astype(np.float64)
+        return linear(colours(np.nan_to_num(values / max(float(np.nanmax(values)), 1e-12))))
 
     def _explained(self, by: str) -> str:
         if by == "module":
@@ -190,11 +185,13 @@ class TaxelPage(Served):
     """A page of taxel places, served as `Served` is.
 
     Args:
-        places: places of the taxels.
-        surface: surface of the link; None: only the taxels are drawn.
-        title: title of the page.
+        places, surface: as of `PlacesLayer`; without a surface only the taxels are drawn.
+        title: of the page.
         facts: names and values for the panel.
         host, port: to listen at; port 0 for any free port.
+
+    Raises:
+        InputError: viser is not installed, or the server cannot listen at the port.
     """
 
     def __init__(
@@ -218,15 +215,10 @@ class TaxelPage(Served):
         with self._server.atomic():
             scene3d = Scene3D(self._server, scene)
             scene3d.show(scene.at(0), DrawSettings(heat=False, trail=0.0, magnification=1))
-            self._panel(layer, title, facts)
-
-    def _panel(self, layer: PlacesLayer, title: str, facts: Sequence[tuple[str, str]]) -> None:
-        gui = self._server.gui
-        dock(gui, title)
-        gui.add_html(
-            f'<div style="margin:.4em 1em">{table([(escape(name), escape(value)) for name, value in facts])}</div>'
-        )
-        layer.panel(gui)
+            dock(self._server.gui, title)
+            rows = table([(escape(name), escape(value)) for name, value in facts])
+            self._server.gui.add_html(f'<div style="margin:.4em 1em">{rows}</div>')
+            layer.panel(self._server.gui)
 
 
 def serve_taxels(
@@ -257,16 +249,9 @@ def ellipsoid_axes(
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 3"]]:
     """Return half-axes (k, 3) [m] of the 95 % ellipsoids, sqrt(7.815 eigenvalues), and rotations (k, 3, 3).
 
-    Half-axes are at least 2 % of the longest; the columns of a rotation are the axes' directions.
+    Half-axes are at least 2 % of the longest; the columns of a rotation are their directions.
     """
     values, vectors = np.linalg.eigh(covariance)
     axes = np.sqrt(CHI2_95 * np.maximum(values, 0.0))
     vectors[:, :, 0] *= np.sign(np.linalg.det(vectors))[:, None]
     return np.maximum(axes, THIN * axes[:, -1:]), vectors
-
-
-def _frames(normals: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 3"]:
-    """Return rotations (k, 3, 3) with the normals as third column."""
-    across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return np.stack([np.cross(across, normals), across, normals], axis=2)

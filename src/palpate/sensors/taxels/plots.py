@@ -1,4 +1,4 @@
-"""Draw maps of a skin's taxels, unrolled about the axis of the cylinder that fits them best."""
+"""Draw maps of a skin's taxels, unrolled about the cylinder that fits them best."""
 
 from __future__ import annotations
 
@@ -18,31 +18,22 @@ __all__ = ["error_map", "moved_map", "unroll"]
 
 @takes_arrays
 def unroll(points: Float[np.ndarray, "k 3"], *others: Float[np.ndarray, "k 3"]) -> list[Float[np.ndarray, "k 2"]]:
-    """Return a list: each point set as (k, 2) [m] along and around a cylinder fitted to the first set.
-
-    The axis is parallel to the principal axis about which the distances of the points vary least.
-    """
+    """Return each point set as (k, 2) [m] along and around the cylinder that fits the first set best."""
     middle = points.mean(axis=0)
     axes = np.linalg.svd(points - middle, full_matrices=True)[2]
     fits = [_circle(points - middle, np.roll(axes, -k, axis=0)) for k in range(3)]
     _, frame, centre, radius = min(fits, key=lambda each: each[0])
-    found = list[np.ndarray]()
-    start = None
-    for each in (points, *others):
-        flat = (each - middle) @ frame.T
-        away = flat[:, 1:] - centre
-        angle = np.arctan2(away[:, 1], away[:, 0])
-        if start is None:
-            start = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
-        around = np.angle(np.exp(1j * (angle - start)))
-        found.append(np.column_stack([flat[:, 0], radius * around]))
-    return found
+    flat = [(each - middle) @ frame.T for each in (points, *others)]
+    angles = [np.arctan2(z - centre[1], y - centre[0]) for _, y, z in (each.T for each in flat)]
+    start = np.arctan2(np.sin(angles[0]).mean(), np.cos(angles[0]).mean())
+    around = [radius * np.angle(np.exp(1j * (angle - start))) for angle in angles]
+    return [np.column_stack([each[:, 0], arc]) for each, arc in zip(flat, around, strict=True)]
 
 
 def _circle(
     away: Float[np.ndarray, "k 3"], frame: Float[np.ndarray, "3 3"]
 ) -> tuple[float, Float[np.ndarray, "3 3"], Float[np.ndarray, "2"], float]:
-    """Fit a circle x^2 + y^2 = 2 a x + 2 b y + c across `frame`'s first axis; return scatter, frame, centre, radius."""
+    """Fit x^2 + y^2 = 2 a x + 2 b y + c across `frame`'s first axis; return scatter, frame, centre, radius."""
     flat = away @ frame[1:].T
     table = np.column_stack([2 * flat, np.ones(len(flat))])
     a, b, c = (float(value) for value in np.linalg.pinv(table) @ (flat**2).sum(axis=1))
@@ -54,7 +45,7 @@ def _circle(
 @takes_arrays
 @styled()
 def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) -> Figure:
-    """Draw the error [mm] of each taxel on the unrolled skin; return the matplotlib `Figure`.
+    """Draw the error [mm] of each taxel on the unrolled skin, a matplotlib `Figure`.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -71,7 +62,7 @@ def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) 
 @takes_arrays
 @styled()
 def moved_map(estimate: Float[np.ndarray, "k 3"], truth: Float[np.ndarray, "k 3"]) -> Figure:
-    """Draw the true and estimated places of taxels [m] on the unrolled skin; return the matplotlib `Figure`.
+    """Draw the true and estimated places of taxels [m] on the unrolled skin, a matplotlib `Figure`.
 
     Raises:
         InputError: matplotlib is not installed.

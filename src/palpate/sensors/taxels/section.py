@@ -1,4 +1,4 @@
-"""Read the [skin] table of a rig and build the layout of its log, the taxel body and the estimator from it."""
+"""Read the [skin] table of a rig; build the layout of its log, the taxel body and the estimator."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from palpate.errors import InputError
 from palpate.files.logs import LogContents
 from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.models import read_model
-from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.estimator import HEAD, TaxelEstimator
 from palpate.sensors.taxels.health import examine
 from palpate.sensors.taxels.intensity import Intensity
 from palpate.sensors.taxels.model import TaxelBody
@@ -43,7 +43,7 @@ _TEXT = """\
 map = "skin_map.toml"                # written by: palpate map skin MESH --sheet {rows}x{columns} ...
 rows = {rows}
 columns = {columns}
-bits = {bits}                             # of a whole-number reading; 0: readings are floats
+bits = 8                             # of a whole-number reading; 0: readings are floats
 # intensity = "intensity.toml"       # written by: palpate calibrate intensity; without it a count is taken for 1 N
 {where}# tare = 1.0                         # s: the log starts so long untouched
 
@@ -54,25 +54,27 @@ off = 3.0                            # and reaches as far as cells that stand so
 
 """
 REST = 5.0  # s of a stream from which the same is taken, where no tare says how long
-HEAD = 2048  # frames of the start of a log from which rest, noise and bad cells are taken
 
 
 @dataclass(frozen=True)
 class RigSkin:
-    """The [skin] table of a rig: the sheet with its map and curves, or taxels anywhere, and how a log stores them.
+    """The [skin] table of a rig: a sheet with its map, or taxels anywhere, and how a log stores them.
 
     Attributes:
         map: file of `palpate map skin`, for a sheet.
-        taxels: file of `palpate calibrate taxels` or another file of taxel places, for taxels anywhere.
+        taxels: file of taxel places, for taxels anywhere.
         count: number of readings in a frame, where no places are known yet.
-        rows, columns: size of the sheet; None: as in the map.
+        rows, columns: of the sheet; None: as in the map.
         bits: of a reading; 0: readings are floats.
         intensity: file of `palpate calibrate intensity`; None: intensities are taken for forces.
         cells: columns of a table with the readings, row by row for a sheet.
-        topic: topic of a bag with the readings.
+        topic: of a bag with the readings.
         rate: [Hz] of frames without times.
         masked: cells [row, column], or indices of taxels, that are not used.
         tare: [s] at the start of the log in which nothing touches.
+
+    Raises:
+        ValueError: keys exclude each other, are missing or are out of their range.
     """
 
     map: str | None = None
@@ -109,7 +111,7 @@ class RigSkin:
 
 
 class SkinSection(SensorSection):
-    """A skin as a rig states it; each of its files is read once."""
+    """A skin as a rig states it."""
 
     name: ClassVar[str] = "skin"
     called: ClassVar[str] = "a skin of taxels"
@@ -117,11 +119,10 @@ class SkinSection(SensorSection):
 
     @cached_property
     def map(self) -> SkinMap:
-        """Return the sheet's `SkinMap`, which places its cells on the link.
+        """Return the sheet's `SkinMap`.
 
         Raises:
-            InputError: the rig states no map, the map cannot be read, or it has other rows and columns than the rig
-                states.
+            InputError: the rig states no map, or one that cannot be read or has other rows and columns.
         """
         if self.table.map is None:
             raise InputError("the rig's [skin] is not a sheet: it has no map.", where="skin.map")
@@ -138,16 +139,16 @@ class SkinSection(SensorSection):
 
     @cached_property
     def _read(self) -> TaxelPlaces:
-        """Return the taxel places as the file states them."""
         return read_taxel_places(self.link.folder / str(self.table.taxels))
 
     @cached_property
     def taxels(self) -> TaxelPlaces:
-        """Return the `TaxelPlaces` of taxels on no sheet, each with a normal: its own or the rig's [surface]'s.
+        """Return the `TaxelPlaces` of taxels on no sheet, each with a normal, the file's or that of [surface].
 
         Raises:
-            InputError: the rig names no file, the file cannot be read or has another number of taxels than `count`, or
-                normals are missing and there is no [surface].
+            InputError: the rig names no file, the file cannot be read or has not `count` taxels, or normals are missing
+                and there is no [surface].
+            GeometryError: the file of [surface], needed for normals, has no usable surface.
         """
         table, link = self.table, self.link
         if table.taxels is None:
@@ -175,7 +176,7 @@ class SkinSection(SensorSection):
 
     @cached_property
     def intensity(self) -> Intensity | None:
-        """Return the `Intensity` model from readings to forces; None: one count is taken for 1 N.
+        """Return the `Intensity` from readings to forces; None: one count is taken for 1 N.
 
         Raises:
             InputError: its file cannot be read.
@@ -188,19 +189,17 @@ class SkinSection(SensorSection):
         """Return the `TaxelBody` on the link: the cells of the sheet, or the taxels.
 
         Raises:
-            InputError: the file of the map or of the taxels is not named or cannot be read, or does not fit the rig;
-                normals are missing; or a masked cell does not exist.
+            InputError: as by `map` and `taxels`, the places are no body, or a masked cell does not exist.
+            GeometryError: as by `taxels`.
         """
-        masked, bits = cast("Any", self.table.masked), self.table.bits or None
+        options: dict[str, Any] = {"bits": self.table.bits or None, "masked": self.table.masked}
         if self.table.map is not None:
-            return TaxelBody.sheet(self.map, bits=bits, masked=masked)
+            return TaxelBody.sheet(self.map, **options)
         places = self.taxels
-        return TaxelBody.placed(
-            places.positions, places.normals, covariance=places.covariance, bits=bits, masked=masked
-        )
+        return TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, **options)
 
     def shape(self) -> tuple[int, ...]:
-        """Return the shape of a frame: (rows, columns) of a sheet, or (n,), the number of readings.
+        """Return the shape of a frame: (rows, columns) of a sheet, or (number of readings,).
 
         Raises:
             InputError: the file of the map or of the taxels cannot be read.
@@ -216,8 +215,9 @@ class SkinSection(SensorSection):
 def _layout(setup: Setup) -> LogLayout:
     skin = setup.of(SkinSection)
     cells = ArrayChannel(CELLS, skin.shape(), skin.table.cells, skin.table.topic, table="skin")
-    made = LogLayout(wrench=None, arrays=(cells,), **setup.common)
-    return made if skin.table.rate is None else replace(made, rate=skin.table.rate)
+    common = setup.common
+    common["rate"] = skin.table.rate or setup.time.rate
+    return LogLayout(wrench=None, arrays=(cells,), **common)
 
 
 def _build(setup: Setup) -> BuiltEstimator:
@@ -247,60 +247,53 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def skin_tare(setup: Setup) -> float | None:
-    """Return the time [s] at the start of a log in which nothing touches; None where the rig does not state it."""
+    """Return the time [s] at the start of a log in which nothing touches; None: the rig does not state it."""
     return setup.estimate.tare or setup.of(SkinSection).table.tare
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Guess a skin from images, arrays of frames, or many columns of numbers next to a time; None if there are none."""
+    """Guess a skin from images, arrays of frames, or many columns of numbers next to a time."""
     if contents.topics:
         return _of_topic(log, contents)
     frames = [(name, shape) for name, shape in contents.names.items() if math.prod(shape) >= FEWEST]
     if frames:
         name, shape = frames[0]
-        return _of_array(name, _sheet(shape))
+        where = f"rate = {RATE:g}                        # Hz, of frames without times: it is not known, correct it\n"
+        return _guessed(shape, f"array {name!r} holds frames", where, rate=RATE)
     there = list(contents.names)
-    time = time_column(there)
-    known = {time, *pose_columns(there)}
+    time, known = time_column(there), _other_columns(there)
     cells = tuple(name for name in there if name not in known)
     if time is None or len(cells) < FEWEST or wrench_columns(there) is not None:
         return None
-    shape = _sheet((len(cells),))
-    orientation, _ = guess.orientation_table(there)
+    unit, (orientation, _) = guess.time_unit(time), guess.orientation_table(there)
     named = "" if len(known) == 1 else f"cells = {guess.quoted(cells)}\n"
-    layout = LogLayout(
-        time=time,
-        time_unit=guess.time_unit(time),
-        wrench=None,
-        arrays=(ArrayChannel(CELLS, shape, cells, table="skin"),),
-    )
     why = f"{len(cells)} columns in addition to the time look like cells"
-    return _guessed(shape, why, layout, named, (guess.time_table(time, guess.time_unit(time)), orientation))
+    around = (guess.time_table(time, unit), orientation)
+    return _guessed((len(cells),), why, named, around, cells=cells, time=time, time_unit=unit)
 
 
 def guess_with_wrench(log: Path, contents: LogContents) -> Guess | None:
-    """Return the `Guess` of a skin in a log with wrenches, by an array topic or columns numbered alike, or None."""
+    """Return the `Guess` of a skin in a log with wrenches, an array topic or columns numbered alike; None: no skin.
+
+    Raises:
+        InputError: the log cannot be read.
+    """
     if contents.topics:
         arrays = tuple(topic for topic in contents.topics if topic.kind.endswith("MultiArray"))
         return _of_topic(log, replace(contents, topics=arrays)) if arrays else None
     there = list(contents.names)
-    known = {time_column(there), *(wrench_columns(there) or ())}
-    known |= pose_columns(there)
+    known = _other_columns(there)
     kinds = Counter(_NUMBERS.sub("#", name) for name in there if name not in known)
     alike, count = kinds.most_common(1)[0] if kinds else ("", 0)
     if count < FEWEST or "#" not in alike:
         return None
     cells = tuple(name for name in there if name not in known and _NUMBERS.sub("#", name) == alike)
-    layout = LogLayout(wrench=None, arrays=(ArrayChannel(CELLS, _sheet((count,)), cells, table="skin"),))
     why = f"{count} columns that are numbered alike look like cells"
-    return _guessed(_sheet((count,)), why, layout, f"cells = {guess.quoted(cells)}\n", ("", ""))
+    return _guessed((count,), why, f"cells = {guess.quoted(cells)}\n", cells=cells)
 
 
-def _of_array(name: str, shape: tuple[int, int]) -> Guess:
-    array = ArrayChannel(CELLS, shape, table="skin")
-    layout = LogLayout(wrench=None, arrays=(array,), rate=RATE)
-    where = f"rate = {RATE:g}                        # Hz, of frames without times: it is not known, correct it\n"
-    return _guessed(shape, f"array {name!r} holds frames", layout, where, ("", ""))
+def _other_columns(there: list[str]) -> set[str | None]:
+    return {time_column(there), *pose_columns(there), *(wrench_columns(there) or ())}
 
 
 def _of_topic(log: Path, contents: LogContents) -> Guess | None:
@@ -308,25 +301,30 @@ def _of_topic(log: Path, contents: LogContents) -> Guess | None:
     if found is None:
         return None
     topic, size = found
-    shape, poses = _sheet(size), guess.topics_of(contents, "pose")
-    layout = LogLayout(wrench=None, arrays=(ArrayChannel(CELLS, shape, None, topic, table="skin"),))
     why = f"topic {topic!r} holds {'images' if len(size) == 2 else 'arrays'} of {' x '.join(map(str, size))} numbers"
-    return _guessed(shape, why, layout, f"topic = {guess.quoted(topic)}\n", ("", guess.pose_table(poses)))
+    around = ("", guess.pose_table(guess.topics_of(contents, "pose")))
+    return _guessed(size, why, f"topic = {guess.quoted(topic)}\n", around, topic=topic)
 
 
-def _guessed(shape: tuple[int, int], why: str, layout: LogLayout, where: str, around: tuple[str, str]) -> Guess:
-    rows, columns = shape
-    text = around[0] + _TEXT.format(rows=rows, columns=columns, bits=8, where=where) + around[1]
-    return Guess(
-        why, layout, text, (f"check the sheet's {rows} rows and {columns} columns, and the bits of a reading",)
-    )
+def _guessed(
+    shape: tuple[int, ...],
+    why: str,
+    where: str,
+    around: tuple[str, str] = ("", ""),
+    *,
+    cells: tuple[str, ...] | None = None,
+    topic: str | None = None,
+    **time: Any,
+) -> Guess:
+    """Return the guess of a sheet; numbers in one row are arranged as nearly square as possible."""
+    rows, columns = shape if len(shape) == 2 else _square(math.prod(shape))
+    layout = LogLayout(wrench=None, arrays=(ArrayChannel(CELLS, (rows, columns), cells, topic, table="skin"),), **time)
+    text = around[0] + _TEXT.format(rows=rows, columns=columns, where=where) + around[1]
+    remark = f"check the sheet's {rows} rows and {columns} columns, and the bits of a reading"
+    return Guess(why, layout, text, (remark,))
 
 
-def _sheet(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Return rows and columns; numbers in one row are arranged as nearly square as possible."""
-    if len(shape) == 2:
-        return shape[0], shape[1]
-    count = math.prod(shape)
+def _square(count: int) -> tuple[int, int]:
     rows = next(k for k in range(int(count**0.5), 0, -1) if count % k == 0)
     return rows, count // rows
 

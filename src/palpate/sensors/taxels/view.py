@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, cast
@@ -26,13 +26,13 @@ from palpate.viewer.run_report import Run
 from palpate.viewer.samples import sheet_places
 from palpate.viewer.scene import Layer
 
-__all__ = ["TaxelView", "taxels"]
+__all__ = ["TaxelView", "taxel_section"]
 
 REST = 50  # frames from which the page takes the rest of cells
 
 
 class TaxelView(SensorView):
-    """A view of a skin: the forces of its taxels on the page, and their baseline and faults in the report."""
+    """A view of a skin: the forces of its taxels on the page, their baseline and faults in the report."""
 
     words: ClassVar[Mapping[str, Words]] = {
         **TRACKED,
@@ -44,19 +44,25 @@ class TaxelView(SensorView):
     }
 
     def skin(self, setup: Setup) -> Setup:
-        """Return the `Setup` of the skin alone; here it is the setup itself."""
+        """Return the `Setup` of the skin alone, here the setup itself."""
         return setup
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return a tuple with one `TaxelLayer`, the cells with their forces [N].
+        """Return one `TaxelLayer` in a tuple, the cells with their forces [N].
 
         Raises:
             InputError: a file that the rig names cannot be read.
+            GeometryError: the file of the surface has no usable surface.
         """
         return (TaxelLayer(setup.of(SkinSection).body, kept.joined(), live is not None),)
 
     def feed(self, setup: Setup, tares: Callable[[], int], layers: tuple[Layer, ...]) -> Feed:
-        """Return a function that computes forces [N] from a stream's readings and feeds them to the layer of taxels."""
+        """Return a function that computes forces [N] from a stream's readings for the layer of taxels.
+
+        Raises:
+            InputError: a file that the rig names cannot be read.
+            GeometryError: the file of the surface has no usable surface.
+        """
         if layers and isinstance(layers[0], TaxelLayer):
             made = self.skin(setup).prepared().estimator
             if isinstance(made, TaxelEstimator):
@@ -68,33 +74,24 @@ class TaxelView(SensorView):
 
         Raises:
             InputError: matplotlib is not installed, or the link's surface cannot be read.
+            GeometryError: its file has no usable surface.
         """
         made = cast("TaxelEstimator", estimator)
         body, health = made.body, made.health
         shape = (body.rows, body.columns) if body.rows else None
-        drawn = cell_mesh(body)
-        if setup.link.stated is not None:
-            mesh = setup.link.surface().drawn()
-            drawn = (mesh.vertices, mesh.faces)
+        run = super().report(run, setup, estimator)
+        drawn = cell_mesh(body) if setup.link.stated is None else run.body
         facts = [("cells", f"{len(body)}, of which {int(body.usable.sum())} are used")]
         if health is not None:
-            facts.append(
-                (
-                    "at rest",
-                    f"{np.median(health.baseline):.3g} counts, noise {np.median(health.noise):.2g} counts (medians)",
-                )
-            )
-            facts.append(("dead, stuck", f"{int(health.dead.sum())}, {int(health.stuck.sum())}"))
-        section = taxels(run.kept.contacts, tuple(facts), shape, () if health is None else health.notes)
+            rest = f"{np.median(health.baseline):.3g} counts, noise {np.median(health.noise):.2g} counts (medians)"
+            facts += [("at rest", rest), ("dead, stuck", f"{health.dead.sum()}, {health.stuck.sum()}")]
+        section = taxel_section(run.kept.contacts, tuple(facts), shape, () if health is None else health.notes)
         uncertainties = ("the cells' noise", "where in a cell a touch may be")
         return replace(run, body=drawn, uncertainties=uncertainties, sections=(section,))
 
 
 class _Cells:
-    """A feed of cell forces to the page by a separate estimator, because a stream has contacts but no forces of cells.
-
-    It takes the baseline from frames in which nothing touches, again after each tare.
-    """
+    """A feed of cell forces to the page by a separate estimator that takes its baseline from untouched frames."""
 
     def __init__(self, tares: Callable[[], int], setup: Setup, made: TaxelEstimator, layer: TaxelLayer) -> None:
         self._tares, self._layer = tares, layer
@@ -129,19 +126,11 @@ class _Cells:
         self._rested = True
 
 
-def taxels(
-    contacts: Contacts, facts: Facts, shape: tuple[int, int] | None = None, notes: Sequence[str] = ()
-) -> Section:
-    """Return the report's `Section` on taxels: facts and notes, and a map of the contacts on an unrolled sheet.
-
-    Args:
-        contacts: downsampled; with features row and column where the taxels are a sheet.
-        facts: facts on the body of cells, such as the number of dead ones.
-        shape: rows and columns of the sheet; None: no sheet.
-        notes: notes on its health, a sentence each.
+def taxel_section(contacts: Contacts, facts: Facts, shape: tuple[int, int] | None, notes: tuple[str, ...]) -> Section:
+    """Return the report's `Section` on taxels, with a map of the contacts on a sheet of `shape` rows and columns.
 
     Raises:
-        InputError: matplotlib is needed for the map and not installed.
+        InputError: there is a map to draw, and matplotlib is not installed.
     """
     places, pictures = sheet_places(contacts), ()
     if shape is not None and places is not None:
@@ -151,4 +140,4 @@ def taxels(
         if len(rows):
             drawn = sheet_map(places[rows], force[rows], "force [N]", shape)
             pictures = (picture(drawn, "Where contacts were on the unrolled sheet, and how hard."),)
-    return Section("Taxels", settings=facts, points=tuple(notes), pictures=pictures)
+    return Section("Taxels", settings=facts, points=notes, pictures=pictures)

@@ -1,8 +1,7 @@
-"""Find the answers in frames of taxels: readings that exceed a taxel's baseline by a threshold."""
+"""Find the answers in frames of taxels: readings above a baseline by a threshold."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +11,7 @@ from palpate.errors import InputError
 from palpate.sensors.taxels.health import resting
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Activations", "AnswerReader", "Block", "read_answers"]
+__all__ = ["Activations", "AnswerReader", "Block", "later"]
 
 HEAD = 2048  # frames from which rest and noise are taken
 FEWEST = 16  # frames of a log
@@ -36,11 +35,11 @@ class Activations:
 
     Attributes:
         time: (n,) [s] rising.
-        frame, taxel: (m,) indices of each answer's frame and taxel, frame by frame; above: (m,) reading minus baseline.
+        frame, taxel: (m,) indices of each answer, frame by frame; above: (m,) reading minus baseline.
         highest: (m,) true where the reading is at the end of its range.
         stuck: (k,) true for a taxel that answers nearly always or never returns: its answers are excluded.
         threshold: median of the taxels' thresholds.
-        notes: notes for the user, a sentence each.
+        notes: for the user, a sentence each.
     """
 
     time: Float[np.ndarray, " n"]
@@ -53,30 +52,22 @@ class Activations:
     notes: tuple[str, ...] = ()
 
 
-def read_answers(
-    frames: Iterable[Block], *, threshold: float | None = None, top: float = np.inf, falling: bool = False
-) -> Activations:
-    """Return `Activations`, readings above their baseline, which follows a taxel's readings while it does not answer.
-
-    Args:
-        frames: times (n,) [s] and readings (n, k) of any number type, in blocks of one log.
-        threshold: above the baseline; None: six standard deviations of each taxel's noise, or of the median noise if
-            that is more.
-        top: the largest reading.
-        falling: readings fall under load.
-
-    Raises:
-        InputError: too few frames, frames of different sizes, or more than half of the taxels answer nearly always.
-    """
-    reader = AnswerReader(threshold, top=top, falling=falling)
-    for time, values in frames:
-        reader.take(np.asarray(time), values)
-    return reader.finish()
+def later(time: Float[np.ndarray, " n"], than: float = -np.inf) -> Bool[np.ndarray, " n"]:
+    """Return a bool for each time (n,), True if it is later than all before it and than `than`; NaN is not."""
+    latest = np.maximum.accumulate(np.concatenate([[than], np.nan_to_num(time, nan=-np.inf)]))
+    return time > latest[:-1]
 
 
 @takes_arrays
 class AnswerReader:
-    """A reader that finds answers block by block and follows the baseline; arguments as for `read_answers`."""
+    """A reader that finds answers above a baseline, which follows a taxel while it does not answer.
+
+    Args:
+        threshold: above the baseline; None: six standard deviations of the noise of each taxel, at least of the median
+            one.
+        top: the largest reading.
+        falling: readings fall under load.
+    """
 
     def __init__(self, threshold: float | None = None, *, top: float = np.inf, falling: bool = False) -> None:
         self._given, self._top, self._sign = threshold, top, -1.0 if falling else 1.0
@@ -89,14 +80,17 @@ class AnswerReader:
         self._latest, self._started = -np.inf, False
 
     def take(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
-        """Add frames, times (n,) [s] and readings (n, k), to those that `finish` answers for.
+        """Add a block of frames: times (n,) [s] and readings (n, k) of any number type.
 
         Raises:
-            InputError: another number of taxels, or hardly any of the first 2,048 frames can be read.
+            InputError: another number of taxels, or fewer than 16 of the first 2,048 frames are finite.
         """
         values = values.reshape(len(time), -1)
-        later = np.maximum.accumulate(np.concatenate([[self._latest], np.nan_to_num(time, nan=-np.inf)]))
-        good = time > later[:-1]
+        taxels = self._head[0][1].shape[1] if self._head else len(self._rest)
+        if taxels and values.shape[1] != taxels:
+            what = f"a frame has {values.shape[1]} taxels, but the first frames have {taxels}."
+            raise InputError(what, where="frames")
+        good = later(time, self._latest)
         if not good.all():
             self._back += int(np.count_nonzero(~good))
             time, values = time[good], values[good]
@@ -114,7 +108,7 @@ class AnswerReader:
         """Return all answers of the frames taken, as `Activations`.
 
         Raises:
-            InputError: too few frames, or more than half of the taxels answer nearly always.
+            InputError: fewer than 16 finite frames, or more than half of the taxels answer nearly always.
         """
         if not self._started:
             self._start()
@@ -142,38 +136,34 @@ class AnswerReader:
         )
 
     def _start(self) -> None:
-        """Find baseline and noise in the first frames, then read these frames."""
         count = sum(len(each) for each, _ in self._head)
         if count < FEWEST:
             raise InputError(f"has {count} frames of taxels, and at least {FEWEST} are needed.", where="frames")
         values = np.concatenate([each for _, each in self._head])[:HEAD]
         whole = values.dtype.kind in "iu" or bool((values == np.rint(values)).all())
         cells = self._sign * values.astype(np.float64)
-        known = np.isfinite(cells).all(axis=1)
+        known = np.asarray(np.isfinite(cells).all(axis=1), dtype=bool)
         if np.count_nonzero(known) < FEWEST:
-            raise InputError("hardly any of the first frames of taxels can be read.", where="frames")
+            raise InputError(
+                f"only {np.count_nonzero(known)} of the first {len(known)} frames of taxels have all their readings.",
+                where="frames",
+                hint="Check the columns or the topic of the taxels in the rig's [skin].",
+            )
         cells = cells[known]
         self._rest, _ = resting(cells[:: 1 + cells.size // TOLD], counts=whole)
-        noise = _noise(cells, whole=whole)
-        self._first = self._rest.copy()
-        usual = ABOVE * float(np.median(noise))
-        found = np.maximum(ABOVE * noise, usual)
-        self._delta = np.full(len(noise), self._given) if self._given is not None else found
-        self._started, head = True, self._head
-        self._head = []
+        self._first, noise = self._rest, _noise(cells, whole=whole)
+        found = ABOVE * np.maximum(noise, float(np.median(noise)))
+        self._delta = found if self._given is None else np.full(len(noise), self._given)
+        head, self._head, self._started = self._head, [], True
         for time, each in head:
             self._read(time, each)
 
     def _read(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
-        if values.shape[1] != len(self._rest):
-            what = f"a frame has {values.shape[1]} taxels, but the first frames have {len(self._rest)}."
-            raise InputError(what, where="frames")
         for start in range(0, len(time), PIECE):
-            piece = slice(start, min(start + PIECE, len(time)))
-            self._piece(time[piece], values[piece])
+            self._piece(time[start : start + PIECE], values[start : start + PIECE])
 
     def _piece(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
-        """Find the answers of some frames above a constant baseline; then update that of taxels that do not answer."""
+        """Find the answers of some frames above a constant baseline, then update that of silent taxels."""
         limit = self._rest + self._delta
         rising, kind = self._sign > 0, values.dtype
         hit = values > _as(np.floor(limit), kind) if rising else values < _as(np.ceil(-limit), kind)
@@ -197,7 +187,7 @@ class AnswerReader:
         if stuck.any():
             who = _listed(np.flatnonzero(stuck).tolist())
             said.append(f"taxel {who} answers nearly all the time, or never returns to rest, and is left out")
-        if fell.any() and not stuck.all():
+        if fell.any():
             who = _listed(np.flatnonzero(fell).tolist())
             said.append(
                 f"the reading at rest of taxel {who} falls after the log begins: make sure that nothing touched it then"
@@ -208,7 +198,7 @@ class AnswerReader:
 
 
 def _as(limit: Float[np.ndarray, " k"], kind: np.dtype) -> np.ndarray:
-    """Return a bound in the type of the readings, so that they need not be converted."""
+    """Return a bound in the type of the readings."""
     if kind.kind in "iu":
         ends = np.iinfo(kind)
         return np.clip(limit, ends.min, ends.max).astype(kind)
@@ -227,10 +217,9 @@ def _stuck(
     frame: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"], frames: int, taxels: int
 ) -> Bool[np.ndarray, " k"]:
     """Return which taxels answer in nearly all frames, or without a pause to the end of the log."""
-    counts = np.bincount(taxel, minlength=taxels)
-    stuck = counts > STUCK * frames
-    tail = frame >= frames - max(int(NEVER_BACK * frames), 1)
-    return stuck | (np.bincount(taxel[tail], minlength=taxels) >= max(int(NEVER_BACK * frames), 1))
+    last = max(int(NEVER_BACK * frames), 1)
+    at_end = np.bincount(taxel[frame >= frames - last], minlength=taxels)
+    return (np.bincount(taxel, minlength=taxels) > STUCK * frames) | (at_end >= last)
 
 
 def _listed(numbers: list[int]) -> str:

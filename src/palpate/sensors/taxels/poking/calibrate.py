@@ -1,4 +1,4 @@
-"""Calibrate the places of taxels from pokes by one of several methods."""
+"""Calibrate the places of taxels from pokes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking import paper
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
-from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, single
+from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, placed, single
 from palpate.sensors.taxels.poking.solve import PlacesSolution, solve, validated
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import quaternion_from_rotation
@@ -27,6 +27,10 @@ FEWEST = 3  # pokes of a module that nothing else is known of
 ENOUGH = 10  # pokes in all
 NAMED = 12  # taxels in a sentence
 NOISIER, ASTRAY = 1.3, 20.0  # ratios of residuals to noise: above them a warning, and an error
+ALONE = (
+    "there is only one arm configuration: the sensor's bias and the error of the link's frame cannot be told from a "
+    "shift of all taxels"
+)
 MIRRORED = 0.5  # of the squared distance from the layout as stated: 0.04 to 0.42 the other way round, if it is right
 
 
@@ -37,9 +41,8 @@ class TaxelCalibration:
 
     Attributes:
         places: of the taxels, with covariance.
-        residual: (n, 3) [N m] of each poke's torque, NaN for pokes that were not used.
         used: number of pokes that were used.
-        noise: ratio of the residuals to what their covariance explains.
+        noise: ratio of the residuals to what their covariance explains; 1 for the paper's methods.
         nuisances: name -> errors estimated with the taxels: frames and bias (configurations, 6), common (6,),
             cross_talk (6, 6); empty for the paper's methods.
         validation: errors of pokes that a fit had not seen; empty for the paper's methods.
@@ -47,7 +50,6 @@ class TaxelCalibration:
     """
 
     places: TaxelPlaces
-    residual: Float[np.ndarray, "n 3"]
     used: int
     noise: float
     nuisances: dict[str, np.ndarray] = field(default_factory=lambda: {})
@@ -70,18 +72,18 @@ def calibrate_taxels(
     Args:
         pokes: of all configurations.
         method: "free", "weighted", "surface": the paper's [taxel poking], each taxel separately, with equal weights,
-            weighted by its response, or weighted and on the surface. "taxels": single taxels, but all in one fit, with
-            the sensor's bias and the errors of frames. "modules": the modules that carry them, also with cross-talk and
-            a model of the taxels' responses.
-        surface: of the link, in its frame: "surface" needs one, "taxels" and "modules" are better with one.
+            weighted by its response, or weighted and on the surface. "taxels": single taxels in one fit, with the
+            sensor's bias and the errors of frames. "modules": rigid modules, also with cross-talk and a model of
+            responses.
+        surface: of the link, in its frame; "surface" needs one, "taxels" and "modules" are better with one.
         start: expected places of the taxels (CAD), weighted by the priors; None: nothing is known.
         layout: of modules; None: that of the start.
-        priors: of the start and of the errors.
+        priors: of the start and of the errors; None: the defaults.
 
     Raises:
-        InputError: an unknown method, a missing or mirrored input, another number of taxels, or residuals that no
-            places explain.
-        NotIdentifiable: too few pokes; the message names what cannot be known.
+        InputError: an unknown method, a missing surface or layout, a mirrored layout, another number of taxels, or
+            residuals that no places explain.
+        NotIdentifiable: fewer than ten pokes, or too few on a module.
     """
     if method not in METHODS:
         raise InputError(f"{method!r} is not known.", where="method", hint=f"Use one of {', '.join(METHODS)}.")
@@ -108,7 +110,7 @@ def calibrate_taxels(
 
 
 def _each(pokes: Pokes, method: str, surface: Surface | None) -> TaxelCalibration:
-    """Calibrate by the paper's methods, over all configurations."""
+    """Calibrate by the paper's methods."""
     equations = paper.normal_equations(pokes, weighted=method != "free")
     points = paper.free(equations) if method != "surface" or surface is None else paper.on_surface(equations, surface)
     rows = np.isfinite(points).all(axis=1)
@@ -129,9 +131,9 @@ def _each(pokes: Pokes, method: str, surface: Surface | None) -> TaxelCalibratio
     covariance[rows] = np.einsum("k,kia,ka,kja->kij", variance[rows], axes, inverse, axes)
     places = TaxelPlaces(points, normals, covariance, pokes=pokes.counts())
     doubt = "covariances are those of single taxels: they do not include errors that all pokes share"
-    residual = np.full((len(pokes), 3), np.nan)
+    doubts = (doubt, ALONE) if pokes.configurations < 2 else (doubt,)
     used = int(np.count_nonzero(pokes.weight > 0))
-    return TaxelCalibration(places, residual, used, 1.0, notes=_untouched(places), warnings=(doubt,))
+    return TaxelCalibration(places, used, 1.0, notes=_untouched(places), warnings=doubts)
 
 
 def _together(
@@ -142,7 +144,8 @@ def _together(
     layout: ModuleLayout | None,
     priors: Priors,
 ) -> TaxelCalibration:
-    """Fit all taxels in one: units from a start or from the paper's method, then with all errors that are estimated."""
+    """Fit all taxels in one, with all errors that are estimated."""
+    points, outward, weight = _guessed(pokes, surface)
     if modules:
         layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
         if layout is None or not layout.modules:
@@ -151,11 +154,19 @@ def _together(
                 where="method",
                 hint="Give a layout, or a start with modules, or use 'taxels'.",
             )
-        _require_unmirrored(pokes, layout, surface)
+        few = _few(layout, points)
+        if not few:
+            _require_unmirrored(layout, points, weight, surface)
+        elif start is None:
+            raise NotIdentifiable(
+                f"fewer than {FEWEST} taxels answered on modules {', '.join(few[:NAMED])}: their places cannot be "
+                "found. Poke them, or start from CAD.",
+                rank=layout.modules - len(few),
+                missing=tuple(f"module {number}" for number in few),
+            )
         begun = None if start is None else fitted(layout, start.positions, surface)
-        units = begun or _found(pokes, layout, surface)
+        units = begun or fitted(layout, points, surface, weight)
     else:
-        points, outward, _ = _guessed(pokes, surface)
         begun = None if start is None else single(start.positions, surface, _facing(start.normals, outward))
         units = begun or single(points, surface, outward)
     priors = priors if modules else priors.of_single_taxels()
@@ -171,53 +182,38 @@ def _together(
     solution = replace(solution, covariance=left.widening * solution.covariance)
     places = _placed(pokes, solution)
     nuisances = {name: getattr(solution.nuisances, name) for name in ("frames", "common", "bias", "cross_talk")}
-    used = solution.weight > 0
-    residual = np.where(used[:, None], solution.residual, np.nan)
-    notes, doubts = _untouched(places), _doubts(pokes, solution)
-    return TaxelCalibration(
-        places, residual, int(used.sum()), solution.noise, nuisances, left, notes, (*doubts, *left.notes)
-    )
+    used, doubts = int(np.count_nonzero(solution.weight > 0)), (*_doubts(pokes, solution), *left.notes)
+    return TaxelCalibration(places, used, solution.noise, nuisances, left, _untouched(places), doubts)
 
 
 def _guessed(
     pokes: Pokes, surface: Surface | None
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """Return places by the paper's method, outward directions against the forces, and the weight of each place."""
+    """Return places by the paper's method, outward directions, and the weight of each place."""
     equations = paper.normal_equations(pokes, weighted=True)
     points = paper.free(equations) if surface is None else paper.on_surface(equations, surface)
     return points, -equations.pressing, equations.weight
 
 
 def _facing(normals: Float[np.ndarray, "k 3"], outward: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
-    """Return normals where they are known, else outward; where neither is, the sum of the others."""
+    """Return normals where known, else outward; where neither is, the sum of the others."""
     found = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, outward)
     return np.where(
         np.abs(found).max(axis=1, keepdims=True) > 0, found, found.sum(axis=0) + np.array([0.0, 0.0, 1e-12])
     )
 
 
-def _found(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> Units:
-    """Return modules without a start, fitted to their taxels' places by the paper's method."""
-    points, _, weight = _guessed(pokes, surface)
-    known = np.isfinite(points).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
-    count = np.bincount(layout.module[known], minlength=layout.modules)
-    lacking = [str(number) for number in np.flatnonzero(count < FEWEST).tolist()]
-    if lacking:
-        raise NotIdentifiable(
-            f"fewer than {FEWEST} taxels answered on modules {', '.join(lacking[:NAMED])}: their places cannot be "
-            "found. Poke them, or start from CAD.",
-            rank=layout.modules - len(lacking),
-            missing=tuple(f"module {number}" for number in lacking),
-        )
-    return fitted(layout, points, surface, weight)
+def _few(layout: ModuleLayout, points: Float[np.ndarray, "k 3"]) -> list[str]:
+    """Return the numbers of the modules on which too few taxels have a place."""
+    count = np.bincount(layout.module[placed(layout, points)], minlength=layout.modules)
+    return list(map(str, np.flatnonzero(count < FEWEST).tolist()))
 
 
-def _require_unmirrored(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> None:
-    """Raise an InputError if taxels, by the paper's method, fit the mirrored layout much better than the stated one."""
-    points, _, weight = _guessed(pokes, surface)
-    known = np.isfinite(points).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
-    if np.bincount(layout.module[known], minlength=layout.modules).min() < FEWEST:
-        return
+def _require_unmirrored(
+    layout: ModuleLayout, points: Float[np.ndarray, "k 3"], weight: Float[np.ndarray, " k"], surface: Surface | None
+) -> None:
+    """Raise an InputError if taxels, by the paper's method, fit the mirrored layout much better."""
+    known = placed(layout, points)
     ways = layout, ModuleLayout(layout.places * [1.0, -1.0], layout.module)
     away = [np.nan_to_num(fitted(way, points, surface, weight).places[0] - points) for way in ways]
     stated, mirrored = (float(np.average(np.sum(each**2, axis=1), weights=weight * known)) for each in away)
@@ -233,8 +229,6 @@ def _require_unmirrored(pokes: Pokes, layout: ModuleLayout, surface: Surface | N
 def _placed(pokes: Pokes, solution: PlacesSolution) -> TaxelPlaces:
     units = solution.units
     points, normals = units.places
-    if units.surface is None:
-        normals = np.where(np.isfinite(points), normals, np.nan)
     absolute, relative = spreads(units, solution.covariance)
     module = np.where(np.isfinite(points).all(axis=1), -1 if units.alone else units.layout.module, -1)
     noise = np.sqrt(np.diag(pokes.noise)) * solution.noise
@@ -243,22 +237,19 @@ def _placed(pokes: Pokes, solution: PlacesSolution) -> TaxelPlaces:
 
 
 def _poses(pokes: Pokes) -> Float[np.ndarray, "d 8"]:
-    """Return the pose of each configuration, and the number of pokes used in it."""
-    found = np.zeros((pokes.configurations, 8))
+    found = list[np.ndarray]()
     for number in range(pokes.configurations):
         rows = np.flatnonzero((pokes.configuration == number) & (pokes.weight > 0))
         if len(rows):
             middle = rows[len(rows) // 2]
-            found[number, :3] = pokes.origin[middle]
-            found[number, 3:7] = quaternion_from_rotation(pokes.rotation[middle])
-            found[number, 7] = len(rows)
-    return found[found[:, 7] > 0]
+            found.append(np.r_[pokes.origin[middle], quaternion_from_rotation(pokes.rotation[middle]), len(rows)])
+    return np.array(found).reshape(-1, 8)
 
 
 def spreads(
     units: Units, covariance: Float[np.ndarray, "p p"]
 ) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, " k"]]:
-    """Return each taxel's covariance (k, 3, 3) [m^2], and standard deviation (k,) [m] without one rigid motion of all.
+    """Return covariances (k, 3, 3) [m^2] of taxels, and standard deviations (k,) [m] without one rigid motion of all.
 
     Both are NaN for taxels without a place.
     """
@@ -287,7 +278,6 @@ def spreads(
 
 
 def _untouched(places: TaxelPlaces) -> tuple[str, ...]:
-    """Return a note that lists the taxels that no poke reached."""
     rows = np.flatnonzero((places.pokes == 0) & (places.there | (places.module < 0))).tolist()
     if not rows:
         return ()
@@ -299,10 +289,7 @@ def _untouched(places: TaxelPlaces) -> tuple[str, ...]:
 def _doubts(pokes: Pokes, solution: PlacesSolution) -> tuple[str, ...]:
     said = list[str]()
     if pokes.configurations < 2:
-        said.append(
-            "there is only one arm configuration: the sensor's bias and the error of the link's frame cannot be told "
-            "from a shift of all taxels; their places relative to each other are not affected"
-        )
+        said.append(f"{ALONE}; their places relative to each other are not affected")
     if solution.noise > NOISIER:
         said.append(
             f"torques are off by {solution.noise:.1f} times what noise explains: check that one tip touched at a "

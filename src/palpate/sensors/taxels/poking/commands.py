@@ -1,4 +1,4 @@
-"""Define `palpate calibrate taxels`, which finds the place of each taxel of a skin from pokes."""
+"""Define `palpate calibrate taxels`, which finds the place of each taxel from pokes, and `palpate plan pokes`."""
 
 from __future__ import annotations
 
@@ -9,36 +9,38 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from tyro.conf import arg
+from tyro.conf import Positional, arg
 
 from palpate.console.calibration import Calibration, CalibrationResult
-from palpate.console.console import Quantity, progress, wait
-from palpate.console.options import FileOption, Log, Output, RigFile, Scalar
+from palpate.console.console import Quantity, lines, note, progress, title, wait
+from palpate.console.options import FileOption, Log, Output, RigFile, Scalar, require_positive
 from palpate.errors import InputError
+from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.logs import contents
+from palpate.sensors.taxels.files import of_taxels
 from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxels.place_formats import SUFFIXES, read_taxel_places, write_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
-from palpate.sensors.taxels.places_file import of_taxels
 from palpate.sensors.taxels.poking import Priors, TaxelCalibration, calibrate_taxels
 from palpate.sensors.taxels.poking.activations import Block
 from palpate.sensors.taxels.poking.evaluate_command import is_taxel_file
-from palpate.sensors.taxels.poking.files import holds_pokes, read_pokes
-from palpate.sensors.taxels.poking.logs import WRENCH, open_pokes
+from palpate.sensors.taxels.poking.files import WRENCH, holds_pokes, open_pokes, read_pokes
 from palpate.sensors.taxels.poking.module_placement import place_modules
+from palpate.sensors.taxels.poking.plan import Plan, PossiblePokes, after_calibration, plan_pokes
 from palpate.sensors.taxels.poking.plausibility import believed
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.segmentation import PokeSearch, find_pokes
 from palpate.sensors.taxels.section import SkinSection
+from palpate.setup import load_rig
 from palpate.setup.pokes import RigPokes
 from palpate.setup.setup import Setup
 from palpate.setup.tables import RigForceTorque
 from palpate.signals.recording import Recording
 from palpate.surfaces import Surface
 
-__all__ = ["CalibrateTaxels"]
+__all__ = ["CalibrateTaxels", "plan_pokes_command"]
 
-METHOD = Literal["modules", "taxels", "surface", "weighted", "free"]
+_COLUMNS = "configuration,taxel,x,y,z,dx,dy,dz,worst"
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class CalibrateTaxels(Calibration):
     log: Log
     rig: RigFile
     output: Output
-    method: Annotated[METHOD, arg(metavar="NAME")] = "modules"
+    method: Annotated[Literal["modules", "taxels", "surface", "weighted", "free"], arg(metavar="NAME")] = "modules"
     start: FileOption = None
     layout: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
     threshold: Scalar = None
@@ -92,7 +94,10 @@ class CalibrateTaxels(Calibration):
         if self.output.suffix.lower() not in SUFFIXES:
             hint, kind = f"Use {', '.join(SUFFIXES)}.", self.output.suffix
             raise InputError(f"cannot write places of taxels as {kind!r}.", where=str(self.output), hint=hint)
-        setup = replace(self.stated.resolve(), pokes=_over(self.stated.pokes or RigPokes(), self.threshold))
+        require_positive(self.threshold, "--threshold")
+        setup = self.stated.resolve()
+        table = setup.pokes or RigPokes()
+        setup = replace(setup, pokes=replace(table, threshold=self.threshold or table.threshold))
         surface = None if setup.link.stated is None else setup.link.surface()
         return self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
 
@@ -110,7 +115,9 @@ class CalibrateTaxels(Calibration):
         start = self.reads.get("start")
         places = None if start is None else read_taxel_places(start)
         pokes, table = _pokes(self.log, setup, places), setup.pokes or RigPokes()
-        modules, said = _layout(self.layout, setup, places, pokes) if self.method == "modules" else (None, [])
+        modules, said = (
+            _layout(self.layout, setup, pokes if places is None else places) if self.method == "modules" else (None, [])
+        )
         wait("loading the compiled loops (the first time they are compiled, which takes a while) ...")
         found = calibrate_taxels(
             pokes,
@@ -124,29 +131,21 @@ class CalibrateTaxels(Calibration):
             _figures(pokes, found),
             found.places,
             notes=[*pokes.notes, *said, *found.notes],
-            warnings=[*found.warnings, *_one_configuration(pokes, found)],
+            warnings=found.warnings,
             next=_next(setup, self.output, surface),
         )
 
     def _placed(self, setup: Setup, surface: Surface | None) -> CalibrationResult:
-        """Fit modules to the places of their taxels."""
         if self.method != "modules":
             raise InputError(
-                "must be modules to improve places of taxels, instead of a log of pokes.", where="--method"
+                "must be modules, as the input is places of taxels and not a log of pokes.", where="--method"
             )
         places = read_taxel_places(self.log)
-        modules, said = _layout(self.layout, setup, places, None)
+        modules, said = _layout(self.layout, setup, places)
         found = place_modules(places, modules, surface)
         return CalibrationResult(
             of_taxels(found.places), found.places, notes=[*said, *found.notes], warnings=found.warnings
         )
-
-
-def _over(table: RigPokes, threshold: float | None) -> RigPokes:
-    try:
-        return table if threshold is None else replace(table, threshold=threshold)
-    except ValueError as problem:
-        raise InputError(f"{problem}.", where="--threshold") from problem
 
 
 def _pokes(log: Path, setup: Setup, start: TaxelPlaces | None) -> Pokes:
@@ -185,16 +184,8 @@ def _pokes(log: Path, setup: Setup, start: TaxelPlaces | None) -> Pokes:
     return replace(found, notes=tuple(said))
 
 
-def _layout(
-    name: str | None, setup: Setup, start: TaxelPlaces | None, pokes: Pokes | None
-) -> tuple[ModuleLayout | None, list[str]]:
-    """Return the layout of the modules by name or file, None for that of the start, and notes.
-
-    Without a start, modules that never answered are excluded.
-
-    Raises:
-        InputError: no such layout, or it does not fit the taxels.
-    """
+def _layout(name: str | None, setup: Setup, known: TaxelPlaces | Pokes) -> tuple[ModuleLayout | None, list[str]]:
+    """Return the layout of the modules that exist, by name or file; None for that of the start; and notes."""
     chosen = name or (setup.pokes.layout if setup.pokes is not None else None)
     if chosen is None:
         return None, []
@@ -205,29 +196,24 @@ def _layout(
             raise InputError(f"{chosen!r} is not known.", where="layout", hint=hint)
         return ModuleLayout.of(read_taxel_places(path), bent=True), []
     places = LAYOUTS[chosen]
-    taxels = len(start or ()) if pokes is None else pokes.taxels
+    taxels = known.taxels if isinstance(known, Pokes) else len(known)
     count, left = divmod(taxels, len(places))
     if left:
         raise InputError(
             f"{taxels} taxels cannot be divided into modules of {len(places)}, as in {chosen}.", where="layout"
         )
     whole = ModuleLayout.repeated(places, count)
-    there = np.ones(taxels, dtype=bool) if start is None else start.there
-    if start is None and pokes is not None:
-        there = _answered(whole, pokes)
-    flat, module = np.where(there[:, None], whole.places, np.nan), np.where(there, whole.module, -1)
-    known = np.isfinite(flat).all(axis=1)
-    kept = np.unique(module[known & (module >= 0)])
-    module = np.where(known, np.searchsorted(kept, module), -1)
-    absent = sorted(set(range(count)) - set(kept.tolist()))
+    if isinstance(known, Pokes):
+        there = np.bincount(whole.module, known.counts(), minlength=count)[whole.module] > 0
+    else:
+        there = known.there
+    there = there & np.isfinite(whole.places).all(axis=1)
+    kept = np.unique(whole.module[there])
+    absent = np.setdiff1d(np.arange(count), kept).tolist()
+    flat = np.where(there[:, None], whole.places, np.nan)
+    layout = ModuleLayout(flat, np.where(there, np.searchsorted(kept, whole.module), -1))
     said = f"modules {', '.join(map(str, absent[:12]))} never answered: they are left out, as if they did not exist"
-    return ModuleLayout(flat, module), [said] if absent and start is None else []
-
-
-def _answered(layout: ModuleLayout, pokes: Pokes) -> np.ndarray:
-    """Return the taxels of modules of which at least one taxel answered."""
-    count = np.bincount(layout.module, pokes.counts(), minlength=layout.modules)
-    return count[layout.module] > 0
+    return layout, [said] if absent and isinstance(known, Pokes) else []
 
 
 def _figures(pokes: Pokes, found: TaxelCalibration) -> list[tuple[str, object]]:
@@ -236,46 +222,37 @@ def _figures(pokes: Pokes, found: TaxelCalibration) -> list[tuple[str, object]]:
     answers = len(pokes.taxel) / max(len(pokes), 1)
     deviation = np.sqrt(np.diag(pokes.noise))
     said = f"{1e3 * deviation[:3].max():.3g} mN, {1e3 * deviation[3:].max():.3g} N mm of a poke's wrench"
-    facts: list[tuple[str, object]] = [
+    return [
         ("pokes", Quantity(", ".join(f"{count} {what}" for what, count in counted.items()), counted)),
         ("configurations", f"{pokes.configurations}"),
         ("answers", f"{answers:.1f} taxels a poke, above {pokes.threshold:.3g}"),
         ("noise", f"{said}; residuals are {found.noise:.2f} times what is explained"),
         *of_taxels(found.places),
         *([("left out", str(found.validation))] if found.validation.parts else []),
+        *_nuisances(found),
     ]
-    return [*facts, *_nuisances(found)]
 
 
 def _nuisances(found: TaxelCalibration) -> list[tuple[str, object]]:
-    """Return the largest error of each kind of sensor and robot error, for printing."""
-    said = list[tuple[str, object]]()
-    for name, words in (("frames", "of each configuration"), ("common", "of all")):
-        if (value := found.nuisances.get(name)) is not None and value.size:
-            six = value.reshape(-1, 6)
-            text = f"up to {_most(six[:, :3], 1e3)} mm, {_most(six[:, 3:], 180 / np.pi)} degrees"
-            said.append((f"frame {words}", Quantity(text, value)))
-    if (value := found.nuisances.get("bias")) is not None and value.size:
-        text = f"up to {_most(value[:, :3], 1.0)} N, {_most(value[:, 3:], 1e3)} N mm"
-        said.append(("bias", Quantity(text, value)))
-    if (value := found.nuisances.get("cross_talk")) is not None and value.size:
-        same = max(float(np.abs(value[:3, :3]).max()), float(np.abs(value[3:, 3:]).max()))
-        said.append(("cross-talk", Quantity(f"up to {100 * same:.2g} % among forces, or among torques", value)))
-    return said
+    """Return the largest error of each kind of sensor and robot error."""
+    if not found.nuisances:
+        return []
+    frames, common, bias, cross = (found.nuisances[name] for name in ("frames", "common", "bias", "cross_talk"))
+    turns = [
+        f"up to {_most(each[..., :3], 1e3)} mm, {_most(each[..., 3:], 180 / np.pi)} degrees"
+        for each in (frames, common)
+    ]
+    same = max(float(np.abs(block).max()) for block in (cross[:3, :3], cross[3:, 3:]))
+    return [
+        ("frame of each configuration", Quantity(turns[0], frames)),
+        ("frame of all", Quantity(turns[1], common)),
+        ("bias", Quantity(f"up to {_most(bias[:, :3], 1.0)} N, {_most(bias[:, 3:], 1e3)} N mm", bias)),
+        ("cross-talk", Quantity(f"up to {100 * same:.2g} % among forces, or among torques", cross)),
+    ]
 
 
 def _most(rows: np.ndarray, scale: float) -> str:
-    return f"{scale * float(np.linalg.norm(rows, axis=-1).max(initial=0.0)):.3g}"
-
-
-def _one_configuration(pokes: Pokes, found: TaxelCalibration) -> list[str]:
-    """Return a warning for the paper's methods with one arm configuration; other methods have it already."""
-    if pokes.configurations > 1 or any("one arm configuration" in doubt for doubt in found.warnings):
-        return []
-    return [
-        "there is only one arm configuration: the sensor's bias and the error of the link's frame cannot be told from "
-        "a shift of all taxels"
-    ]
+    return f"{scale * float(np.linalg.norm(rows, axis=-1).max()):.3g}"
 
 
 def _next(setup: Setup, output: Path, surface: Surface | None) -> list[str]:
@@ -285,3 +262,69 @@ def _next(setup: Setup, output: Path, surface: Surface | None) -> list[str]:
     if setup.pokes is not None and setup.pokes.start is None:
         said.append("write start = FILE in [pokes], with their places by CAD, to make places absolute")
     return said
+
+
+def plan_pokes_command(
+    rig: Annotated[Positional[Path], arg(metavar="RIG")],
+    /,
+    skin: Annotated[Path, arg(metavar="FILE")],
+    output: Output,
+    wanted: Annotated[float, arg(metavar="X")] = 2e-3,
+    pokes: Annotated[int, arg(metavar="N")] = 100,
+) -> None:
+    """Propose where to poke a skin next.
+
+    Say which pokes shrink the largest deviation of a taxel most, one after the other, until it is small enough.
+
+    Args:
+        rig: as of the calibration, with [pokes].
+        skin: places found so far, as `palpate calibrate taxels` wrote them (.toml).
+        output: next.csv to write: configuration, taxel, place [m] and direction of the force in the link's frame, and
+            the largest deviation [m] after it.
+        wanted: largest deviation of a taxel (root of the trace) that is good enough [m].
+        pokes: largest number of pokes to plan.
+
+    Raises:
+        InputError: a file that cannot be read or written, a number out of range, or a skin that states no pokes.
+    """
+    setup = load_rig(rig)
+    table = setup.pokes or RigPokes()
+    keep_inputs(output, (rig, skin, *setup.files().values()))
+    if not (wanted >= 0 and pokes >= 1):
+        raise InputError("wanted must not be negative, and pokes must be positive.", where="--wanted, --pokes")
+    surface = None if setup.surface is None else setup.surface.load(setup.folder)
+    places = read_taxel_places(skin)
+    priors = Priors(**table.priors.stated())
+    units, known, options = after_calibration(places, surface, priors, start=table.start is not None)
+    plan = plan_pokes(units, known, options, wanted=wanted, pokes=pokes)
+    _write_plan(output, options, plan)
+    title(f"{rig} -> {output}")
+    more = len(plan.chosen)
+    lines(
+        [
+            ("so far", f"{places.configurations[:, 7].sum():.0f} pokes in {len(places.configurations)} configurations"),
+            ("worst taxel", f"{1e3 * plan.worst[0]:.2f} mm now, {1e3 * plan.worst[-1]:.2f} mm after {more} pokes"),
+            ("wanted", f"{1e3 * wanted:.2f} mm"),
+        ]
+    )
+    note([_advice(plan, wanted)])
+
+
+def _write_plan(path: Path, options: PossiblePokes, plan: Plan) -> None:
+    rows = [_COLUMNS]
+    for k, worst in zip(plan.chosen.tolist(), plan.worst[1:].tolist(), strict=True):
+        numbers = (*options.point[k], *options.direction[k], worst)
+        rows.append(f"{options.configuration[k]},{options.taxel[k]}," + ",".join(f"{value:.6g}" for value in numbers))
+    write_text(path, "\n".join([*rows, ""]))
+
+
+def _advice(plan: Plan, wanted: float) -> str:
+    more = len(plan.chosen)
+    if plan.reached:
+        enough = f"with {more} more pokes every taxel is known to {1e3 * wanted:.2f} mm"
+        return enough if more else "the pokes so far are enough: no more are needed"
+    gained = 1e3 * (plan.worst[0] - plan.worst[-1])
+    return (
+        f"{more} more pokes are not enough: they gain {gained:.2f} mm; plan more with --pokes, or poke in other "
+        "configurations, or start from CAD"
+    )

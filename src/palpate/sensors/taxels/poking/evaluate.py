@@ -1,4 +1,4 @@
-"""Compare places of taxels with reference places: absolute, and after one rigid motion of the skin is removed."""
+"""Compare places of taxels with reference places."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
-__all__ = ["CHI2_95_3", "TaxelErrors", "compare_places"]
+__all__ = ["TaxelErrors", "compare_places"]
 
-CHI2_95_3 = 7.814727903251179  # of three degrees of freedom
-_CHI2_95 = {1: 3.841458820694124, 2: 5.991464547107979, 3: CHI2_95_3}
+_CHI2_95 = np.array([np.inf, 3.841458820694124, 5.991464547107979, 7.814727903251179])  # of 0 to 3 degrees of freedom
 _FLAT = 1e-6  # of the largest variance: below it a direction has none
 FEWEST = 3  # taxels that a rigid motion is found from
 
@@ -27,8 +26,8 @@ class TaxelErrors:
     """Errors of the k taxels that have both places.
 
     Attributes:
-        number: (k,) index of each taxel; module: (k,) -1: none; touched: (k,) by a poke, all true where that is not
-            known.
+        number: (k,) index of each taxel; module: (k,) index of its module, -1: none.
+        touched: (k,) true where a poke touched the taxel; all true where pokes are not known.
         estimate, truth: (k, 3) [m].
         absolute: (k,) [m]; relative: (k,) [m] after `motion`, NaN for fewer than three taxels.
         motion: from the estimate to the truth; None for fewer than three taxels.
@@ -50,31 +49,23 @@ class TaxelErrors:
 
     @property
     def coverage(self) -> float:
-        """Return the share, 0 to 1, of the 95 % ellipsoids that contain the truth; NaN: there are none."""
+        """Return the share, 0 to 1, of the 95 % ellipsoids that contain the truth; NaN without any."""
         return float(self.inside[self.known].mean()) if self.known.any() else float("nan")
 
     def summaries(self) -> list[tuple[str, ErrorSummary]]:
         """Return (name, `ErrorSummary`) pairs [m] of all taxels, those touched and never touched, and each module."""
-        rows: list[tuple[str, np.ndarray, np.ndarray]] = [
-            ("absolute", self.absolute, np.ones(len(self.absolute), dtype=bool)),
-            ("one rigid motion taken off", self.relative, np.ones(len(self.absolute), dtype=bool)),
-        ]
+        rows = {"absolute": self.absolute, "one rigid motion taken off": self.relative}
         if not self.touched.all():
-            rows += [("of those touched", self.absolute, self.touched)]
-            rows += [("of those never touched", self.absolute, ~self.touched)]
-        rows += [
-            (f"module {number}", self.absolute, self.module == number)
-            for number in np.unique(self.module).tolist()
-            if number >= 0
-        ]
-        made = [(name, ErrorSummary.of(values[mask])) for name, values, mask in rows]
+            rows |= {"of those touched": self.absolute[self.touched]}
+            rows |= {"of those never touched": self.absolute[~self.touched]}
+        for number in np.unique(self.module[self.module >= 0]).tolist():
+            rows[f"module {number}"] = self.absolute[self.module == number]
+        made = [(name, ErrorSummary.of(values)) for name, values in rows.items()]
         return [(name, summary) for name, summary in made if summary is not None]
 
 
 def compare_places(estimate: TaxelPlaces, truth: TaxelPlaces) -> TaxelErrors:
     """Return the `TaxelErrors` of estimated places, for each taxel that has a place in both, matched by index.
-
-    Distances are in metres: `absolute` (k,), and `relative` (k,) after the rigid motion that fits best.
 
     Raises:
         InputError: the numbers of taxels differ, or no taxel has both places.
@@ -90,9 +81,7 @@ def compare_places(estimate: TaxelPlaces, truth: TaxelPlaces) -> TaxelErrors:
     number = np.flatnonzero(both)
     one, other = estimate.positions[both], truth.positions[both]
     motion = _motion(one, other)
-    relative = np.full(len(one), np.nan)
-    if motion is not None:
-        relative = np.linalg.norm(motion.apply(one) - other, axis=1)
+    moved = np.full_like(one, np.nan) if motion is None else motion.apply(one)
     inside, known = _held(one - other, estimate.covariance[both])
     pokes = estimate.pokes[both]
     module = np.where(estimate.module[both] >= 0, estimate.module[both], truth.module[both])
@@ -103,7 +92,7 @@ def compare_places(estimate: TaxelPlaces, truth: TaxelPlaces) -> TaxelErrors:
         estimate=one,
         truth=other,
         absolute=np.linalg.norm(one - other, axis=1),
-        relative=relative,
+        relative=np.linalg.norm(moved - other, axis=1),
         motion=motion,
         inside=inside,
         known=known,
@@ -112,7 +101,7 @@ def compare_places(estimate: TaxelPlaces, truth: TaxelPlaces) -> TaxelErrors:
 
 
 def _motion(one: Float[np.ndarray, "k 3"], other: Float[np.ndarray, "k 3"]) -> Pose | None:
-    """Return the rigid motion that fits one set to the other by least squares; None for fewer than three taxels."""
+    """Return the rigid motion that fits one set to the other best; None for fewer than three taxels."""
     from scipy.spatial.transform import Rotation  # here: scipy is slow to import
 
     if len(one) < FEWEST:
@@ -126,15 +115,11 @@ def _motion(one: Float[np.ndarray, "k 3"], other: Float[np.ndarray, "k 3"]) -> P
 def _held(
     away: Float[np.ndarray, "k 3"], covariance: Float[np.ndarray, "k 3 3"]
 ) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
-    """Return whether d' C^+ d is below the 95 % quantile of chi-square with C's rank as degrees of freedom.
-
-    On a surface C has two: the part of d along the normal is the surface's own error.
-    """
+    """Return whether d' C^+ d is below the 95 % quantile of chi-square with C's rank as degrees of freedom."""
     known = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     values, axes = np.linalg.eigh(np.where(known[:, None, None], covariance, np.eye(3)))
     free = values > _FLAT * values[:, -1:]
     known &= values[:, -1] > 0
     along = np.einsum("kij,ki->kj", axes, away)
     square = np.where(free, along**2 / np.where(free, values, 1.0), 0.0).sum(axis=1)
-    limit = np.array([np.inf, *_CHI2_95.values()])[free.sum(axis=1)]
-    return np.asarray(square <= limit) & known, known
+    return np.asarray(square <= _CHI2_95[free.sum(axis=1)]) & known, known

@@ -1,4 +1,4 @@
-"""Define `palpate evaluate` for places of taxels against reference places of the same taxels."""
+"""Define `palpate evaluate` for places of taxels."""
 
 from __future__ import annotations
 
@@ -35,7 +35,11 @@ def is_taxel_file(path: Path) -> bool:
 
 
 def evaluate_taxels(estimate: Path, truth: Path, output: Path | None) -> None:
-    """Say how far taxels are off, and write a page."""
+    """Print how far taxels are off, and write a page.
+
+    Raises:
+        InputError: a file that cannot be read or written, a page that is not .html, two skins, or no report package.
+    """
     if output is not None:
         if output.suffix.lower() not in (".html", ".htm"):
             raise InputError(f"a page cannot be written as {output.suffix!r}.", where=str(output), hint="Use .html.")

@@ -1,4 +1,4 @@
-"""Improve known places of taxels by fitting rigid modules to them on the link."""
+"""Fit rigid modules to known places of taxels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FEWEST = 3  # taxels of a module
 
 
 def common_layout(places: TaxelPlaces, surface: Surface | None = None, *, spacing: float | None = None) -> ModuleLayout:
-    """Return a `ModuleLayout` common to all modules: the mean of their flat places, each turned onto the others.
+    """Return a `ModuleLayout` common to all modules: the mean of their flat places, turned onto each other.
 
     Args:
         places: places on equal modules, with as many indices each.
@@ -64,12 +64,12 @@ def _mean(flat: Float[np.ndarray, "m t 2"]) -> Float[np.ndarray, "t 2"]:
 def place_modules(
     places: TaxelPlaces, layout: ModuleLayout | None = None, surface: Surface | None = None
 ) -> TaxelCalibration:
-    """Fit modules to the places of their taxels by least squares; return a `TaxelCalibration`.
+    """Fit modules to the places of their taxels; return the new places, without covariance, in a `TaxelCalibration`.
 
     Args:
         places: expected places of the taxels, with the module of each.
-        layout: of the modules; None: `common_layout` of the places themselves.
-        surface: of the link, on which they lie; None: modules are flat.
+        layout: of the modules; None: `common_layout` of the places.
+        surface: of the link, on which modules are bent; None: they are flat.
 
     Raises:
         InputError: a layout of another skin, a module with fewer than three taxels, or no layout and unequal modules.
@@ -100,11 +100,11 @@ def place_modules(
         module=np.where(np.isfinite(points).all(axis=1), layout.module, -1),
     )
     said = f"taxels moved by {1e3 * np.nanmean(away):.2f} mm on average, {1e3 * np.nanmax(away):.2f} mm at most"
-    return TaxelCalibration(made, np.zeros((0, 3)), 0, 1.0, notes=(said,))
+    return TaxelCalibration(made, 0, 1.0, notes=(said,))
 
 
 def _outward(places: TaxelPlaces, surface: Surface | None) -> TaxelPlaces:
-    """Return places with the normals of the surface where they have none."""
+    """Return places with the surface's normals where they have none."""
     rows = places.there & ~np.isfinite(places.normals).all(axis=1)
     if surface is None or not rows.any():
         return places

@@ -5,17 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
-from palpate.sensors.taxels.poking.closest_point import nearest_in_metric
 from palpate.sensors.taxels.poking.pokes import Pokes
+from palpate.sensors.taxels.poking.rigid_groups import across
 from palpate.spatial._arrays import Value
 from palpate.spatial.arguments import takes_arrays
+from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.surface import Surface
 
-__all__ = ["NormalEquations", "averaged", "free", "in_link", "normal_equations", "on_surface"]
+__all__ = ["NormalEquations", "free", "in_link", "nearest_in_metric", "normal_equations", "on_surface"]
 
 FLAT = 1e-9  # of the eigenvalues of a taxel's matrix: below it its lines of force are parallel
+LEAST = 1e-6  # share of the largest eigenvalue that each direction has at least: parallel lines leave one without any
+ROUNDS = 20  # of Newton's steps on a surface that is no mesh
+REACHED = 1e-12  # m
 
 Places = Float[np.ndarray, "k 3"]
 
@@ -23,13 +27,13 @@ Places = Float[np.ndarray, "k 3"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class NormalEquations(Value):
-    """Normal equations A p = b of each taxel.
+    """Normal equations A p = b of each taxel's place p.
 
     Attributes:
-        matrix: (k, 3, 3), the sum of the weights times I - u u', u the direction of a force.
-        vector: (k, 3) [m].
+        matrix: (k, 3, 3) A, the sum of the weights times I - u u', u the direction of a force.
+        vector: (k, 3) b [m].
         pressing: (k, 3) sum of the weights times u.
-        weight: (k,) the sum of the weights; 0: it never answered.
+        weight: (k,) sum of the weights; 0: the taxel never answered.
     """
 
     matrix: Float[np.ndarray, "k 3 3"]
@@ -39,10 +43,7 @@ class NormalEquations(Value):
 
 
 def in_link(pokes: Pokes) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Return the pokes' forces [N] and their torques [N m] about the link's origin, each (n, 3), in the link's frame.
-
-    This is equation (6) of the `taxel poking` paper.
-    """
+    """Return forces (n, 3) [N], and torques (n, 3) [N m] about the link's origin, in its frame [taxel poking, (6)]."""
     force, torque = pokes.wrench[:, :3], pokes.wrench[:, 3:]
     moved = torque - np.cross(pokes.origin, force)
     turn = pokes.rotation
@@ -50,19 +51,20 @@ def in_link(pokes: Pokes) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "
 
 
 def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations:
-    """Return the `NormalEquations` [taxel poking, (5)] of all pokes in the link's frame.
+    """Return the `NormalEquations` of pokes in the link's frame, times their weights [taxel poking, (5)].
 
     Args:
-        pokes: of one configuration or of several.
-        weighted: by the square of each response over the strongest one of its poke; else all answers have the same
-            weight. Doubtful pokes count less in both.
+        pokes: of any configurations.
+        weighted: also by the square of each response over the strongest one of its poke.
     """
     from palpate.sensors.taxels.poking._accumulate import accumulate  # compiled: loaded when first needed
 
     force, torque = in_link(pokes)
     weights = pokes.weight[pokes.poke]
     if weighted:
-        weights = weights * (pokes.response / _strongest(pokes)[pokes.poke]) ** 2
+        strongest = np.zeros(len(pokes))
+        np.maximum.at(strongest, pokes.poke, pokes.response)
+        weights = weights * (pokes.response / strongest[pokes.poke]) ** 2
     sound = np.asarray(np.isfinite(pokes.wrench).all(axis=1), dtype=bool)
     weights = np.where(sound[pokes.poke], weights, 0.0)
     sums = np.zeros((pokes.taxels, 12))
@@ -70,15 +72,6 @@ def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations
     matrix = sums[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     weight = np.bincount(pokes.taxel, weights, pokes.taxels)
     return NormalEquations(matrix, sums[:, 6:9].copy(), sums[:, 9:].copy(), weight)
-
-
-def _strongest(pokes: Pokes) -> Float[np.ndarray, " n"]:
-    """Return the strongest response of each poke; 1 where there is none."""
-    found = np.ones(len(pokes))
-    some = np.diff(pokes.starts) > 0
-    if some.any():
-        found[some] = np.maximum.reduceat(pokes.response, pokes.starts[:-1][some])
-    return found
 
 
 def free(equations: NormalEquations) -> Places:
@@ -93,9 +86,8 @@ def free(equations: NormalEquations) -> Places:
 def on_surface(equations: NormalEquations, surface: Surface) -> Places:
     """Return the surface's points of least residual [taxel poking, II-B], (k, 3) [m]; NaN if a taxel never answered.
 
-    The residual is (p - p*)' A (p - p*), so that it is the closest point to p* in the metric of A: one query for the
-    complete surface, not a constrained problem for each triangle. Facets at which forces would pull are excluded: the
-    lines of force meet the far side of a link, too, which the paper does not mention.
+    The residual is (p - p*)' A (p - p*), p* the free points. Facets at which forces would pull are excluded, as lines
+    of force also meet the far side of a link.
     """
     found = np.full(equations.vector.shape, np.nan)
     answered = np.flatnonzero(equations.weight > 0)
@@ -106,24 +98,52 @@ def on_surface(equations: NormalEquations, surface: Surface) -> Places:
     return found
 
 
-def averaged(pokes: Pokes, surface: Surface | None = None, *, weighted: bool = True) -> tuple[Places, list[Places]]:
-    """Return the mean (k, 3) [m] over configurations, and a list of each one's places (k, 3) [taxel poking, IV-B].
+@takes_arrays
+def nearest_in_metric(
+    matrix: Float[np.ndarray, "k 3 3"],
+    vector: Float[np.ndarray, "k 3"],
+    pressing: Float[np.ndarray, "k 3"],
+    surface: Surface,
+) -> Float[np.ndarray, "k 3"]:
+    """Return the points of the surface with the least p' A p / 2 - b' p, (k, 3) [m]; NaN where forces press no facet.
 
     Args:
-        pokes: of several configurations.
-        surface: places are constrained to it; None: they are free.
-        weighted: as in `normal_equations`.
+        matrix: (k, 3, 3) A, positive semidefinite.
+        vector: (k, 3) b.
+        pressing: (k, 3) mean direction of the forces; facets at which they would pull are ignored.
+        surface: a mesh, for an exact answer, or another, on which it is refined from its drawing.
     """
-    singles = list[Places]()
-    for number in range(pokes.configurations):
-        own = normal_equations(pokes.picked(_of(pokes.configuration, number)), weighted=weighted)
-        singles.append(free(own) if surface is None else on_surface(own, surface))
-    stacked = np.stack(singles)
-    there = np.asarray(np.isfinite(stacked).all(axis=2), dtype=bool)
-    count = there.sum(axis=0)
-    total = np.where(there[..., None], stacked, 0.0).sum(axis=0)
-    return np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan), singles
+    from palpate.sensors.taxels.poking._closest_point import nearest
+
+    values, axes = np.linalg.eigh(matrix)
+    values = np.maximum(values, LEAST * values[:, -1:])
+    raised: Float[np.ndarray, "k 3 3"] = np.einsum("kia,ka,kja->kij", axes, values, axes)
+    centre = np.einsum("kij,kj->ki", np.linalg.inv(raised), vector)
+    drawn = surface.drawn()
+    facets = ~drawn.covered
+    corners = np.ascontiguousarray(drawn.vertices[drawn.faces[facets]])
+    middles = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+    root = np.sqrt(values)[:, :, None] * np.swapaxes(axes, 1, 2)  # A = root' root
+    found = np.full(centre.shape, np.nan)
+    balls = np.column_stack([middles, radii, drawn.normals[facets]])
+    nearest(centre, np.ascontiguousarray(root), np.sqrt(values[:, 0]), pressing, corners, balls, found)
+    return found if isinstance(surface, Mesh) else _refined(raised, vector, surface, found)
 
 
-def _of(configuration: Int[np.ndarray, " n"], number: int) -> Bool[np.ndarray, " n"]:
-    return np.asarray(configuration == number, dtype=bool)
+def _refined(
+    matrix: Float[np.ndarray, "k 3 3"],
+    vector: Float[np.ndarray, "k 3"],
+    surface: Surface,
+    points: Float[np.ndarray, "k 3"],
+) -> Float[np.ndarray, "k 3"]:
+    for _ in range(ROUNDS):
+        points, normals, _ = surface.project(points)
+        tangents = across(normals)
+        downhill = vector - np.einsum("kij,kj->ki", matrix, points)
+        small: Float[np.ndarray, "k 2 2"] = np.einsum("kia,kij,kjb->kab", tangents, matrix, tangents)
+        moved = np.einsum("kia,kab,kjb,kj->ki", tangents, np.linalg.inv(small), tangents, downhill)
+        points = points + moved
+        if np.abs(moved).max(initial=0.0) < REACHED:
+            break
+    return surface.project(points)[0]

@@ -1,4 +1,4 @@
-"""Plan the next pokes: those that reduce the largest covariances of taxels most, and their number."""
+"""Plan the next pokes, and their number."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
-from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, single
+from palpate.sensors.taxels.poking.rigid_groups import Units, across, fitted, single
 from palpate.sensors.taxels.poking.solve import Before
 from palpate.sensors.taxels.poking.systematic_errors import Nuisances, predicted
 from palpate.spatial.arguments import takes_arrays
@@ -40,7 +40,7 @@ class PossiblePokes:
     Attributes:
         point: (c, 3) [m] and direction: (c, 3) of the force on the body, unit, in the link's frame.
         configuration: (c,) index of the arm's configuration; taxel: (c,) index of the poked taxel.
-        rows: (c, 3, p) derivatives of the whitened torque by the unknowns: units, then `Nuisances.vector`.
+        rows: (c, 3, p) derivatives of the whitened torque by units, then `Nuisances.vector`.
     """
 
     point: Vectors
@@ -58,7 +58,7 @@ class Plan:
     Attributes:
         chosen: (m,) indices of candidates, in order.
         worst: (m + 1,) [m] largest standard deviation of a taxel, before the first poke and after each.
-        reached: true if the wanted accuracy is reached.
+        reached: true if the last of `worst` is as small as wanted.
     """
 
     chosen: Int[np.ndarray, " m"]
@@ -83,9 +83,7 @@ def candidates(units: Units, poses: Pose, noise: Float[np.ndarray, "6 6"]) -> Po
     if not len(rows):
         raise InputError("no taxel has a place to poke.", where="plan", hint="Plan from a skin with taxels.")
     count = len(poses.translation)
-    first = np.cross(normals[rows], np.eye(3)[np.argmin(np.abs(normals[rows]), axis=1)])
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(normals[rows], first)
+    first, second = np.moveaxis(across(normals[rows]), 2, 0)
     ways = -normals[rows] + np.tan(TILT) * np.stack([0 * first, first, -first, second, -second])  # (5, r, 3)
     ways = ways / np.linalg.norm(ways, axis=2, keepdims=True)
     taxel = np.tile(rows, 5 * count)
@@ -102,7 +100,6 @@ def candidates(units: Units, poses: Pose, noise: Float[np.ndarray, "6 6"]) -> Po
 
 
 def _rows(units: Units, pokes: Pokes, point: Vectors, configurations: int) -> Float[np.ndarray, "c 3 p"]:
-    """Return the derivatives of the whitened torque of pokes at points by all unknowns."""
     none = Nuisances.none(configurations)
     said = predicted(pokes, point, none)
     read = np.eye(6)[3:] - said.by_wrench
@@ -124,14 +121,13 @@ def after_calibration(
 ) -> tuple[Units, Float[np.ndarray, "p p"], PossiblePokes]:
     """Return `Units`, covariance (p, p) of all unknowns, and `PossiblePokes`, from the result of a calibration.
 
-    The pokes themselves are not stored: each counts as equal parts of the candidates on the taxel that it touched, in
-    each configuration by its share of all pokes.
+    Pokes are not stored: each counts as equal parts of the candidates on the taxel that it touched.
 
     Args:
         places: a result of `calibrate_taxels` by modules or single taxels.
         surface: as in the calibration.
         priors: as in the calibration.
-        start: true if the calibration began from CAD.
+        start: true if it began from CAD.
 
     Raises:
         InputError: the result does not state its configurations and noise, or has no taxels.
@@ -164,12 +160,12 @@ def known_after(
     configurations: int,
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
-    """Return the covariance (p, p) of all unknowns, of units, then `Nuisances.vector`, under the priors and some pokes.
+    """Return the covariance (p, p) of units' unknowns, then `Nuisances.vector`, under the priors and some pokes.
 
     Args:
-        units: as for `candidates`.
+        units: places of the taxels.
         options: the c candidates.
-        made: (c,) number of pokes at each candidate, which need not be whole.
+        made: (c,) number of pokes at each, which need not be whole.
         priors: of the errors.
         configurations: number of them.
         deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns; None: nothing is known.
@@ -191,9 +187,6 @@ def plan_pokes(
 ) -> Plan:
     """Choose pokes one after the other, each to reduce the worst taxels' covariances most; return a `Plan`.
 
-    Each taxel above `wanted` counts by a power of its variance over the largest, as a poke also improves others that
-    are nearly as bad as the worst.
-
     Args:
         units: places of the taxels.
         covariance: (p, p) of all unknowns, as `known_after` returns it.
@@ -208,13 +201,13 @@ def plan_pokes(
     square = np.swapaxes(by, 1, 2) @ by
     rng = np.random.default_rng(0)
     known: Float[np.ndarray, "p p"] = covariance.copy()
-    chosen, worst = list[int](), [0.0]
-    for turn in range(min(pokes, MOST) + 1):
+    chosen, worst = list[int](), list[float]()
+    while True:
         blocks = known[columns[:, :, None], columns[:, None]]
         traces = np.einsum("kif,kfg,kig->k", by, blocks, by)
         j = int(np.argmax(traces))
-        worst[-1] = float(np.sqrt(traces[j]))
-        if worst[-1] <= wanted or turn == min(pokes, MOST):
+        worst.append(float(np.sqrt(traces[j])))
+        if worst[-1] <= wanted or len(chosen) >= min(pokes, MOST):
             break
         few = np.arange(len(options.taxel))
         if len(few) > LOOKED:
@@ -233,5 +226,4 @@ def plan_pokes(
         known = known - spread[best].T @ (inverse[best] @ spread[best])
         known = 0.5 * (known + known.T)
         chosen.append(int(few[best]))
-        worst.append(0.0)
     return Plan(np.array(chosen, dtype=np.int64), np.array(worst), bool(worst[-1] <= wanted))

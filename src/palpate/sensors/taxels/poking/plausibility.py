@@ -1,4 +1,4 @@
-"""Weight pokes by plausibility: reject two pokers at once and too light pushes, weigh down wrenches with torsion."""
+"""Weight pokes by plausibility: reject two pokers at once and light pushes, weigh down wrenches with torsion."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ FEWEST = 8  # pokes from which a usual pitch is known
 def believed(
     pokes: Pokes, *, start: TaxelPlaces | None = None, saturated: Bool[np.ndarray, " n"] | None = None
 ) -> Pokes:
-    """Return the same `Pokes` with weights: 0 for rejected ones, less than 1 for doubtful ones; the notes list both.
+    """Return the `Pokes` with weights, 0 for rejected and less than 1 for doubtful ones, notes on them, and more noise.
+
+    The scatter of touches, as by friction, is added to the noise.
 
     Args:
         pokes: as they were measured.
-        start: expected places of the taxels, by whose distances two areas are separated; None: by the taxels that
-            answer together.
-        saturated: (n,) pokes in which a taxel reads its largest value.
+        start: expected places of the taxels, which separate two pokers; None: taxels that answer together elsewhere do.
+        saturated: (n,) pokes in which a taxel reads its largest value, for the notes; None: not known.
 
     Raises:
         InputError: the start is of another number of taxels, or no poke remains.
@@ -51,8 +52,7 @@ def believed(
     force = np.linalg.norm(pokes.wrench[:, :3], axis=1)
     light = force < LIGHT * np.sqrt(np.trace(pokes.noise[:3, :3]))
     silent = np.diff(pokes.starts) == 0
-    two = np.zeros(len(pokes), dtype=bool) if start is None else _far_apart(pokes, start)
-    two = _never_together(pokes) if start is None else two
+    two = _never_together(pokes) if start is None else _far_apart(pokes, start)
     weight = np.where(light | silent | two, 0.0, pokes.weight)
     pitched, doubted = _pitch_weights(pokes, weight > 0)
     counts = (
@@ -75,9 +75,9 @@ def believed(
 def _pitch_weights(
     pokes: Pokes, used: Bool[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Weight pokes by F . M / |F|^2 about the sensor's origin, 0 for one push without torsion, and its noise.
+    """Return weights by pitch, |F . M| / |F|^2 about the sensor's origin, and which pokes are doubted.
 
-    weight = min(1, (limit / pitch)^2), the limit PITCH times the usual pitch of these pokes.
+    The weight is min(1, (limit / pitch)^2), the limit PITCH times the usual pitch of these pokes.
     """
     force, torque = pokes.wrench[:, :3], pokes.wrench[:, 3:]
     square = np.maximum((force**2).sum(axis=1), 1e-18)
@@ -95,10 +95,9 @@ def _pitch_weights(
 def _of_touch(pokes: Pokes, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "6 6"]:
     """Return the scatter of touches in addition to noise, as by friction, (6, 6), from their torque along the force.
 
-    For t = F . M / |F|, which is 0 for a push without torsion, var t = (variance by noise) + s^2 (1 + |M|^2 / (|F|
-    L)^2), for errors of torque s and of force s / L; the median of t^2 over pokes gives s. Cross-talk makes t a form of
-    second degree in the wrench, over |F|: where pokes are many, the part that such a form explains is subtracted first,
-    but for F_i M_i, the terms of F . M itself.
+    For t = F . M / |F|, var t = (variance by noise) + s^2 (1 + |M|^2 / (|F| L)^2), for errors of torque s and of force
+    s / L; the median of t^2 gives s. Where pokes are many, forms of second degree in the wrench over |F|, as of
+    cross-talk, are subtracted first, but for F_i M_i.
     """
     force, torque = pokes.wrench[used, :3], pokes.wrench[used, 3:]
     if len(force) < FEWEST:
@@ -108,7 +107,7 @@ def _of_touch(pokes: Pokes, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "
     told = np.einsum("ni,ij,nj->n", slope, pokes.noise, slope)
     along = (force * torque).sum(axis=1) / size[:, 0]
     wrench = np.concatenate([force, torque / LEVER], axis=1)
-    one, other = np.array([[*pair] for pair in zip(*np.triu_indices(6), strict=True) if pair[1] - pair[0] != 3]).T
+    one, other = np.nonzero(np.triu(~np.eye(6, k=3, dtype=bool)))
     if len(force) >= 3 * len(one):
         forms: Float[np.ndarray, "n f"] = wrench[:, one] * wrench[:, other] / size
         left: Float[np.ndarray, " n"] = along - forms @ (np.linalg.pinv(forms, rcond=1e-9) @ along)
@@ -139,7 +138,7 @@ def _far_apart(pokes: Pokes, start: TaxelPlaces) -> Bool[np.ndarray, " n"]:
 
 
 def _never_together(pokes: Pokes) -> Bool[np.ndarray, " n"]:
-    """Return the pokes with answers in two areas whose taxels share no other poke, directly or through a third."""
+    """Return the pokes with answers in two areas whose taxels never answer together elsewhere."""
     if pokes.taxels > MOST:
         return np.zeros(len(pokes), dtype=bool)
     from scipy.sparse import csr_matrix  # here: scipy is slow to import
@@ -167,7 +166,7 @@ def _never_together(pokes: Pokes) -> Bool[np.ndarray, " n"]:
 def _split(
     pokes: Pokes, beside: Callable[[np.ndarray], np.ndarray], among: Int[np.ndarray, " j"]
 ) -> Bool[np.ndarray, " n"]:
-    """Return the pokes among these whose answers form unconnected parts, the second one with a fair share."""
+    """Return the pokes whose answers form unconnected parts, the second one with a fair share."""
     found = np.zeros(len(pokes), dtype=bool)
     for k in among.tolist():
         rows = slice(*pokes.starts[k : k + 2])

@@ -1,4 +1,4 @@
-"""Store pokes of a skin: the wrench of each, the taxels that answered and their responses, and the link's pose."""
+"""Store pokes of a skin: the wrench of each, the responses of taxels, and the link's pose."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
@@ -18,22 +17,24 @@ __all__ = ["Pokes"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Pokes(Value):
-    """The n pokes of a skin and m answers of taxels to them; a *configuration* is one arm configuration of pokes.
+    """The n pokes of a skin and the m answers of taxels to them.
 
     Attributes:
-        wrench: (n, 6) of the tool on the body [N, N m] in the sensor's frame about its origin, minus the sensor's
-            reading before the poke.
+        wrench: (n, 6) on the body [N, N m] in the sensor's frame, minus the untouched reading.
         rotation: (n, 3, 3) and origin: (n, 3) [m] of the link in the sensor's frame (T_sensor_link).
-        configuration: (n,) from 0.
+        configuration: (n,) index of the arm's configuration.
         starts: (n + 1,) index at which the answers of each poke begin.
         taxel: (m,) index of the taxel of each answer, at most once in a poke.
         response: (m,) reading above the baseline, in any unit, positive.
         taxels: number of taxels of the skin, including those that never answered.
         noise: (6, 6) covariance of a wrench.
         weight: (n,) 1, less where a poke is doubtful, 0: rejected.
-        time: (n,) [s], NaN where it is not known.
+        time: (n,) [s], NaN where not known.
         threshold: of a response, below which there are no answers.
-        notes: findings and doubts, a sentence each.
+        notes: for the user, a sentence each.
+
+    Raises:
+        InputError: arrays that do not fit each other, or a taxel that is not below `taxels`.
     """
 
     wrench: Float[np.ndarray, "n 6"]
@@ -77,44 +78,33 @@ class Pokes(Value):
     @classmethod
     def from_table(
         cls,
-        wrench: ArrayLike,
-        rotation: ArrayLike,
-        origin: ArrayLike,
-        configuration: ArrayLike,
+        wrench: Float[np.ndarray, "n 6"],
+        rotation: Float[np.ndarray, "n 3 3"],
+        origin: Float[np.ndarray, "n 3"],
+        configuration: Int[np.ndarray, " n"],
         responses: Float[np.ndarray, "n k"],
         *,
-        noise: ArrayLike,
+        noise: Float[np.ndarray, "6 6"],
         threshold: float = 0.0,
         weight: Float[np.ndarray, " n"] | None = None,
         time: Float[np.ndarray, " n"] | None = None,
-        notes: tuple[str, ...] = (),
     ) -> Pokes:
         """Make `Pokes` from one row of responses (n, k) each; those above the threshold are its answers.
 
-        Other arguments are as the attributes; without a `weight` all are 1, without a `time` all are NaN.
+        Other arguments are as the attributes; weights are 1 and times NaN if not given.
 
         Raises:
             InputError: arrays whose shapes do not agree.
         """
         above = responses > threshold
         poke, taxel = np.nonzero(above)
-        count, taxels = len(responses), responses.shape[1]
-        alike, unknown = np.ones(count), np.full(count, np.nan)
+        count, taxels = (int(size) for size in responses.shape)
+        response = responses[poke, taxel]
         starts = np.concatenate([[0], np.cumsum(above.sum(axis=1))])
+        weights: Float[np.ndarray, " n"] = np.ones(count) if weight is None else weight
+        times: Float[np.ndarray, " n"] = np.full(count, np.nan) if time is None else time
         return cls(
-            np.asarray(wrench),
-            np.asarray(rotation),
-            np.asarray(origin),
-            np.asarray(configuration),
-            starts,
-            taxel,
-            responses[poke, taxel],
-            taxels,
-            noise=np.asarray(noise),
-            weight=alike if weight is None else weight,
-            time=unknown if time is None else time,
-            threshold=threshold,
-            notes=notes,
+            wrench, rotation, origin, configuration, starts, taxel, response, taxels, noise, weights, times, threshold
         )
 
     def __len__(self) -> int:
@@ -135,14 +125,12 @@ class Pokes(Value):
         return np.bincount(self.taxel[self.weight[self.poke] > 0], minlength=self.taxels)
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> Pokes:
-        """Return the `Pokes` that a mask (n,) selects; configurations keep their numbers."""
-        kept = rows[self.poke]
-        sizes = np.diff(self.starts)[rows]
+        """Return the `Pokes` that a mask (n,) selects; configurations keep their numbers.
+
+        Raises:
+            InputError: another length.
+        """
         same = ("wrench", "rotation", "origin", "configuration", "weight", "time")
-        return replace(
-            self,
-            **{name: getattr(self, name)[rows] for name in same},
-            starts=np.concatenate([[0], np.cumsum(sizes)]),
-            taxel=self.taxel[kept],
-            response=self.response[kept],
-        )
+        picked: dict[str, np.ndarray] = {name: getattr(self, name)[rows] for name in same}
+        picked |= {name: getattr(self, name)[rows[self.poke]] for name in ("taxel", "response")}
+        return replace(self, **picked, starts=np.concatenate([[0], np.cumsum(np.diff(self.starts)[rows])]))

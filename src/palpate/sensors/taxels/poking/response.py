@@ -1,13 +1,7 @@
 """Locate pokes among the taxels that answered, by a model of their response, learned from the pokes themselves.
 
-The strongest answers lie nearest. A centroid of the answers shrinks towards the middle of the touched area, most of all
-at the edge of a skin, and with free cross-talk that looks like a gain of the sensor. The model does not shrink: the log
-of a response over the force falls with the distance from the taxel as
-
-    log(t / F) = level - power log(1 + r^2 / (2 power reach^2))
-
-(bell-shaped for a large power, as the stress under a compliant layer for 2.5), and a nearby taxel that did not answer
-adds information too: it is farther than those that did.
+A centroid of the answers shrinks towards the middle of the touched area, which looks like a gain of the sensor. The
+model does not, and takes a silent taxel to be farther than those that answered.
 """
 
 from __future__ import annotations
@@ -39,13 +33,13 @@ _LEAST = 0.05  # of the scatter
 @takes_arrays
 @dataclass(frozen=True)
 class Response:
-    """A model of the response of taxels over their distance from a poke.
+    """A taxel's response t to a force F at a distance r: log(t / F) = level - power log(1 + r^2 / (2 power reach^2)).
 
     Attributes:
         level: log of the response to 1 N at no distance.
-        reach: [m]; power: see above.
-        scatter: standard deviation of the log of a response from this model: gains of taxels, noise, unmodelled
-            effects.
+        reach: [m].
+        power: large for a bell; 2.5 under a compliant layer.
+        scatter: standard deviation of the log of a response.
     """
 
     level: float
@@ -64,11 +58,10 @@ class PokePlaces:
     """Places of n pokes among the w taxels about each.
 
     Attributes:
-        taxels: (n, w) about the poke, -1: none; shares: (n, w) which add up to 1: the poke's place is the sum of shares
-            times places of taxels, plus `second`.
-        origin: (n,) the taxel that answered most, in whose tangent plane (`tangents`) are
-        second: (n, 2) [m] the offset that the shares do not reach, and
-        covariance: (n, 2, 2) [m^2] of the poke's place.
+        taxels: (n, w) about the poke, -1: none; shares: (n, w) weights of their places in the poke's, with a sum of 1.
+        origin: (n,) the taxel that answered most.
+        second: (n, 2) [m] the poke's offset from shares times places, in the tangent plane of `origin`.
+        covariance: (n, 2, 2) [m^2] of the poke's place in that plane.
         found: (n,) true if there was an answer.
     """
 
@@ -80,10 +73,10 @@ class PokePlaces:
     found: Bool[np.ndarray, " n"]
 
     def points(self, units: Units) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 2"]]:
-        """Return the pokes' places (n, 3) [m], and two unit axes (n, 3, 2) of the skin's tangent plane at each of them.
+        """Return the pokes' places (n, 3) [m], and two unit axes (n, 3, 2) of the tangent plane at each one's origin.
 
         Args:
-            units: modules or single taxels as they lie now; the places follow from those of the taxels that answered.
+            units: modules or single taxels, as placed now.
         """
         places, normals = units.places
         axes = tangents(units, normals, self.origin)
@@ -97,7 +90,7 @@ class PokePlaces:
 def tangents(
     units: Units, normals: Float[np.ndarray, "k 3"], taxel: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3 2"]:
-    """Return unit axes (n, 3, 2) of the tangent plane at taxels; on a module they turn with it: offsets stay."""
+    """Return unit axes (n, 3, 2) of the tangent plane at taxels (n,), which turn with a module; normals are (k, 3)."""
     unit = np.maximum(units.layout.module[taxel], 0)
     along = np.broadcast_to([1.0, 0.0, 0.0], (len(taxel), 3)) if units.alone else units.frame[unit, :, 0]
     known = np.asarray(np.isfinite(normals[taxel]).all(axis=1), dtype=bool)
@@ -107,11 +100,11 @@ def tangents(
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class LocalTaxels:
-    """Taxels about each poke, in the plane that touches the skin at the strongest answer.
+    """Taxels about each poke, in the tangent plane at the strongest answer.
 
     Attributes:
-        taxels: (n, w), -1: none; flat: (n, w, 2) [m] their places there.
-        origin: (n,) the one that answered most.
+        taxels: (n, w), -1: none; flat: (n, w, 2) [m] their places.
+        origin: (n,) the taxel that answered most.
         log: (n, w) of the answers over the force, NaN: silent; quiet: (n,) the same of the threshold.
         found: (n,) true if there was an answer.
         spacing: [m] between taxels.
@@ -125,21 +118,21 @@ class LocalTaxels:
     found: Bool[np.ndarray, " n"]
     spacing: float
 
-    def variance(self, response: Response, rows: slice = slice(None)) -> Float[np.ndarray, "n w"]:
+    def variance(self, response: Response) -> Float[np.ndarray, "n w"]:
         """Return the variances (n, w) of the answers' logs, larger near the threshold by rounding and noise."""
-        over = np.nan_to_num(self.log[rows] - self.quiet[rows][:, None])
+        over = np.nan_to_num(self.log - self.quiet[:, None])
         return response.scatter**2 + (ROUGH * np.exp(-over)) ** 2
 
 
 def seen_among(chart: LocalTaxels, response: Response) -> PokePlaces:
-    """Return the `PokePlaces`, mean and covariance of each poke's place, from the answers."""
+    """Return the `PokePlaces`: mean and covariance of each poke's place under a uniform prior."""
     mean, covariance = _posterior(chart, response)
     shares, beside = _shares(chart, mean)
     return PokePlaces(chart.taxels, shares, chart.origin, beside, covariance, chart.found)
 
 
 def centred(pokes: Pokes, units: Units) -> PokePlaces:
-    """Return `PokePlaces` at the centroids of the answers, for taxels that may lie anywhere relative to each other."""
+    """Return `PokePlaces` at the centroids of the answers, with a standard deviation of 2 mm along each axis."""
     order = np.lexsort((-pokes.response, pokes.poke))
     rank = np.arange(len(order)) - pokes.starts[pokes.poke[order]]
     kept, at = order[rank < NEAR], rank[rank < NEAR]
@@ -155,19 +148,19 @@ def centred(pokes: Pokes, units: Units) -> PokePlaces:
     return PokePlaces(taxels, shares, origin, np.zeros((len(pokes), 2)), covariance, found)
 
 
-def learned(chart: LocalTaxels, response: Response | None = None) -> Response:
+def learned(chart: LocalTaxels) -> Response:
     """Fit the `Response` of these taxels, in turns with the places of the pokes.
 
-    With fewer than 30 pokes of three answers or more, return the given one, else a guess.
+    With fewer than 30 pokes of three answers or more, return a guess from the strongest answers.
     """
     from scipy.optimize import least_squares  # here: scipy is slow to import
 
-    told = np.isfinite(chart.log).sum(axis=1) >= 3
-    known = _guess(chart) if response is None else response
+    told, known = np.isfinite(chart.log).sum(axis=1) >= 3, _guess(chart)
     if told.sum() < _ENOUGH:
         return known
     told &= np.cumsum(told) % max(int(told.sum()) // _MANY, 1) == 0
-    chart = _picked(chart, told)
+    same = ("taxels", "flat", "origin", "log", "quiet", "found")
+    chart = replace(chart, **{name: getattr(chart, name)[told] for name in same})
     rows = np.isfinite(chart.log)
     poke = np.nonzero(rows)[0]
     for _ in range(_ROUNDS):
@@ -185,20 +178,18 @@ def learned(chart: LocalTaxels, response: Response | None = None) -> Response:
         found = least_squares(
             gaps, start, bounds=(np.log([5e-4, 1.0]), np.log([3e-2, 50.0])), loss="soft_l1", f_scale=0.3
         )
-        reach, power = np.exp(found.x)
-        shape = Response(0.0, float(reach), float(power))
-        level = float(np.median(chart.log[rows] - shape.log(square[rows])))
+        reach, power = np.exp(found.x).tolist()
+        level = float(np.median(chart.log[rows] - Response(0.0, reach, power).log(square[rows])))
         free = int(rows.sum()) - 3 * len(chart.log)  # level and place of each poke are taken from its answers
         scatter = known.scatter  # as was thought, while hardly an answer is left to tell it: then it grew without end
         if free >= _ENOUGH:
             spread = 1.4826 * float(np.median(np.abs(gaps(found.x)))) * np.sqrt(rows.sum() / free)
             scatter = float(np.clip(spread, _LEAST, 1.0))
-        known = Response(level, float(reach), float(power), scatter)
+        known = Response(level, reach, power, scatter)
     return known
 
 
 def _guess(chart: LocalTaxels) -> Response:
-    """Guess the model from the strongest answers and the spacing of the taxels."""
     strongest = np.nanmax(np.where(chart.found[:, None], chart.log, -np.inf), axis=1, initial=-np.inf)[chart.found]
     if not len(strongest):
         return Response(0.0, chart.spacing)
@@ -209,36 +200,25 @@ def _guess(chart: LocalTaxels) -> Response:
     return Response(float(np.median(strongest)), float(reach))
 
 
-def _picked(chart: LocalTaxels, rows: Bool[np.ndarray, " n"]) -> LocalTaxels:
-    same = ("taxels", "flat", "origin", "log", "quiet", "found")
-    return replace(chart, **{name: getattr(chart, name)[rows] for name in same})
-
-
 def charted(pokes: Pokes, units: Units) -> LocalTaxels:
-    """Return `LocalTaxels`, those about the strongest answer of each poke: the nearest that face the same way.
+    """Return `LocalTaxels`, the nearest ones about the strongest answer of each poke that face the same way.
 
-    On modules, only those on the same one: their relative places are known, wherever the module is. (Others would add
-    information on a single poke, but the contacts would fix modules to each other at their expected places.)
+    On modules only those on the same one: others would fix modules to each other at their expected places.
     """
     from scipy.spatial import cKDTree
 
     places, normals = units.places
     known = np.flatnonzero(np.isfinite(places).all(axis=1) & np.isfinite(normals).all(axis=1))
-    count, width = len(pokes), min(NEAR, len(known))
-    placed = np.zeros(pokes.taxels, dtype=bool)
-    placed[known] = True
-    strongest = np.full(count, -1)
+    width, strongest = min(NEAR, len(known)), np.full(len(pokes), -1)
     order = np.lexsort((pokes.response, pokes.poke))
-    order = order[placed[pokes.taxel[order]] & (pokes.response[order] > 0)]
+    order = order[np.isin(pokes.taxel[order], known) & (pokes.response[order] > 0)]
     strongest[pokes.poke[order]] = pokes.taxel[order]  # the last of each poke is its strongest
     force = np.linalg.norm(pokes.wrench[:, :3], axis=1)
     found = (strongest >= 0) & (force > 0) & np.isfinite(pokes.wrench).all(axis=1)
     near = cKDTree(places[known]).query(places[known], k=width)
     far, which = np.asarray(near[0]).reshape(len(known), -1), known[np.asarray(near[1]).reshape(len(known), -1)]
     spacing = float(np.median(far[:, 1:3])) if width > 2 else 5e-3
-    row = np.zeros(pokes.taxels, dtype=np.int64)
-    row[known] = np.arange(len(known))
-    about = np.where(found[:, None], which[row[np.maximum(strongest, 0)]], -1)
+    about = np.where(found[:, None], which[np.searchsorted(known, strongest)], -1)
     origin = np.maximum(strongest, 0)
     axes = tangents(units, normals, origin)
     away = np.where((about >= 0)[..., None], places[np.maximum(about, 0)] - places[origin][:, None], 0.0)
@@ -250,18 +230,13 @@ def charted(pokes: Pokes, units: Units) -> LocalTaxels:
     module = units.layout.module
     same = units.alone | (module[np.maximum(about, 0)] == module[origin][:, None])
     about = np.where((about >= 0) & facing & same, about, -1)
-    log = np.full(about.shape, np.nan)
-    answers = _answers(pokes, about)
+    least = float(np.quantile(pokes.response, 0.02)) if len(pokes.response) else 1.0
     with np.errstate(divide="ignore", invalid="ignore"):
-        log = np.log(answers / force[:, None])
-        quiet = np.log(
-            max(pokes.threshold, float(np.quantile(pokes.response, 0.02)) if len(pokes.response) else 1.0) / force
-        )
+        log, quiet = np.log(_answers(pokes, about) / force[:, None]), np.log(max(pokes.threshold, least) / force)
     return LocalTaxels(about, flat, origin, log, np.nan_to_num(quiet), found, spacing)
 
 
 def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "n w"]:
-    """Return the response of each of these taxels; NaN: none."""
     key = pokes.poke * pokes.taxels + pokes.taxel
     order = np.argsort(key)
     wanted = np.arange(len(about))[:, None] * pokes.taxels + about
@@ -273,7 +248,7 @@ def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "
 
 
 def _posterior(chart: LocalTaxels, response: Response) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
-    """Return mean and covariance of a poke's place about the strongest answer, uniform prior: on a grid, twice."""
+    """Return mean and covariance of each poke's place about the strongest answer, with a uniform prior."""
     from palpate.sensors.taxels.poking._response import posterior  # compiled: loaded when first needed
 
     mean, covariance = np.zeros((len(chart.log), 2)), np.zeros((len(chart.log), 2, 2))
@@ -286,7 +261,7 @@ def _posterior(chart: LocalTaxels, response: Response) -> tuple[Float[np.ndarray
 def _shares(
     chart: LocalTaxels, mean: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "n w"], Float[np.ndarray, "n 2"]]:
-    """Return the shares of taxels, least in weighted squares, whose places give the mean; and the remaining offset."""
+    """Return the shares of taxels whose places give the mean, and the offset that remains."""
     answered = np.isfinite(chart.log)
     say = np.where(answered, 1.0, QUIET) * (chart.taxels >= 0)
     solid = np.concatenate([np.ones((*say.shape, 1)), chart.flat / chart.spacing], axis=2)

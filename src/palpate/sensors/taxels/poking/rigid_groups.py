@@ -1,4 +1,4 @@
-"""Move groups of taxels rigidly: modules with their taxels, or single taxels, on a surface or free in space."""
+"""Move groups of taxels rigidly, on a surface or free in space: modules, or single taxels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.spatial.pose import Pose, skew
 from palpate.surfaces.geodesic import walk
 from palpate.surfaces.surface import Surface
 
-__all__ = ["Units", "fitted", "frame_about", "placed", "single"]
+__all__ = ["Units", "across", "fitted", "frame_about", "placed", "single"]
 
 _STEP = np.array([2e-5, 2e-5, 1e-3])  # m, m, rad: of the differences that stand for derivatives
 _ROUNDS = 25  # of the fit of modules to places
@@ -30,9 +30,9 @@ Vectors = Float[np.ndarray, "k 3"]
 class Units:
     """The u units that move rigidly and the k taxels on them; a taxel without a unit has no place.
 
-    On a surface a unit has three unknowns, along its heading, across it and about its normal [m, m, rad], and a flat
-    module is laid on the surface by geodesics from its middle, so that it does not stretch. Without one it has six: its
-    middle's x, y, z [m] and a rotation vector [rad] about it. Single taxels do not turn: two or three.
+    On a surface a unit has three unknowns, along its heading, across it and about its normal [m, m, rad], and a module
+    is laid on the surface by geodesics. Without one it has six: its middle [m] and a rotation vector [rad] about it.
+    Single taxels do not turn: two or three.
 
     Attributes:
         layout: flat places of the taxels on their units.
@@ -50,7 +50,7 @@ class Units:
 
     @property
     def alone(self) -> bool:
-        """Return whether every unit is a single taxel."""
+        """Return True if every unit is a single taxel."""
         return len(self.taxels) == len(self)
 
     @property
@@ -59,13 +59,13 @@ class Units:
         return (2 if self.alone else 3) if self.surface is not None else (3 if self.alone else 6)
 
     def each(self, length: float, angle: float) -> Float[np.ndarray, " f"]:
-        """Return (f,) with `length` for each unknown of a unit that is a length, `angle` for each angle."""
+        """Return (f,) with `length` for each unknown of a unit that is a length, else `angle`."""
         lengths = 2 if self.surface is not None else 3
         return np.array([length] * lengths + [angle] * (self.freedom - lengths))
 
     @property
     def taxels(self) -> Int[np.ndarray, " t"]:
-        """Return the indices of the taxels that have a place, (t,)."""
+        """Return the indices (t,) of the taxels that have a place."""
         return np.flatnonzero((self.layout.module >= 0) & np.isfinite(self.layout.places).all(axis=1))
 
     @cached_property
@@ -100,7 +100,7 @@ class Units:
 
     @cached_property
     def jacobian(self) -> Float[np.ndarray, "k 3 f"]:
-        """Return derivatives of each taxel's place by its unit's unknowns, (k, 3, f); 0 for a taxel without a unit."""
+        """Return derivatives (k, 3, f) of each taxel's place by its unit's unknowns; 0 without a unit."""
         found = np.zeros((len(self.layout), 3, self.freedom))
         rows = self.taxels
         unit = self.layout.module[rows]
@@ -117,7 +117,6 @@ class Units:
         return found
 
     def _repeated(self, times: int) -> Units:
-        """Return n copies of the units, one after the other."""
         shift = np.repeat(np.arange(times), len(self.layout)) * len(self)
         module = np.tile(self.layout.module, times)
         layout = ModuleLayout(np.tile(self.layout.places, (times, 1)), np.where(module >= 0, module + shift, -1))
@@ -139,15 +138,20 @@ class Units:
         return np.concatenate([flat, np.arctan2(heading[:, 1], heading[:, 0])[:, None]], axis=1)
 
 
+def across(normals: Vectors) -> Float[np.ndarray, "k 3 2"]:
+    """Return two unit axes (k, 3, 2) of the tangent plane at each unit normal (k, 3), right-handed with it."""
+    first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
+    first = first / np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normals, first)], axis=2)
+
+
 @takes_arrays
 def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
-    """Return frames (k, 3, 3): the third column the normal, the first nearest to a direction, or anywhere across."""
+    """Return frames (k, 3, 3): third columns along normals (k, 3), first ones as near as possible to `along` (k, 3)."""
     outward = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     first = along - np.einsum("kc,kc->k", along, outward)[:, None] * outward
     length = np.linalg.norm(first, axis=1, keepdims=True)
-    other: Vectors = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward), axis=1)])
-    other /= np.linalg.norm(other, axis=1, keepdims=True)
-    first = np.where(length > 1e-9, first / np.maximum(length, 1e-9), other)
+    first = np.where(length > 1e-9, first / np.maximum(length, 1e-9), across(outward)[:, :, 0])
     return np.stack([first, np.cross(outward, first), outward], axis=2)
 
 
@@ -165,7 +169,7 @@ def single(places: Vectors, surface: Surface | None, outward: Vectors | None = N
 
 
 def placed(layout: ModuleLayout, places: Vectors) -> Bool[np.ndarray, " k"]:
-    """Return a bool (k,) for each taxel, True if it is on a module and both places of it are known."""
+    """Return a bool (k,) for each taxel, True if it is on a module and both its places are known."""
     known = np.isfinite(places).all(axis=1) & np.isfinite(layout.places).all(axis=1)
     return np.asarray(known & (layout.module >= 0), dtype=bool)
 
@@ -179,7 +183,7 @@ def fitted(
     Args:
         layout: flat places of the taxels; three or more of each module must have a place, which is not checked.
         places: (k, 3) [m] of the taxels, NaN if not known.
-        surface: on which the modules are laid; None: they are free in space.
+        surface: on which the modules lie; None: they are free in space.
         weights: (k,) of the places; None: equal.
     """
     share = np.where(placed(layout, places), 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
@@ -211,7 +215,7 @@ def _solved(
 
 
 def _start(layout: ModuleLayout, places: Vectors, surface: Surface | None, share: Float[np.ndarray, " k"]) -> Units:
-    """Return modules by the rotation that fits best, seen from outside."""
+    """Return modules by the rotation that fits best."""
     centre, frame = np.zeros((layout.modules, 3)), np.tile(np.eye(3), (layout.modules, 1, 1))
     for number in range(layout.modules):
         rows = np.flatnonzero((layout.module == number) & (share > 0))

@@ -1,16 +1,16 @@
-"""Find pokes in a log: periods in which taxels answer, each with its wrench, its pose and a weight."""
+"""Find pokes in a log: periods in which taxels answer."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.sensors.taxels.places import TaxelPlaces
-from palpate.sensors.taxels.poking.activations import Activations, AnswerReader, Block
+from palpate.sensors.taxels.poking.activations import Activations, AnswerReader, Block, later
 from palpate.sensors.taxels.poking.plausibility import believed
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.signals.correlation import correlation_time
@@ -26,7 +26,6 @@ SHORTEST = 0.05  # s of a poke's steady part
 SETTLE = 0.1  # s around a poke that are neither poke nor free motion: a tool may press before a taxel answers
 FREE = 0.5  # s of free motion beside a poke that say what the sensor reads without it
 LEAST = 5  # samples of a mean
-GAP = 0.25  # s without frames that end a poke
 TURNED, SHIFTED = np.radians(0.5), 2e-3  # rad, m: an arm that moves less stays
 NEAREST = 3  # pokes before and behind that a rest may be taken over from
 AROUND = 4  # means of free motion before and behind that one is compared with
@@ -43,11 +42,11 @@ class PokeSearch:
 
     Args:
         threshold: above the baseline; None: found from the noise of the taxels.
-        pose: T_sensor_link where the log has none, because it is constant.
+        pose: constant T_sensor_link; None: the log states the poses.
         top: largest reading of a taxel.
         falling: readings fall under load.
-        limits: (6,) range of the sensor [N, N m]: readings beyond them are ignored.
-        start: expected places of the taxels, by whose distances answers are connected; None: not known.
+        limits: (6,) range of the sensor [N, N m], from which on readings are ignored; None: unlimited.
+        start: expected places of the taxels, which separate two pokers; None: not known.
     """
 
     threshold: float | None = None
@@ -60,7 +59,7 @@ class PokeSearch:
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Wrenches (n, 6), quaternions (n, 4) and positions (n, 3) of one log, as running sums of the rows that are known.
+    """Wrenches, quaternions and positions of one log, as running sums of the known rows.
 
     Attributes:
         time: (n,) rising; sums: (n + 1, 16) of wrench, quaternion, position and its squares; known: (n + 1,) rows.
@@ -84,38 +83,48 @@ class _Samples:
 def find_pokes(parts: Iterable[Recording | Block], search: PokeSearch | None = None) -> Pokes:
     """Return the `Pokes` of one log, whose wrenches and taxels have separate times on one clock.
 
-    A poke is a period in which some taxel exceeds its baseline. Its wrench is the mean over its steady part minus that
-    of the free motion next to it in the same arm configuration, interpolated linearly between before and after. The
-    noise is that of such a difference in free motion.
+    A poke is a period in which some taxel exceeds its baseline. Its wrench is the mean over its steady part, minus that
+    of the free motion around it in the same arm configuration; the noise is that of such a difference.
 
     Args:
-        parts: blocks with force and torque in the sensor's frame, orientation and position the link's in it, and blocks
-            of times and readings of the taxels; each kind in its order, whichever comes first.
+        parts: blocks with wrenches and poses of the link, both in the sensor's frame, and blocks of times [s] and
+            readings of the taxels, each kind in its own order.
         search: settings; None: the defaults.
 
     Raises:
-        InputError: nothing answers, no free motion before the first poke, no pose, no usable poke, or no time in
-            common.
+        InputError: nothing answers, most taxels always answer, there is no free motion before the first poke, no pose,
+            no usable poke, or no time in common; or blocks with another number of taxels.
     """
     search = search or PokeSearch()
     samples, answers, said = _read(parts, search)
     spans, active = _stretches(answers)
     _require_sense(samples, answers, active)
     free = _free(samples, active)
-    rows, poke_spans, dropped = _measured(samples, spans, free)
+    rows, kept, dropped = _measured(samples, spans, free)
     if not len(rows):
-        why = ", ".join(f"{count} {what}" for what, count in dropped.items() if count)
+        why = ", ".join(f"{count} {what}" for what, count in dropped.items())
         raise InputError(f"none of {len(spans)} pokes can be used: {why}.", where="pokes")
-    noise = _noise(samples, free, poke_spans)
-    pokes = replace(_cut(answers, poke_spans, rows, noise), configuration=_configurations(samples, rows, poke_spans))
-    said += [*answers.notes, *_dropped(dropped, len(spans))]
-    pokes = replace(pokes, notes=tuple(said), threshold=answers.threshold)
-    highest = _highest(answers, poke_spans)
+    poke, frames = _of_poke(answers, kept)
+    left_out = [f"{count} of {len(spans)} pokes are left out: {why}" for why, count in dropped.items()]
+    pokes = Pokes(
+        rows[:, :6],
+        rotation_from_quaternion(rows[:, 6:10] / np.linalg.norm(rows[:, 6:10], axis=1, keepdims=True)),
+        rows[:, 10:13],
+        _configurations(samples, rows, kept),
+        *_responses(answers, poke, frames),
+        len(answers.stuck),
+        _noise(samples, free, kept),
+        np.ones(len(rows)),
+        kept.mean(axis=1),
+        answers.threshold,
+        (*said, *answers.notes, *left_out),
+    )
+    highest = np.bincount(poke[(poke >= 0) & answers.highest], minlength=len(kept)) > 0
     return believed(pokes, start=search.start, saturated=highest)
 
 
 def _read(parts: Iterable[Recording | Block], search: PokeSearch) -> tuple[_Samples, Activations, list[str]]:
-    """Read all wrenches, but of the frames of taxels only the answers, because all frames do not fit in memory."""
+    """Read all wrenches, but only the answers of frames, which do not fit in memory."""
     reader = AnswerReader(search.threshold, top=search.top, falling=search.falling)
     wrenches = list[tuple[np.ndarray, ...]]()
     for part in parts:
@@ -131,9 +140,8 @@ def _samples(
     parts: Sequence[tuple[np.ndarray, ...]], limits: Float[np.ndarray, "6"] | None
 ) -> tuple[_Samples, list[str]]:
     """Join blocks of times, wrenches, quaternions and positions, without rows that run back in time."""
-    columns = [np.concatenate(each) for each in zip(*parts, strict=True)]
-    later = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(columns[0], nan=-np.inf)]))
-    good, said = columns[0] > later[:-1], list[str]()
+    columns = [np.concatenate(each) for each in zip(*parts, strict=True)] or 4 * [np.zeros(0)]
+    good, said = later(columns[0]), list[str]()
     if not good.all():
         back = np.count_nonzero(~good)
         said.append(
@@ -142,7 +150,7 @@ def _samples(
         columns = [each[good] for each in columns]
     time, wrench, quaternion, position = columns
     if not len(time):
-        raise InputError("must have at least one wrench with a time.", where="wrenches")
+        raise InputError("the log must have at least one wrench with a time.", where="wrenches")
     if limits is not None:
         wrench = np.where((np.abs(wrench) >= limits).any(axis=1, keepdims=True), np.nan, wrench)
     quaternion = _aligned(quaternion)
@@ -161,7 +169,6 @@ def _samples(
 
 
 def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-    """Return quaternions and positions of the link in the sensor's frame."""
     if pose is not None:
         count = len(block)
         return np.tile(pose.quaternion(), (count, 1)), np.tile(pose.translation, (count, 1))
@@ -176,7 +183,7 @@ def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"
 
 
 def _aligned(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-    """Return quaternions with signs by which each is near to the one before, so that their means are valid."""
+    """Return quaternions with signs by which each is near to the one before."""
     known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
     turned = (quaternion[known[1:]] * quaternion[known[:-1]]).sum(axis=1) < 0
     sign = np.ones(len(quaternion))
@@ -185,11 +192,7 @@ def _aligned(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
 
 
 def _stretches(answers: Activations) -> tuple[Float[np.ndarray, "p 2"], Float[np.ndarray, "q 2"]]:
-    """Return start and end [s] of the steady part of each poke, and of each period in which a taxel answers.
-
-    Raises:
-        InputError: no taxel ever answers.
-    """
+    """Return start and end [s] of the steady part of each poke, and of each period in which a taxel answers."""
     time = answers.time
     strength = np.bincount(answers.frame, answers.above, minlength=len(time))
     on = np.flatnonzero(strength > 0)
@@ -200,7 +203,7 @@ def _stretches(answers: Activations) -> tuple[Float[np.ndarray, "p 2"], Float[np
             hint="Write a lower threshold in the rig's [pokes], if the taxels were touched.",
         )
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    apart = (np.diff(time[on]) > max(PAUSE, 1.5 * step)) | (np.diff(time[on]) > max(GAP, 5 * step))
+    apart = np.diff(time[on]) > max(PAUSE, 1.5 * step)
     first, last = on[np.r_[True, apart]], on[np.r_[apart, True]]
     active = np.column_stack([time[first], time[last]])
     rows, owner, ends = _runs(first, last)
@@ -214,7 +217,7 @@ def _stretches(answers: Activations) -> tuple[Float[np.ndarray, "p 2"], Float[np
 def _runs(
     first: Int[np.ndarray, " p"], last: Int[np.ndarray, " p"]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Int[np.ndarray, " p1"]]:
-    """Return all integers from first to last of each run, the run of each, and the bounds of the runs among them."""
+    """Return all integers from first to last of each run, the run of each, and the bounds of the runs."""
     ends: Int[np.ndarray, " p1"] = np.concatenate([[0], np.cumsum(last - first + 1)])
     owner: Int[np.ndarray, " n"] = np.repeat(np.arange(len(first)), np.diff(ends))
     rows: Int[np.ndarray, " n"] = np.arange(int(ends[-1])) + (first - ends[:-1])[owner]
@@ -224,7 +227,7 @@ def _runs(
 def _most(
     values: Float[np.ndarray, " n"], owner: Int[np.ndarray, " n"], ends: Int[np.ndarray, " p1"]
 ) -> Float[np.ndarray, " p"]:
-    """Return the 90th percentile of each run, as NumPy defines it, whose own function is slow for many runs."""
+    """Return the 90th percentile of each run, as NumPy defines it."""
     ordered = values[np.lexsort((values, owner))]
     most = np.diff(ends) - 1
     low = (0.9 * most).astype(np.int64)
@@ -269,7 +272,7 @@ class _Free:
 
 
 def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
-    """Return means at both ends of every gap between periods in which taxels answer."""
+    """Return means at both ends of every gap between answers."""
     starts = np.concatenate([[samples.time[0] - SETTLE], active[:, 1]]) + SETTLE
     ends = np.concatenate([active[:, 0], [samples.time[-1] + SETTLE]]) - SETTLE
     long = ends - starts > 2 * FREE
@@ -281,7 +284,11 @@ def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
     mean, count = samples.windows(spans)
     good = (count >= LEAST) & (spans[:, 1] > spans[:, 0]) & (_spread(mean) <= 1.0)
     if not good.any():
-        raise InputError("the arm never stays still and untouched between pokes.", where="pokes")
+        raise InputError(
+            "the arm never stays still and untouched between pokes.",
+            where="pokes",
+            hint=f"Record pauses of {FREE:g} s between pokes, in which nothing touches and the arm rests.",
+        )
     return _untouched(_Free(spans[good].mean(axis=1), mean[good], count[good], gap[good], spans[good]))
 
 
@@ -295,7 +302,7 @@ def _untouched(free: _Free) -> _Free:
     off = np.linalg.norm(free.mean[:, :3] - median, axis=1)
     usual = 1.4826 * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
     kept = off <= max(OUTLYING * usual, 1e-9)
-    return _Free(*(each[kept] for each in (free.time, free.mean, free.count, free.gap, free.ends)))
+    return _Free(*(each[kept] for each in vars(free).values()))
 
 
 def _around(
@@ -322,37 +329,25 @@ def _apart(one: Float[np.ndarray, "*n 16"], other: Float[np.ndarray, "*m 16"]) -
     return np.maximum(turned / TURNED, shifted / SHIFTED)
 
 
-def _groups(means: Float[np.ndarray, "n 16"]) -> list[Int[np.ndarray, " m"]]:
-    """Return the rows of each arm configuration, in the order in which configurations first occur."""
-    left, found = np.arange(len(means)), list[np.ndarray]()
-    while len(left):
-        same = _apart(means[left], means[left[0]]) <= 1.0
-        found.append(left[same])
-        left = left[~same]
-    return found
-
-
 def _measured(
     samples: _Samples, spans: Float[np.ndarray, "p 2"], free: _Free
 ) -> tuple[Float[np.ndarray, "n 16"], Float[np.ndarray, "n 2"], dict[str, int]]:
-    """Return the usable pokes' means minus the free reading, their start and end [s], and why others are not usable."""
-    dropped = {"the arm moves": 0, "no wrench or pose": 0, "no free motion in this configuration": 0}
+    """Return usable pokes' means minus the free reading, start and end [s] of each, and counts of others by reason."""
     step = float(np.median(np.diff(samples.time))) if len(samples.time) > 1 else 0.0
     means, counts = samples.windows(spans)
     lacking = counts < np.maximum(LEAST, 0.5 * np.diff(spans, axis=1)[:, 0] / max(step, 1e-9))
     moving = ~lacking & (_spread(means) > 1.0)
-    dropped["no wrench or pose"], dropped["the arm moves"] = int(lacking.sum()), int(moving.sum())
     rows, kept = (each[~(lacking | moving)] for each in (means, spans))
     rest = _rests(free, rows, kept.mean(axis=1))
     known = np.isfinite(rest).all(axis=1)
-    dropped["no free motion in this configuration"] = int((~known).sum())
+    why = {"the arm moves": moving, "no wrench or pose": lacking, "no free motion in this configuration": ~known}
     rows[:, :6] -= rest
     rows[:, 10:13] += samples.shift
-    return rows[known], kept[known], dropped
+    return rows[known], kept[known], {what: int(which.sum()) for what, which in why.items() if which.any()}
 
 
 def _rests(free: _Free, means: Float[np.ndarray, "n 16"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 6"]:
-    """Return the free reading (n, 6), linear between the free motion before and after in the same pose, or NaN."""
+    """Return the free reading (n, 6), linear between before and after in the same pose, or NaN."""
     reach = 2 * NEAREST
     about, there = _around(np.searchsorted(free.time, time), range(-reach, reach), len(free.time))
     same = there & (_apart(free.mean[about], means[:, None]) <= 1.0)
@@ -369,10 +364,10 @@ def _rests(free: _Free, means: Float[np.ndarray, "n 16"], time: Float[np.ndarray
 
 
 def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "6 6"]:
-    """Return the covariance of a poke's wrench from means over as many samples of free motion, with their correlation.
+    """Return the covariance of a poke's wrench, from means over as many samples of free motion.
 
     var = S tau (1/n + 1/(2 n_f)), S of one sample and tau its correlation time, n samples of a poke and n_f of each
-    free mean; more where free means of one gap differ by more than S tau explains.
+    free mean; more where free means of one gap differ by more.
     """
     ends = np.searchsorted(samples.time, free.ends)
     longest = np.argsort(np.diff(ends, axis=1)[:, 0])[-64:]
@@ -395,15 +390,11 @@ def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> F
     return single * tau * scale * (1.0 / usual + 0.5 / beside) + floor
 
 
-def _cut(
-    answers: Activations,
-    spans: Float[np.ndarray, "n 2"],
-    rows: Float[np.ndarray, "n 16"],
-    noise: Float[np.ndarray, "6 6"],
-) -> Pokes:
-    """Return pokes with the mean responses of taxels that answer in at least half of the steady part's frames."""
+def _responses(
+    answers: Activations, poke: Int[np.ndarray, " m"], frames: Int[np.ndarray, " n"]
+) -> tuple[Int[np.ndarray, " n1"], Int[np.ndarray, " j"], Float[np.ndarray, " j"]]:
+    """Return starts, taxels and mean responses of taxels that answer in at least half of the frames."""
     taxels = len(answers.stuck)
-    poke, frames = _of_poke(answers, spans)
     inside = poke >= 0
     key = poke[inside] * taxels + answers.taxel[inside]
     pairs, where = np.unique(key, return_inverse=True)
@@ -411,53 +402,32 @@ def _cut(
     mean = np.bincount(where, answers.above[inside], minlength=len(pairs)) / np.maximum(count, 1)
     kept = 2 * count >= frames[pairs // taxels]
     which, taxel = np.divmod(pairs[kept], taxels)
-    return Pokes(
-        rows[:, :6],
-        rotation_from_quaternion(rows[:, 6:10] / np.linalg.norm(rows[:, 6:10], axis=1, keepdims=True)),
-        rows[:, 10:13],
-        np.zeros(len(rows), dtype=np.int64),
-        np.searchsorted(which, np.arange(len(rows) + 1)),
-        taxel,
-        mean[kept],
-        taxels,
-        noise,
-        np.ones(len(rows)),
-        spans.mean(axis=1),
-    )
+    return np.searchsorted(which, np.arange(len(frames) + 1)), taxel, mean[kept]
 
 
 def _configurations(
     samples: _Samples, rows: Float[np.ndarray, "n 16"], spans: Float[np.ndarray, "n 2"]
 ) -> Int[np.ndarray, " n"]:
-    """Return the configuration of each poke: a new one whenever the arm moved; by poses if it moves for each poke."""
+    """Return the configuration of each poke: a new one whenever the arm moved, or, if it always does, by poses."""
     moved = np.zeros(len(rows), dtype=bool)
     between, count = samples.windows(np.column_stack([spans[:-1, 1], spans[1:, 0]]))
     moved[1:] = (_apart(rows[1:], rows[:-1]) > 1.0) | ((count > 0) & (_spread(between) > 1.0))
     if np.count_nonzero(moved) + 1 <= max(len(rows) / FEW, 1):
         return np.cumsum(moved)
-    configuration = np.zeros(len(rows), dtype=np.int64)
-    for number, group in enumerate(_groups(rows)):
-        configuration[group] = number
+    configuration = np.full(len(rows), -1)
+    while len(left := np.flatnonzero(configuration < 0)):
+        same = _apart(rows[left], rows[left[0]]) <= 1.0
+        configuration[left[same]] = configuration.max() + 1
     return configuration
 
 
 def _of_poke(
     answers: Activations, spans: Float[np.ndarray, "n 2"]
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " n"]]:
-    """Return the poke in whose steady part each answer is (-1: none), and the number of frames of each poke."""
+    """Return the poke in whose steady part each answer is, -1: none, and the number of frames of each."""
     ends = np.searchsorted(answers.time, spans)
     ends[:, 1] = np.searchsorted(answers.time, spans[:, 1], side="right")
     number = np.full(len(answers.time), -1)
     for k, (first, last) in enumerate(ends.tolist()):
         number[first:last] = k
     return number[answers.frame], np.diff(ends, axis=1)[:, 0]
-
-
-def _highest(answers: Activations, spans: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-    """Return the pokes in which a taxel reads its largest value."""
-    poke, _ = _of_poke(answers, spans)
-    return np.bincount(poke[(poke >= 0) & answers.highest], minlength=len(spans)) > 0
-
-
-def _dropped(dropped: dict[str, int], found: int) -> Sequence[str]:
-    return [f"{count} of {found} pokes are left out: {why}" for why, count in dropped.items() if count]

@@ -1,7 +1,6 @@
 """Solve for taxels, or the modules that carry them, and the errors of sensor and robot, from all pokes in one fit.
 
-Gauss-Newton steps find the most likely values under the priors, with less weight for pokes that fit badly; the
-covariance is the inverse of the information at the end.
+Gauss-Newton steps find the most likely values under the priors; pokes that fit badly count less.
 """
 
 from __future__ import annotations
@@ -12,9 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.calibration.validation import Validation
-from palpate.sensors.taxels.poking.neighbour_prior import tied
 from palpate.sensors.taxels.poking.pokes import Pokes
-from palpate.sensors.taxels.poking.priors import Priors
+from palpate.sensors.taxels.poking.priors import Priors, tied
 from palpate.sensors.taxels.poking.response import PokePlaces, Response, centred, charted, learned, seen_among, tangents
 from palpate.sensors.taxels.poking.rigid_groups import Units
 from palpate.sensors.taxels.poking.systematic_errors import Nuisances, predicted
@@ -42,22 +40,21 @@ class PlacesSolution:
     Attributes:
         units: their places; nuisances: the errors; response: of the taxels, None for single ones.
         covariance: (p, p) of all unknowns: units, then `Nuisances.vector`; 0 for those not estimated.
-        residual: (n, 3) [N m] torques, measured minus predicted; weight: (n,) of each poke, 0: not used.
-        noise: ratio of the residuals to their covariance.
+        weight: (n,) of each poke, 0: not used.
+        noise: ratio of the torques' residuals to their covariance.
     """
 
     units: Units
     nuisances: Nuisances
     response: Response | None
     covariance: Float[np.ndarray, "p p"]
-    residual: Float[np.ndarray, "n 3"]
     weight: Float[np.ndarray, " n"]
     noise: float
 
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """Residuals of pokes and their derivatives at a state."""
+    """Residuals of pokes and their derivatives."""
 
     residual: Float[np.ndarray, "n 3"]
     spread: Float[np.ndarray, "n 3 3"]
@@ -83,7 +80,7 @@ def solve(
         units: initial values.
         priors: of the nuisances.
         start: prior places of the units; None: nothing is known.
-        deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns from the start; None: nothing is known.
+        deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns; None: nothing is known.
     """
     count = max(pokes.configurations, 1)
     nuisances, before = Nuisances.none(count), Before(units, start, deviations, Nuisances.deviations(priors, count))
@@ -108,7 +105,7 @@ def solve(
     covariance = before.covariance(_equations(linear, told, units, pokes, priors)[0])
     if chart is not None:
         covariance = covariance + _shared(linear, told, pokes, units, seen, covariance, DENSER / chart.spacing)
-    return PlacesSolution(units, nuisances, response, covariance, linear.residual, weight, noise)
+    return PlacesSolution(units, nuisances, response, covariance, weight, noise)
 
 
 @takes_arrays
@@ -122,12 +119,11 @@ def validated(
 ) -> Validation:
     """Return the `Validation`: torques of each half of the pokes against the prediction from the other half.
 
-    Ratios are of the 80 % quantiles of squared residuals, as some pokes fit badly. Without a usable half the
-    `Validation` is empty.
+    It compares 80 % quantiles of squared residuals, and is empty if no half can be used.
 
     Args:
         pokes: of all configurations.
-        solution: of all pokes, from which the fits of both halves begin.
+        solution: of all pokes.
         priors: as for `solve`.
         start: as for `solve`.
         deviations: as for `solve`.
@@ -155,7 +151,7 @@ def validated(
 
 
 def _weights(pokes: Pokes, seen: PokePlaces, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
-    """Return the weight of each poke, 0: not used, and the ratio of the residuals to their covariance."""
+    """Return the weight of each poke, 0: not used, and the ratio of residuals to their covariance."""
     distance = _square(linear.residual, linear.spread)
     used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
     noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL))) if used.any() else 1.0
@@ -165,9 +161,8 @@ def _weights(pokes: Pokes, seen: PokePlaces, linear: _Linear) -> tuple[Float[np.
 def _worth(weight: Float[np.ndarray, " n"], believed: Float[np.ndarray, " n"]) -> float:
     """Return the factor from J' W J to the information of pokes that count less where they fit badly.
 
-    With d the squared residual of p = 3 numbers and w = (T + p) / (T + d), the equations have the variance b = E[w^2 d]
-    / p and the slope a = E[w] - 2 b / (T + p), in units of J' S^-1 J: an information of a^2 / b (Huber and Ronchetti,
-    Robust Statistics, 2009, 6.3), where J' W J has E[w]. With normal residuals this is 1 / 1.16.
+    For p = 3 numbers with the square d, w = (T + p) / (T + d), b = E[w^2 d] / p and a = E[w] - 2 b / (T + p), it is a^2
+    / (b E[w]) (Huber and Ronchetti, Robust Statistics, 2009, 6.3).
 
     Args:
         weight: of each poke, w times
@@ -230,7 +225,7 @@ class Before:
 def eliminated(
     matrix: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], units: int, size: int
 ) -> Float[np.ndarray, " p"]:
-    """Return the solution x (p,) of matrix x = right, where no unit is coupled to another but by shared unknowns.
+    """Return the solution x (p,) of matrix x = right, whose units are coupled only by shared unknowns.
 
     Args:
         matrix: (p, p) positive definite, units first.
@@ -262,13 +257,10 @@ def _linear(
     seen: PokePlaces,
     nuisances: Nuisances,
 ) -> _Linear:
-    """Return residuals, and their derivatives at the most likely force and the expected contact.
+    """Return residuals, and their derivatives at the most likely force and the mean contact.
 
-    A measured force is the true one and noise. Derivatives at it would contain the same noise as the residuals: their
-    product does not vanish on average, and pulls gains towards 0, which moves everything (errors in variables). The
-    contact is the mean of all places that its answers allow: the true one lies about it, not it about the true one, so
-    that derivatives there do not contain its error (errors as Berkson has them, Two regressions, 1950), and those at
-    the likeliest contact would: they shrank the complete skin.
+    At the measured force they would contain the noise of the residuals (errors in variables). About the mean contact
+    the true one scatters, so that derivatives there do not contain its error (Berkson, Two regressions, 1950).
     """
     points, axes = seen.points(units)
     said = predicted(pokes, points, nuisances)
@@ -297,7 +289,7 @@ def _by_unit(
 ) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w 3 f"]]:
     """Return the units on which a contact depends, and the torque's derivative by their unknowns.
 
-    The offset in the tangent plane of `axes` from the taxels' places turns with a module.
+    A contact's offset from the taxels' places turns with a module.
     """
     about = np.maximum(seen.taxels, 0)
     unit = np.where(seen.shares != 0, units.layout.module[about], -1)
@@ -372,12 +364,10 @@ def _shared(
     covariance: Float[np.ndarray, "p p"],
     denser: float,
 ) -> Float[np.ndarray, "p p"]:
-    """Return the part that the covariance lacks: contacts about one taxel have equal errors and do not average out.
+    """Return what the covariance lacks, as contacts about one taxel have equal errors.
 
-    The place of a poke is estimated with a uniform prior. If pokes get denser to one side as exp(g . x), those about a
-    taxel all have the error S g to first order, S the covariance of each: large at the edge of a module, where little
-    is known of a place, small between taxels. g has the standard deviation `denser` [1/m] along each axis, independent
-    at each taxel.
+    If pokes get denser to one side as exp(g . x), all about a taxel are off by S g to first order, S the covariance of
+    each. g has the standard deviation `denser` [1/m] along each axis, independent at each taxel.
     """
     rows, root = _roots(linear, weight)
     values, columns = _lines(linear, rows, root, units, pokes)
@@ -409,8 +399,7 @@ def _twist(
 ) -> float:
     """Return the torque along the force over the force [m] that noise does not explain: friction under a turning tip.
 
-    F . M is the same in any frame, and 0 for a pure force [taxel poking, (3)], once bias and cross-talk are known. As
-    measured it varies with the direction of the force, by millimetres that are no friction.
+    F . M is the same in any frame, and 0 for a pure force [taxel poking, (3)], once bias and cross-talk are removed.
     """
     rows = used & np.isfinite(residual).all(axis=1) & (force != 0).any(axis=1)
     if not rows.any():

@@ -1,12 +1,10 @@
-"""Model errors of sensor and robot in pokes: bias, frames, cross-talk; and predict the torque of a poke with them.
-
-The model predicts forwards: measurements stay as they are, and the torque that they should show is computed from the
-contact. (To correct the measurement by a free cross-talk shrinks the residual with the measurement, and diverges.)
+"""Model errors of sensor and robot in pokes, and predict the torque of a poke with them.
 
     w_measured = (I + C) [f, c x f] + b,    c = R (Exp(phi) p + rho) + o
 
 with p the contact in the link's frame, (R, o) the link's reported pose, rho and phi the error of this pose: the sum of
-that of all configurations and that of this one.
+that of all configurations and that of this one. Measurements are not corrected: a free cross-talk C would shrink the
+residual with the measurement.
 """
 
 from __future__ import annotations
@@ -47,18 +45,22 @@ class Nuisances(Value):
         return cls(np.zeros((configurations, 6)), np.zeros(6), np.zeros((configurations, 6)), np.zeros((6, 6)))
 
     def vector(self) -> Float[np.ndarray, " q"]:
-        """Return all errors in one vector (12 d + 42,): frames, common, bias [m, rad; N, N m], cross-talk by rows."""
+        """Return all errors (12 d + 42,): frames, common, bias [m, rad; N, N m], cross-talk by rows."""
         return np.concatenate([part.ravel() for part in vars(self).values()])
 
     def moved(self, by: Float[np.ndarray, " q"]) -> Nuisances:
-        """Return `Nuisances` with a vector (q,), in the order of `vector`, added."""
+        """Return `Nuisances` with a vector (q,), in the order of `vector`, added.
+
+        Raises:
+            InputError: another length.
+        """
         own = list[np.ndarray](vars(self).values())
         added = np.split(by, np.cumsum([part.size for part in own])[:-1])
         return Nuisances(*(part + more.reshape(part.shape) for part, more in zip(own, added, strict=True)))
 
     @staticmethod
     def columns(configuration: Int[np.ndarray, " n"], configurations: int) -> Int[np.ndarray, "n 54"]:
-        """Return the indices (n, 54) in `vector` of the errors in `Predicted.by_nuisance`, for pokes in these (n,)."""
+        """Return the indices (n, 54) in `vector` of the errors in `Predicted.by_nuisance`, for configurations (n,)."""
         own, common, six = 6 * configuration[:, None], 6 * configurations, np.arange(6)
         alike = np.zeros_like(own) + common
         return np.concatenate(
@@ -100,7 +102,7 @@ def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisanc
     """Return the torque of pokes at points (n, 3) [m] of the link, and its derivatives, as `Predicted`.
 
     Raises:
-        InputError: another number of points than pokes, or a cross-talk by which I + C is singular.
+        InputError: points or nuisances that do not fit the pokes, or a cross-talk by which I + C is singular.
     """
     d, cross = pokes.configuration, nuisances.cross_talk
     error, bias = nuisances.frames[d] + nuisances.common, nuisances.bias[d]
@@ -128,6 +130,6 @@ def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisanc
 
 
 def _left_jacobian(phi: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return the left Jacobian of Exp(phi), to third order, as angles are small."""
+    """Return the left Jacobian of Exp(phi), to third order."""
     cross = skew(phi)
     return np.eye(3) + cross / 2.0 + cross @ cross / 6.0

@@ -1,7 +1,6 @@
 """Define the lines on which control points lie: the intersections of two families of planes.
 
-Around a link the planes of one family are perpendicular to its axis, those of the other contain it, and the lines are
-spokes. Over a patch that is seen from one side both families are parallel, and the lines follow its mean normal.
+Around a link they are spokes about its axis; over a patch that is seen from one side they follow its mean normal.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ class Chart:
         round: spokes about an axis, v an angle [rad] and u a height [m]; else both are lengths [m].
         centre: (3,) where u is 0 [m].
         axes: (3, 3) rows p, q, w: spokes p cos v + q sin v and w the axis; else u along p, v along q, lines along w.
-            Either way the surface's r_u x r_v points out.
+            The surface's r_u x r_v points out.
     """
 
     round: bool
@@ -37,7 +36,7 @@ class Chart:
     def lines(
         self, u: Float[np.ndarray, "*#batch"], v: Float[np.ndarray, "*#batch"]
     ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3"]]:
-        """Return a point of each line (..., 3) [m], and its unit direction (..., 3)."""
+        """Return a point of each line (..., 3) [m], and its unit direction (..., 3), for u and v of any one shape."""
         p, q, w = self.axes
         u, v = np.asarray(u)[..., None], np.asarray(v)[..., None]
         if self.round:
@@ -45,7 +44,7 @@ class Chart:
         return self.centre + u * p + v * q, np.broadcast_to(w, (*np.broadcast_shapes(u.shape, v.shape)[:-1], 3))
 
     def local(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return coordinates (..., 3) [m]: u, and two in its plane: x and y about an axis, else v and s."""
+        """Return u and two coordinates in its plane, (..., 3) [m]: x and y about an axis, else v and s."""
         x, y, z = np.moveaxis((points - self.centre) @ self.axes.T, -1, 0)
         return np.stack([z, x, y] if self.round else [x, y, z], axis=-1)
 
@@ -57,7 +56,7 @@ class Chart:
     def between(
         self, start: Float[np.ndarray, "*#batch _"], end: Float[np.ndarray, "*#batch _"]
     ) -> Float[np.ndarray, "..."]:
-        """Return the steps in u and v, (..., 2) [m; rad for an angle], from start to end, the shorter way around."""
+        """Return the steps in u and v, (..., 2) [m; rad for an angle], from start to end, the shorter way."""
         way = end[..., :2] - start[..., :2]
         if self.round:
             way[..., 1] = wrapped(way[..., 1])
@@ -74,7 +73,7 @@ def wrapped(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
 def flat_chart(
     origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]
 ) -> Chart:
-    """Return a flat `Chart`, planes across and along the heading; u falls where columns rise: right-handed p, q, w."""
+    """Return a flat `Chart` about an origin [m]: v along the heading, lines along the unit normal, p = q x w."""
     v = heading - normal * (heading @ normal)
     v /= np.linalg.norm(v)
     return Chart(False, origin, np.stack([np.cross(v, normal), v, normal]))
@@ -88,10 +87,14 @@ def round_chart(
     origin: Float[np.ndarray, "3"],
     axis: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None,
 ) -> Chart:
-    """Return a `Chart` about the given axis (a point and a direction), or about the axis that the facets show.
+    """Return a `Chart` about an axis, whose v is 0 at the origin.
 
-    Normals of a link about an axis have little along it, and pass near it: the direction is the smallest eigenvector of
-    sum A n n', and the point is nearest to all lines along the normals, in the plane across.
+    Args:
+        middles: (f, 3) of the facets [m].
+        normals: (f, 3) of the facets, unit.
+        areas: (f,) of the facets [m^2].
+        origin: of the sheet [m].
+        axis: a point [m] and a direction; None: along the smallest eigenvector of sum A n n', nearest to all normals.
 
     Raises:
         InputError: the axis has no direction, or the origin lies on it.
@@ -104,7 +107,7 @@ def round_chart(
     else:
         point, direction = (np.asarray(part, dtype=np.float64) for part in axis)
         if not np.linalg.norm(direction) > 0:
-            raise InputError("the axis must not be zero.", where="axis")
+            raise InputError("the axis must not be zero.", where="axis", hint="Give a point and a direction.")
         direction = direction / np.linalg.norm(direction)
     across = np.eye(3) - np.outer(direction, direction)
     if point is None:

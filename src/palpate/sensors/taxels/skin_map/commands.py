@@ -1,7 +1,8 @@
-"""Define `palpate map skin`, which computes the place of every cell of a flexible sheet on its link."""
+"""Define `palpate map skin`."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -15,7 +16,7 @@ from palpate.files.atomic import keep_inputs
 from palpate.files.models import provenance
 from palpate.sensors.taxels.skin_map import Planes, Sheet, fit_stretch
 from palpate.sensors.taxels.skin_map import map_skin as isometric
-from palpate.sensors.taxels.skin_map.files import SUFFIXES, write_skin_map
+from palpate.sensors.taxels.skin_map.files import require_suffix, write_skin_map
 from palpate.sensors.taxels.skin_map.model_file import of_skin_map
 from palpate.sensors.taxels.skin_map.paper import paper_map
 from palpate.surfaces import UNITS, Mesh
@@ -68,7 +69,8 @@ class Options:
         """Return the `Sheet`, stretched to the known cells, `Planes`, the sheet's corner (3,) [m] and heading (3,).
 
         Raises:
-            InputError: an option that is no numbers, a sheet that cannot be, or known cells that do not fit it.
+            InputError: an option that cannot be read, or known cells or a sheet that do not fit the link.
+            GeometryError: with known cells, a link that cannot be cut by planes about the origin.
         """
         scale = UNITS[self.unit]
         rows, columns = (int(side) for side in _numbers(self.sheet, "--sheet", 2, "x", whole=True))
@@ -103,12 +105,13 @@ def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(
         mesh: of the link: STL, OBJ, PLY or DAE, as its maker ships it.
         output: map to write: .toml, .csv, .txt (iCub) or .urdf.
         options: the sheet, its place and the fit.
+
+    Raises:
+        InputError: an option or a sheet that does not fit the link, or a file that cannot be read or written.
+        GeometryError: a link that cannot be cut by two families of planes about the origin.
     """
     keep_inputs(output, (mesh,))
-    if output.suffix.lower() not in SUFFIXES:
-        raise InputError(
-            f"cannot write a map as {output.suffix!r}.", where=str(output), hint=f"Use {', '.join(SUFFIXES)}."
-        )
+    require_suffix(output)
     link = Mesh.load(mesh, options.unit)
     wait("loading the compiled loops (the first time they are compiled, which takes a while) ...")
     flat, planes, origin, heading = options.laid(link)
@@ -119,17 +122,12 @@ def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(
         skin = paper_map(link, flat, **place)
     else:
         skin = isometric(link, flat, mode=options.chosen, control=options.control, **place)
-    write_skin_map(output, skin, name=_stem(output.stem))
+    write_skin_map(output, skin, name=re.sub("[^0-9A-Za-z]", "_", output.stem))
     title(f"{mesh} -> {output}")
     lines(of_skin_map(skin))
     if flat.stretch != (1.0, 1.0):
         lines([("stretch", f"{flat.stretch[0]:.4f} across rows, {flat.stretch[1]:.4f} along them")])
     note([*link.notes, *skin.notes])
-
-
-def _stem(stem: str) -> str:
-    """Return a name for frames and parts with only letters, digits and underscores."""
-    return "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in stem)
 
 
 def _pair(text: str, name: str) -> tuple[float, float]:

@@ -1,11 +1,8 @@
-"""Read and write maps of a taxel sheet: the model with its spline, and formats of other programs.
-
-The suffix decides the format: .toml, .csv (a row for each cell), .txt (iCub's skin) or .urdf (a link with its cells).
-"""
+"""Read and write maps of a taxel sheet: .toml (the model), .csv (a row for each cell), .txt (iCub) or .urdf."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +14,7 @@ from palpate.files.models import read_model, write_model
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["SUFFIXES", "fixed_frame", "read_skin_map", "write_skin_map"]
+__all__ = ["fixed_frame", "read_skin_map", "require_suffix", "write_skin_map"]
 
 _COLUMNS = ("row", "column", "x", "y", "z", "nx", "ny", "nz", "area")
 
@@ -34,20 +31,26 @@ def write_skin_map(path: str | Path, skin: SkinMap, *, name: str = "skin") -> No
         InputError: another suffix, or the file cannot be written.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"cannot write a map as {path.suffix!r}.", where=str(path), hint=f"Use {', '.join(SUFFIXES)}.")
-    if suffix == ".toml":
+    require_suffix(path)
+    if path.suffix.lower() == ".toml":
         write_model(path, skin)
     else:
-        write_text(path, _WRITERS[suffix](skin, name))
+        write_text(path, _WRITERS[path.suffix.lower()](skin, name))
+
+
+def require_suffix(path: Path) -> None:
+    """Raise an InputError if no map can be written with this suffix."""
+    if path.suffix.lower() not in (".toml", *_WRITERS):
+        hint = f"Use .toml, {', '.join(_WRITERS)}."
+        raise InputError(f"cannot write a map as {path.suffix!r}.", where=str(path), hint=hint)
 
 
 def read_skin_map(path: str | Path) -> SkinMap:
-    """Read a `SkinMap` from .toml, the same to the last bit, or from .csv.
+    """Read a `SkinMap` from .toml, the same to the last bit, or from .csv, without a surface.
 
     Raises:
-        InputError: the file is missing or not a map, a key misspelt or missing, a value of the wrong kind.
+        InputError: the file cannot be read or is not a map; a key, column or cell is missing, unknown or there twice; a
+            value is of the wrong kind; or a normal is not of length 1.
     """
     path = Path(path)
     if path.suffix.lower() == ".csv":
@@ -56,11 +59,6 @@ def read_skin_map(path: str | Path) -> SkinMap:
 
 
 def _read_csv(path: Path) -> SkinMap:
-    """Read `row,column,x,y,z,nx,ny,nz,area`, SI, in the mesh's frame.
-
-    Raises:
-        InputError: a column or a cell is missing, there twice or without a number, or a normal is not of length 1.
-    """
     from palpate.files.tables.table import read_table  # here: it loads polars
 
     table = read_table(path)
@@ -80,43 +78,42 @@ def _read_csv(path: Path) -> SkinMap:
     if long.any():
         table.refuse(int(np.argmax(long)), "a normal must be of length 1")
     cells = values[np.argsort(number)].reshape(rows, columns, -1)
-    return SkinMap(cells[..., 2:5], cells[..., 5:8], cells[..., 8], _pitch(cells[..., 2:5]))
+    return SkinMap(cells[..., 2:5], cells[..., 5:8], cells[..., 8], _pitch(cells))
 
 
-def _pitch(centres: np.ndarray) -> tuple[float, float]:
-    """Return the pitch between rows and between columns [m], as the medians of the distances."""
-    steps = [np.linalg.norm(np.diff(centres, axis=axis), axis=-1) for axis in (0, 1)]
+def _pitch(cells: Float[np.ndarray, "r c 9"]) -> tuple[float, float]:
+    """Return the pitch between rows and between columns [m], by median distances."""
+    steps = [np.linalg.norm(np.diff(cells[..., 2:5], axis=axis), axis=-1) for axis in (0, 1)]
     known = [float(np.median(step)) for step in steps if step.size]
-    along, across = (float(np.median(step)) if step.size else known[0] for step in steps)
+    alone = known[0] if known else float(np.sqrt(cells[0, 0, 8]))
+    along, across = (float(np.median(step)) if step.size else alone for step in steps)
     return along, across
 
 
 def _csv(skin: SkinMap, name: str) -> str:
     lines = [",".join(_COLUMNS)]
-    for (row, column), point, normal in _cells(skin):
-        numbers = (*point, *normal, skin.areas[row, column])
+    for row, column in np.ndindex(skin.rows, skin.columns):
+        numbers = (*skin.centres[row, column], *skin.normals[row, column], skin.areas[row, column])
         lines.append(f"{row},{column}," + ",".join(repr(float(number)) for number in numbers))
     return "\n".join([*lines, ""])
 
 
 def _icub(skin: SkinMap, name: str) -> str:
-    """Return the positions file of iCub's skinManager: one taxel a row, position [m] and normal."""
-    count = skin.rows * skin.columns
-    head = [f"name {name}", "spatial_sampling taxel", f"taxel2Repr ({' '.join(map(str, range(count)))})"]
-    rows = [" ".join(f"{number:.6f}" for number in (*point, *normal)) for _, point, normal in _cells(skin)]
+    """Return the positions file of iCub's skinManager: a taxel a row, position [m] and normal."""
+    table = np.concatenate([skin.centres, skin.normals], axis=-1).reshape(-1, 6)
+    head = [f"name {name}", "spatial_sampling taxel", f"taxel2Repr ({' '.join(map(str, range(len(table))))})"]
+    rows = [" ".join(f"{number:.6f}" for number in row) for row in table]
     return "\n".join([*head, "", "[calibration]", *rows, ""])
 
 
 def _urdf(skin: SkinMap, name: str) -> str:
-    """Return a fixed frame for every cell, z along its normal and x along columns, below a link to name."""
+    """Return a fixed frame for every cell, z along its normal and x along columns."""
     lines = [f"<!-- Cells of {name}: put these into the robot and name the link that carries them. -->"]
-    along = (
-        np.gradient(skin.centres, axis=1)
-        if skin.columns > 1
-        else np.broadcast_to([1.0, 0.0, 0.0], (*skin.areas.shape, 3))
-    )
-    for (row, column), point, normal in _cells(skin):
-        lines += fixed_frame(f"{name}_{row}_{column}", point, normal, along[row, column])
+    right = np.broadcast_to([1.0, 0.0, 0.0], skin.centres.shape)
+    along = np.gradient(skin.centres, axis=1) if skin.columns > 1 else right
+    for cell in np.ndindex(skin.rows, skin.columns):
+        row, column = cell
+        lines += fixed_frame(f"{name}_{row}_{column}", skin.centres[cell], skin.normals[cell], along[cell])
     return "\n".join([*lines, ""])
 
 
@@ -137,7 +134,7 @@ def fixed_frame(
 
 
 def _roll_pitch_yaw(normal: Float[np.ndarray, "3"], along: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """Return URDF's angles [rad] of the frame with z along a normal and x as close as possible to a direction."""
+    """Return URDF's angles [rad] of the frame with z along a normal and x near `along`."""
     x = along - normal * (along @ normal)
     if not np.linalg.norm(x) > 0:
         x = np.eye(3)[np.argmin(np.abs(normal))] - normal * normal[np.argmin(np.abs(normal))]
@@ -147,11 +144,4 @@ def _roll_pitch_yaw(normal: Float[np.ndarray, "3"], along: Float[np.ndarray, "3"
     return float(np.arctan2(y[2], normal[2])), pitch, float(np.arctan2(x[1], x[0]))
 
 
-def _cells(skin: SkinMap) -> Iterator[tuple[tuple[int, int], np.ndarray, np.ndarray]]:
-    for row in range(skin.rows):
-        for column in range(skin.columns):
-            yield (row, column), skin.centres[row, column], skin.normals[row, column]
-
-
 _WRITERS: Mapping[str, Callable[[SkinMap, str], str]] = {".csv": _csv, ".txt": _icub, ".urdf": _urdf}
-SUFFIXES = (".toml", *_WRITERS)

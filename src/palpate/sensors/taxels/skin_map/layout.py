@@ -1,15 +1,12 @@
 """Lay a sheet that does not stretch on a surface: geodesics first, then the least squared Green strain.
 
-The edge from the origin along the heading becomes a geodesic, and so does every line of the sheet across it. In these
-coordinates the surface's metric is J^2 dx^2 + dy^2 with J_yy = -K J, J = 1 and J_y = 0 on the edge: where the Gaussian
-curvature K is zero, on every developable surface, J stays 1 and the sheet has unrolled exactly. Elsewhere its lines
-give way: parameters over the sheet, cubic splines in x and y (added to the geodesics where these are nearly right), are
-found by Gauss-Newton so that
+The edge from the origin along the heading becomes a geodesic, and so does every line across it. In these coordinates
+the metric is J^2 dx^2 + dy^2 with J_yy = -K J, J = 1 and J_y = 0 on the edge, so that where K = 0 the sheet is
+unrolled. Elsewhere splines over the sheet are found by Gauss-Newton so that
 
     W = integral |E|^2 dx dy,   E = (F'F - I)/2,   F = [r_x r_y]
 
-is least. The sheet's corner stays at its place, and its first edge starts along the heading: after two cells it meets
-the geodesic again.
+is least. The corner stays, and the first edge meets the geodesic again after two cells.
 """
 
 from __future__ import annotations
@@ -69,7 +66,7 @@ class Sheet:
         pitch: between rows, and between columns [m].
         thickness: of the material between the link and the sensing layer [m].
         flip: rows increase to the right of the heading, seen from outside; else to the left.
-        stretch: factors along its columns of cells (across rows), and along its rows; 1 is none.
+        stretch: factors across rows, and along them.
 
     Raises:
         InputError: no cells, a pitch or stretch that is not positive, or a thickness that is not finite.
@@ -101,11 +98,11 @@ class Sheet:
 
 @dataclass(frozen=True, eq=False)
 class LaidSheet:
-    """Places of a sheet's lattice on a surface, and the strain of the sheet.
+    """Places of a sheet's lattice on a surface, and its strain.
 
     Attributes:
         uv: (2 r + 1, 2 c + 1, 2) parameters of cells' corners (even indices), centres (odd) and the middles of sides.
-        rms: root mean square of the principal strains over the sheet.
+        rms: root mean square of the principal strains.
         worst: the principal strain that is farthest from 0.
         rounds: number of Gauss-Newton steps.
     """
@@ -127,16 +124,16 @@ def lay(
     elements: int = _MOST_ELEMENTS,
     look: Callable[[Grid], None] | None = None,
 ) -> LaidSheet:
-    """Lay a sheet on a surface with its corner at `start`; return a `LaidSheet`, its lattice and strain.
+    """Lay a sheet on a surface with its corner at `start`; return a `LaidSheet`.
 
     Args:
         surface: the surface.
         start: (2,) parameters of the outer corner of cell (0, 0).
         heading: (3,) the direction of increasing column there; its part along the surface counts.
         sheet: the sheet; its thickness does not matter.
-        bounds: of u and of v, beyond which there is no surface to follow: there strain hardly counts.
-        elements: largest number of elements of the displacement's spline along either side.
-        look: called with the lattice along geodesics before the strain is minimised; may raise.
+        bounds: of u and of v, beyond which strain hardly counts.
+        elements: largest number of elements of the spline along either side.
+        look: called with the lattice along geodesics, before the strain is minimised.
 
     Raises:
         LinAlgError: the strain does not determine the layout.
@@ -169,7 +166,7 @@ def lay(
 
 
 class _Grid:
-    """Cubic splines over the sheet: their knots, the Gauss points of their elements, and their interpolation nodes."""
+    """Cubic splines over the sheet: their knots, the Gauss points of their elements, and their nodes."""
 
     def __init__(self, size: tuple[float, float], spans: list[int]) -> None:
         sides = list(zip(size, spans, strict=True))
@@ -180,16 +177,13 @@ class _Grid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Return the shape of the control points."""
         return len(self.nodes[0]), len(self.nodes[1])
 
     def through(self, values: Grid) -> Grid:
-        """Return control points of the spline with these values at the nodes."""
         left, right = (np.linalg.inv(basis_matrices(k, 3, n)[0]) for k, n in zip(self.knots, self.nodes, strict=True))
         return _spread(left, values, right)
 
     def at(self, control: Grid, places: list[Float[np.ndarray, " _"]]) -> Float[np.ndarray, "n m 2"]:
-        """Return values of the spline on a lattice."""
         left, right = (basis_matrices(k, 3, p)[0] for k, p in zip(self.knots, places, strict=True))
         return _spread(left, control, right)
 
@@ -206,7 +200,6 @@ def _across(surface: Parametric, state: Float[np.ndarray, "6"]) -> Float[np.ndar
 
 
 def _gauss(length: float, spans: int) -> Float[np.ndarray, " n"]:
-    """Return two places in each span, at which polynomials up to the third degree are integrated exactly."""
     step = length / spans
     return ((np.arange(spans)[:, None] + 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)) * step).reshape(-1)
 
@@ -219,7 +212,7 @@ def _fan(
     y: Float[np.ndarray, " n"],
     sign: float,
 ) -> Float[np.ndarray, "n m 6"]:
-    """Return parameters, and their derivatives along x and along y, where geodesics from a geodesic edge reach y."""
+    """Return parameters, and their derivatives along x and y, where geodesics from a geodesic edge reach y."""
     at = surface.derivatives(start)
     along = solve_tangent(at[1:3], heading)
     along /= np.linalg.norm(along @ at[1:3])
@@ -242,17 +235,13 @@ def _normals(found: Float[np.ndarray, "*batch 6 3"]) -> Float[np.ndarray, "*batc
 def _pushed(
     steps: Float[np.ndarray, "*batch 2"], found: Float[np.ndarray, "*batch 6 3"]
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Map steps in u and v to vectors in space."""
     return np.einsum("...k,...kd->...d", steps, found[..., 1:3, :])
 
 
 def _geodesic(
     surface: Parametric, begin: Float[np.ndarray, "m 6"], places: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n m 6"]:
-    """Return states (u, v, u', v', J, J') along unit-speed geodesics at lengths that rise from 0, by Runge-Kutta (4).
-
-    Steps have one length; between them a cubic goes through their ends and slopes.
-    """
+    """Return states (u, v, u', v', J, J') along unit-speed geodesics at lengths from 0, by Runge-Kutta (4)."""
     steps = max(1, int(np.ceil(places[-1] / _STEP)))
     h = places[-1] / steps
     y, k = surface.geodesics(begin, h, steps)
@@ -264,7 +253,7 @@ def _geodesic(
 
 
 class _Problem:
-    """The strain at Gauss points as a function of the displacement's control points, and its least-squares solution."""
+    """The strain at Gauss points as a function of control points, and its least-squares solution."""
 
     def __init__(
         self,
@@ -278,7 +267,7 @@ class _Problem:
         self.fan = np.zeros((len(self.by), len(self.bx), 6)) if fan is None else fan
 
     def strain(self, control: Grid) -> tuple[np.ndarray, ...]:
-        """Return E_xx, E_yy and E_xy (n, m, 3), the surface there, the parameters' derivatives by x and y, weights."""
+        """Return E_xx, E_yy and E_xy (n, m, 3), the surface, the parameters' slopes by x and y, and weights there."""
         uv = self.fan[..., :2] + _spread(self.by, control, self.bx)
         ux = self.fan[..., 2:4] + _spread(self.by, control, self.dx)
         uy = self.fan[..., 4:6] + _spread(self.dy, control, self.bx)
@@ -295,7 +284,7 @@ class _Problem:
         anchor: _Anchor,
         enough: float = 1e-3,
     ) -> tuple[Grid, int]:
-        """Minimise by Gauss-Newton until a step gains less than a share `enough`; steps that do not help are halved."""
+        """Minimise by Gauss-Newton until a step gains less than a share `enough`; halve steps that do not help."""
         state = self.strain(control)
         energy = _energy(state[0], state[3])
         for rounds in range(_ROUNDS):
@@ -316,7 +305,7 @@ class _Problem:
         return control, _ROUNDS
 
     def _step(self, state: tuple[np.ndarray, ...], anchor: _Anchor) -> Grid:
-        """Return the step to the least linearised strain, by a band matrix as wide as the sheet's shorter side."""
+        """Return the step to the least linearised strain."""
         from palpate.sensors.taxels.skin_map import _strain  # compiled: loaded when first needed
         from palpate.surfaces import _band
 
@@ -333,7 +322,7 @@ class _Problem:
 
 
 def _hold(band: Float[np.ndarray, "k n"], anchor: _Anchor, stride: int) -> None:
-    """Add stiff springs at the sheet's corner, and across the heading at a point of the first edge."""
+    """Add stiff springs at the corner, and across the heading at a point of the first edge."""
     share, side = anchor
     stiff = 1e6 * float(band[:, 0].max())
     band[:2, 0] += stiff
@@ -354,7 +343,7 @@ def _spread(
 
 
 def _narrow(values: Float[np.ndarray, "n a"], slopes: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, ...]:
-    """Return the four cubics that are not zero at each place: the index of the first, their values and slopes."""
+    """Return the four cubics that are not zero at each place: index of the first, values and slopes."""
     first = np.argmax(values != 0.0, axis=1)
     first = np.minimum(first, values.shape[1] - 4)
     near = first[:, None] + np.arange(4)
@@ -362,12 +351,12 @@ def _narrow(values: Float[np.ndarray, "n a"], slopes: Float[np.ndarray, "n a"]) 
 
 
 def _energy(strain: Float[np.ndarray, "n m 3"], weights: Float[np.ndarray, "n m"]) -> float:
-    """Return the mean |E|^2, which is the mean of the sum of both squared principal strains."""
+    """Return the mean |E|^2, the mean of the sum of both squared principal strains."""
     return float(np.sum(weights * (np.square(strain) @ np.array([1.0, 1.0, 2.0]))) / np.sum(weights))
 
 
 def _principal(strain: Float[np.ndarray, "n m 3"], weights: Float[np.ndarray, "n m"]) -> tuple[float, float]:
-    """Return the root mean square of the principal strains, and the one that is farthest from 0."""
+    """Return the root mean square of the principal strains, and the one farthest from 0."""
     xx, yy, xy = np.moveaxis(strain, -1, 0)
     middle, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     both = np.stack([middle - radius, middle + radius]) * (weights == 1.0)

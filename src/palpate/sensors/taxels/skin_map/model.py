@@ -1,4 +1,4 @@
-"""Describe the place of every cell of a taxel sheet on the link that carries it."""
+"""Describe the place of every cell of a taxel sheet on its link."""
 
 from __future__ import annotations
 
@@ -36,14 +36,16 @@ class SkinMap:
         normals: (r, c, 3) outward, unit.
         areas: (r, c) that the cells cover on the link [m^2].
         pitch: between rows, and between columns, of the flat sheet [m].
-        overlap: (r, c) cells that lie over or under another one, where a sheet goes more than once around; none by
-            default.
-        surface: the smooth outside of the link under the sheet; None where a map was read from a table.
+        overlap: (r, c) true for cells over or under another one.
+        surface: the smooth outside of the link under the sheet; None for a map from a table.
         uv: (r, c, 2) the surface's parameters under the centres; empty without a surface.
-        strain: root mean square, and largest magnitude, of the sheet's principal strains; NaN where not known.
+        strain: root mean square of the sheet's principal strains, and the one farthest from 0; NaN where not known.
         distance: of the surface from the mesh, mean and worst [m]; NaN where not known.
         provenance: origin of the map.
-        notes: notes for the user, a sentence each.
+        notes: for the user, a sentence each.
+
+    Raises:
+        InputError: arrays that are not for the same rows and columns.
     """
 
     centres: Float[np.ndarray, "r c 3"]
@@ -85,17 +87,19 @@ class SkinMap:
     def at(
         self, row: ArrayLike, column: ArrayLike
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Return positions [m] and outward unit normals, (..., 3), at row and column, integers at cell centres.
+        """Return positions [m] and outward unit normals, (..., 3), at row and column, which are integers at centres.
 
-        The sheet runs from -1/2 to rows - 1/2 and to columns - 1/2. Cubic between centres: a chord of a 10 mm cell
-        would lie 0.4 mm inside a wrist.
+        The sheet runs from -1/2 to rows - 1/2 and to columns - 1/2; between centres it is cubic.
+
+        Raises:
+            InputError: row and column cannot be broadcast.
         """
         both = self._spline(np.stack(np.broadcast_arrays(row, column), axis=-1).astype(np.float64))
         normals = both[..., 3:]
         return both[..., :3], normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
     def mesh(self) -> Mesh:
-        """Return the sensing layer as a `Mesh` [m], for use where no mesh of the link is available."""
+        """Return the sensing layer as a `Mesh` [m]."""
         rows, columns = self.rows * _FINE, self.columns * _FINE
         row, column = np.meshgrid(
             np.linspace(-0.5, self.rows - 0.5, rows + 1),
@@ -103,9 +107,7 @@ class SkinMap:
             indexing="ij",
         )
         points, normals = self.at(row, column)
-        corner: Int[np.ndarray, "r c"] = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)[None]).astype(
-            np.int64
-        )
+        corner: Int[np.ndarray, "r c"] = np.arange(rows * (columns + 1)).reshape(rows, columns + 1)[:, :-1]
         a, b, c, d = corner, corner + 1, corner + columns + 1, corner + columns + 2
         faces = np.concatenate([np.stack(three, axis=-1).reshape(-1, 3) for three in ((a, c, b), (b, c, d))])
         vertices = points.reshape(-1, 3)

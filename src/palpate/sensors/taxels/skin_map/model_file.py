@@ -59,7 +59,7 @@ def _skin_map_keys(skin: SkinMap) -> dict[str, Any]:
 
 
 def of_skin_map(skin: SkinMap) -> Lines:
-    """Return a list of (name, text) pairs on a map: cells, pitch, spline, distance, strain and overlap."""
+    """Return (name, text) pairs on a map, a list: cells, pitch, spline, distance, strain and overlap."""
     surface = skin.surface
     area = f"{1e4 * float(skin.areas.sum()):.1f} cm^2"
     said = [

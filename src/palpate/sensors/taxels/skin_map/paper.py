@@ -1,9 +1,8 @@
-"""Map a skin by the paper's method, as a baseline: even planes, uniform knots, uniform parameters [skin].
+"""Map a skin by the paper's method: even planes, uniform knots, uniform parameters [skin].
 
-Open points of the text are read so: the m planes through the axis, spaced by pi/m, cut the link on both sides, so there
-are 2 m spokes; curves are clamped cubics that begin and end at the same point; knots are uniform. `literal` gives every
-section's curve the parameters k/M and takes the curves' control points as the surface's; `greville` gives points the
-parameters at which their control points have most weight, in both directions. Control points stay on the spokes.
+The text is read so: m planes through the axis give 2 m spokes, and curves are clamped cubics that begin and end at the
+same point. `literal` gives every section's curve the parameters k/M and takes the curves' control points as the
+surface's; `greville` gives points the parameters at which their control points have most weight.
 """
 
 from __future__ import annotations
@@ -44,6 +43,7 @@ def paper_surface(
     """Return the `BSplineSurface` of [skin], Algorithm 1: n planes across the axis within `span` [m], m through it.
 
     Raises:
+        InputError: n or m is too small for cubics.
         GeometryError: a section is not complete.
     """
     heights = np.linspace(*span, n)
@@ -71,7 +71,7 @@ def paper_surface(
 def _held(
     table: Float[np.ndarray, "k m"], spokes: Float[np.ndarray, " m"], offsets: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
-    """Return offsets of control points on spokes by least squares (4), with both ends where the curve begins."""
+    """Return offsets of control points on spokes by least squares (4), both ends where the curve begins."""
     ways = np.stack([np.cos(spokes), np.sin(spokes)])
     points = ways * offsets
     matrix = np.concatenate([table * way for way in ways])
@@ -95,12 +95,11 @@ def paper_map(
 ) -> SkinMap:
     """Return a `SkinMap` with cells at equal parameters over the complete surface of the paper [skin].
 
-    Cell (k, l) is at ((k + 1/2)/rows, (l + 1/2)/columns); [skin] prints (k/6, l/22), which is half a cell off. The
-    sheet's size and pitch have no effect, nor has the origin's height; its angle decides where columns begin. Arguments
-    as in `map_skin`.
+    Cell (k, l) is at ((k + 1/2)/rows, (l + 1/2)/columns); [skin] prints (k/6, l/22), half a cell off. The sheet's size
+    and the origin's height have no effect. Arguments are as for `map_skin`.
 
     Raises:
-        InputError: the origin is off the surface, or the heading is along the normal.
+        InputError: the origin is off the surface, the heading is along the normal, or the axis has no direction.
         GeometryError: there are no complete sections about an axis.
     """
     site = placed(mesh, sheet, origin, heading)

@@ -1,4 +1,4 @@
-"""Cut a triangle mesh by two families of planes, and find the outermost point on every line of a chart."""
+"""Cut a triangle mesh by two families of planes."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["Sections", "cut"]
 
 Ends = Float[np.ndarray, "s d"]
+_SAME = 1e-12  # rad: a segment's end this close to a spoke meets it
 
 
 @takes_arrays
@@ -37,20 +38,15 @@ class Sections:
 def cut(
     chart: Chart, triangles: Float[np.ndarray, "f 3 3"], u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"]
 ) -> Sections:
-    """Find the outermost point of a triangle mesh on each line in which a plane u and a plane v meet.
+    """Find the outermost point of a triangle mesh on each line of a chart; return `Sections`.
 
-    The triangles are cut by the planes u, and the resulting segments by the planes v. Neither winding nor neighbours
-    matter: the result is the same for soup, doubled facets and inner bodies.
+    Triangles may be unconnected, doubled, or of inner bodies.
 
     Args:
-        chart: the lines.
+        chart: the lines, in which a plane u and a plane v meet.
         triangles: (f, 3, 3) corners [m].
-        u: (n,) planes of the first family, ascending: lengths [m].
-        v: (m,) planes of the second family, ascending: lengths [m], or angles [rad] if the chart is round.
-
-    Returns:
-        `Sections`: the offset (n, m) of each point along its line [m], -inf where the line misses the mesh, and the
-        index (n, m) of the facet, -1 there.
+        u: (n,) planes of the first family, ascending [m].
+        v: (m,) planes of the second family, ascending [m]; angles [rad] if the chart is round.
     """
     ends, plane, facet = _segments(chart.local(triangles), u)
     line, segment, offset = _crossings(chart, ends, v)
@@ -65,11 +61,10 @@ def cut(
 def _segments(
     local: Float[np.ndarray, "f 3 3"], u: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "s 2 2"], Int[np.ndarray, " s"], Int[np.ndarray, " s"]]:
-    """Return the cuts by planes u: their ends in the plane (s, 2, 2), and the indices of plane and facet."""
+    """Return the cuts by planes u: their ends in the plane (s, 2, 2), and indices of plane and facet."""
     local = np.take_along_axis(local, np.argsort(local[..., 0], axis=1)[..., None], axis=1)
     height = local[..., 0]
-    first, last = _place(u, height[:, 0], "left"), _place(u, height[:, 2], "right")
-    facet, plane = _runs(first, last)
+    facet, plane = _runs(np.searchsorted(u, height[:, 0], "left"), np.searchsorted(u, height[:, 2], "right"))
     low, middle, high = np.moveaxis(local[facet], 1, 0)
     at = u[plane]
     below = (at < middle[:, 0])[:, None]
@@ -78,7 +73,7 @@ def _segments(
 
 
 def _between(start: Ends, end: Ends, at: Float[np.ndarray, " s"]) -> Ends:
-    """Return the points between start and end at which the first coordinate is `at`; start where it does not rise."""
+    """Return the points between start and end whose first coordinate is `at`; start if it does not rise."""
     low = start[:, 0]
     rise = end[:, 0] - low
     share = np.where(rise > 0, at - low, 0.0) / np.where(rise > 0, rise, 1.0)
@@ -88,10 +83,10 @@ def _between(start: Ends, end: Ends, at: Float[np.ndarray, " s"]) -> Ends:
 def _crossings(
     chart: Chart, ends: Float[np.ndarray, "s 2 2"], v: Float[np.ndarray, " m"]
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return the lines that cross segments, those segments, and the offsets [m] of the crossings along the lines."""
+    """Return the lines that cross segments, those segments, and the offsets [m] along the lines."""
     if not chart.round:
         begin, end = ends[..., 0].min(axis=1), ends[..., 0].max(axis=1)
-        segment, line = _runs(_place(v, begin, "left"), _place(v, end, "right"))
+        segment, line = _runs(_places(v, begin, "left"), _places(v, end, "right"))
         a, b = ends[segment, 0], ends[segment, 1]
         backward = b[:, 0] < a[:, 0]
         return line, segment, np.where(backward, _between(b, a, v[line])[:, 1], _between(a, b, v[line])[:, 1])
@@ -100,11 +95,8 @@ def _crossings(
     begin = np.where(turn >= 0, angle[:, 0], angle[:, 0] + turn)
     begin = v[0] + np.mod(begin - v[0], 2 * np.pi)
     tiled = np.concatenate([v, v + 2 * np.pi])
-    tolerance = 1e-12
-    segment, line = _runs(
-        _place(tiled, begin - tolerance, "left"),
-        _place(tiled, begin + np.abs(turn) + tolerance, "right"),
-    )
+    end = begin + np.abs(turn)
+    segment, line = _runs(_places(tiled, begin - _SAME, "left"), _places(tiled, end + _SAME, "right"))
     line = line % len(v)
     a, side = ends[segment, 0], ends[segment, 1] - ends[segment, 0]
     x, y = np.cos(v[line]), np.sin(v[line])
@@ -114,14 +106,12 @@ def _crossings(
     return line, segment, cast("Any", np.where(usable, met, np.hypot(a[:, 0], a[:, 1])))
 
 
-def _place(
-    planes: Float[np.ndarray, " m"], at: Float[np.ndarray, " n"], side: Literal["left", "right"]
-) -> Int[np.ndarray, " n"]:
+def _places(planes: np.ndarray, at: np.ndarray, side: Literal["left", "right"]) -> Int[np.ndarray, " n"]:
     return cast("Any", np.searchsorted(planes, at, side=side))
 
 
 def _runs(first: Int[np.ndarray, " n"], last: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for the integers from first to before last of each entry, the entry's index and the integers."""
+    """Return, for all integers from first to before last of each entry, the entry's index and the integer."""
     count = np.maximum(last - first, 0)
     owner = np.repeat(np.arange(len(count)), count)
     start = np.repeat(first - np.concatenate([[0], np.cumsum(count)[:-1]]), count)

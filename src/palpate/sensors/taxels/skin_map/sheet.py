@@ -1,8 +1,9 @@
-"""Compute the place of every cell of a sheet from a mesh and the sheet's corner."""
+"""Compute the place of every cell of a sheet on a mesh."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from math import inf
 from typing import Any, cast
@@ -19,7 +20,7 @@ from palpate.sensors.taxels.skin_map.shell import Mode, Planes, Shell, Site, she
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Sheet", "fit_stretch", "map_skin", "mapped", "placed"]
+__all__ = ["fit_stretch", "map_skin", "placed"]
 
 _HELD = 0.10  # strain beyond which no sheet lies by itself
 _ASTRAY = 0.25  # of the cells may seem to lie beside the surface along geodesics: the layout may bring them back
@@ -40,22 +41,22 @@ def map_skin(
 ) -> SkinMap:
     """Return the `SkinMap` of a sheet on a link, with the place and the outward normal of every cell.
 
-    A B-spline is fitted to the outside of the mesh (`shell`) and the sheet is laid on it without stretching (`lay`).
+    The sheet is laid without stretching on a B-spline that is fitted to the outside of the mesh.
 
     Args:
-        mesh: of the link [m], as it comes: soup, open, with doubled facets and inner bodies.
+        mesh: of the link [m]: it may be unconnected, open, with doubled facets and inner bodies.
         sheet: the sheet to lay.
         origin: (3,) outer corner of cell (0, 0) [m], on the mesh.
         heading: (3,) direction of increasing column there; its part along the surface counts.
-        mode: "facets" follows the mesh as it is, "vertices" the smooth shape that its vertices sample; None: chosen by
-            the mesh, and stated in the notes.
+        mode: "facets" follows the mesh as it is, "vertices" the smooth shape that its vertices sample; None: the mesh
+            decides, and the notes state it.
         planes: that cut the mesh; None: found from its shape.
         control: largest number of the spline's control points, along facets.
         provenance: stored with the map.
 
     Raises:
-        InputError: the origin is off the surface, the heading is along the normal, or at least one cell has no surface
-            under it.
+        InputError: the origin is off the surface, the heading is along the normal, the planes' axis has no direction or
+            passes through the origin, or a cell has no surface under it.
         GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
     site = placed(mesh, sheet, origin, heading)
@@ -65,13 +66,16 @@ def map_skin(
     notes = (f"{others} facets that are not of the origin's body were left out",) if others else ()
 
     def on(here: Site) -> SkinMap:
-        return mapped(shell(here, signed, mode=mode, planes=planes, control=control), sheet, point, site.heading)
+        return _mapped(shell(here, signed, mode=mode, planes=planes, control=control), sheet, point, site.heading)
 
     try:
         result = on(site)
     except PalpateError:
-        result = _else(on, replace(site, facets=np.arange(len(mesh.faces)))) if others else None
-        if result is None:
+        result = None
+        if others:  # patches without common vertices may be one link
+            with suppress(PalpateError):
+                result = on(replace(site, facets=np.arange(len(mesh.faces))))
+        if result is None or not abs(result.strain[1]) < _HELD:
             raise
         notes = ("the outermost of all bodies is taken: the body at the origin alone does not carry the sheet",)
     return replace(result, notes=(*notes, *result.notes), provenance=dict(provenance or {}))
@@ -82,7 +86,8 @@ def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> S
     """Return the sheet's `Site`: its corner on the mesh, heading, outward normal, and the facets of its body.
 
     Raises:
-        InputError: the origin is off the surface, or the heading along the normal.
+        InputError: origin or heading are not three finite numbers, the origin is off the surface, or the heading is
+            along the normal.
     """
     point, direction = _vector(origin, "origin"), _vector(heading, "heading")
     feet, normals, facets = mesh.project(point[None])
@@ -103,22 +108,7 @@ def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> S
     return Site(mesh, _body(mesh, facet), foot, along / np.linalg.norm(along), normal)
 
 
-def _else(on: Callable[[Site], SkinMap], site: Site) -> SkinMap | None:
-    """Lay the sheet on all patches, which may be one link without common vertices; None if it lies badly."""
-    try:
-        result = on(site)
-    except PalpateError:
-        return None
-    return result if abs(result.strain[1]) < _HELD else None
-
-
-@takes_arrays
-def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]) -> SkinMap:
-    """Lay a sheet on a shell and return its `SkinMap`.
-
-    Raises:
-        InputError: at least one cell has no surface under it.
-    """
+def _mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]) -> SkinMap:
     begin = found.surface.nearest(origin[None], found.chart.coordinates(origin[None])[:, :2])[0]
     domain = found.surface.domain
     try:
@@ -164,17 +154,16 @@ def fit_stretch(
 
     Args:
         mesh: as for `map_skin`.
-        sheet: as it was before it was stretched.
-        known: (row, column) to the cell's centre (3,) [m].
+        sheet: before it is stretched.
+        known: (row, column) -> the cell's centre (3,) [m].
         origin: as for `map_skin`.
         heading: as for `map_skin`.
         mode: as for `map_skin`.
         planes: as for `map_skin`.
 
     Raises:
-        InputError: no cell is known, or one that is not on the sheet; the origin is off the surface, the heading along
-            the normal, or a cell has no surface under it.
-        GeometryError: the mesh cannot be cut by two families of planes about the origin.
+        InputError: no cell is known, or one that is not on the sheet; or as for `map_skin`.
+        GeometryError: as for `map_skin`.
     """
     from scipy.optimize import least_squares
 
@@ -206,7 +195,7 @@ def _vector(values: ArrayLike, name: str) -> Float[np.ndarray, "3"]:
 
 
 def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"]) -> float:
-    """Return 1 where the normal leaves the body, -1 where it enters it: by winding, unless a ray along it disagrees."""
+    """Return 1 where the normal leaves the body, else -1: by winding, unless a ray along it disagrees."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     ab, ac, ao = b - a, c - a, origin - a
     across = np.cross(normal, ac)
@@ -224,7 +213,7 @@ def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, 
 
 
 def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
-    """Return the facets that are connected with a facet by their vertices."""
+    """Return the facets that are connected with a facet."""
     import trimesh
 
     edges = mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
@@ -241,7 +230,7 @@ def _cell_blocks(lattice: Float[np.ndarray, "a b ..."]) -> Float[np.ndarray, "r 
 
 
 def _refuse_bare(found: Shell, uv: Float[np.ndarray, "a b 2"], sheet: Sheet, allowed: float = 0.0) -> None:
-    """Raise an InputError if more than `allowed` cells have no surface at all under them."""
+    """Raise an InputError if more than `allowed` cells have no surface under them."""
     if not np.isfinite(uv).all():
         raise _too_large(sheet, "it would have to fold")
     bare = ~found.there(_cell_blocks(uv)).any(axis=(2, 3))
@@ -260,7 +249,6 @@ def _too_large(sheet: Sheet, what: str) -> InputError:
 
 
 def _areas(found: Shell, layout: LaidSheet, sheet: Sheet) -> Float[np.ndarray, "r c"]:
-    """Return the cells' areas [m^2] by Simpson's rule."""
     height, length = sheet.size
     steps = height / (2 * sheet.rows), length / (2 * sheet.columns)
     by_y, by_x = (np.gradient(layout.uv, step, axis=axis, edge_order=2) for axis, step in enumerate(steps))
@@ -273,7 +261,6 @@ def _areas(found: Shell, layout: LaidSheet, sheet: Sheet) -> Float[np.ndarray, "
 
 
 def _overlap(uv: Float[np.ndarray, "a b 2"], period: float) -> Bool[np.ndarray, "r c"]:
-    """Return which cells overlap the sheet where it comes round again."""
     blocks = _cell_blocks(uv)
     middle = blocks[:, :, 1:2, 1:2]
     points = (middle + 0.9 * (blocks - middle)).reshape(-1, 2)  # neighbours that touch do not overlap
@@ -287,7 +274,7 @@ def _overlap(uv: Float[np.ndarray, "a b 2"], period: float) -> Bool[np.ndarray, 
 
 
 def _inside(points: Float[np.ndarray, "n 2"], edge: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, " n"]:
-    """Return which points are inside a polygon: a ray from them meets it an odd number of times."""
+    """Return which points are inside a polygon: rays from them meet it an odd number of times."""
     (au, av), (bu, bv) = edge.T[:, None, :], np.roll(edge, -1, axis=0).T[:, None, :]
     u, v = points[:, 0, None], points[:, 1, None]
     straddles = (av > v) != (bv > v)
@@ -297,8 +284,7 @@ def _inside(points: Float[np.ndarray, "n 2"], edge: Float[np.ndarray, "k 2"]) ->
 
 def _notes(found: Shell, layout: LaidSheet, overlap: Bool[np.ndarray, "r c"]) -> tuple[str, ...]:
     notes: list[str] = []
-    covered = found.there(_cell_blocks(layout.uv))
-    partly = int(np.count_nonzero(~covered.all(axis=(2, 3))))
+    partly = int(np.count_nonzero(~found.there(_cell_blocks(layout.uv)).all(axis=(2, 3))))
     if partly:
         notes.append(f"{partly} cells reach beyond the surface, which is continued there")
     if overlap.any():

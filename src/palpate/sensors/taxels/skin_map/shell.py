@@ -1,8 +1,8 @@
-"""Fit one smooth surface to the outer shell of a robot maker's triangle mesh, where the sheet will lie."""
+"""Fit one smooth surface to the outside of a triangle mesh, where the sheet will lie."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, cast
 
@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.errors import GeometryError
 from palpate.sensors.taxels.skin_map.chart import Chart, flat_chart, round_chart, wrapped
-from palpate.sensors.taxels.skin_map.fit import fit
-from palpate.sensors.taxels.skin_map.knots import Breaks, Fitted, Span, breaks_at, clusters, refined
+from palpate.sensors.taxels.skin_map.fit import Breaks, Fitted, Span, breaks_at, clusters, fit, refined
 from palpate.sensors.taxels.skin_map.sections import Sections, cut
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import BSplineSurface, solve_tangent
@@ -40,12 +39,12 @@ _LEAST = 0.7  # of the rows that most spokes have, for a spoke to count
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """The user's own two families of planes: an axis, and the places of the planes along it and about it.
+    """The user's own two families of planes.
 
     Attributes:
         axis: a point [m] and the direction of the link's axis; None: found from the mesh.
-        heights: along the axis from that point, or from the sheet's origin without one [m]; None: chosen.
-        angles: about the axis [rad], from the spoke of the sheet's origin; None: chosen.
+        heights: of planes across the axis [m], from that point or, without one, from the sheet's origin; None: chosen.
+        angles: of planes through the axis [rad], from the sheet's origin; None: chosen.
     """
 
     axis: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None = None
@@ -54,7 +53,7 @@ class Planes:
 
     @property
     def spaced(self) -> bool:
-        """Return whether the user states the planes of a family."""
+        """Return True if heights or angles are given."""
         return self.heights is not None or self.angles is not None
 
 
@@ -70,8 +69,8 @@ class Site:
         mesh: [m].
         facets: indices of the facets of the body under the sheet.
         corner: (3,) of the sheet, on the mesh [m].
-        heading: (3,) in the tangent plane there, unit.
-        normal: (3,) outward there, unit.
+        heading: (3,) in the tangent plane, unit.
+        normal: (3,) outward, unit.
     """
 
     mesh: Mesh
@@ -99,26 +98,22 @@ class Shell:
     Attributes:
         surface: the spline.
         chart: its lines.
-        sections: cuts of the mesh that show which part is covered.
-        mode: "facets" or "vertices", which the surface follows.
-        distance: to the mesh's facets (or vertices), mean and worst [m], along the normal.
-        notes: findings and choices.
+        sections: cuts of the mesh, which show the covered part.
+        distance: to the mesh's facets or vertices, mean and worst [m], along the normal.
+        notes: for the user, a sentence each.
     """
 
     surface: BSplineSurface
     chart: Chart
     sections: Sections
-    mode: Mode
     distance: tuple[float, float]
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     def there(self, uv: Float[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
         """Return a bool for each pair of parameters (..., 2), True where the nearest line meets the mesh."""
         u, v = self.sections.u, self.sections.v
-        at_u, at_v = (uv[..., 0] - u[0]) / (u[1] - u[0]), (uv[..., 1] - v[0]) / (v[1] - v[0])
-        if self.surface.periodic:
-            at_v = np.mod(at_v, len(v))
-        i, j = np.rint(at_u).astype(np.int64), np.rint(at_v).astype(np.int64)
+        i = np.rint((uv[..., 0] - u[0]) / (u[1] - u[0])).astype(np.int64)
+        j = np.rint((uv[..., 1] - v[0]) / (v[1] - v[0])).astype(np.int64)
         if self.surface.periodic:
             j %= len(v)
         inside = (i >= 0) & (i < len(u)) & (j >= 0) & (j < len(v))
@@ -133,12 +128,13 @@ def shell(
     Args:
         site: start of the sheet.
         size: of the sheet: signed height (negative where flipped) and length [m].
-        mode: None: chosen by the mesh.
+        mode: that the surface follows; None: the mesh decides.
         planes: of the user; None: found from the mesh.
-        control: largest number of control points (vertices take as many as there are vertices).
+        control: largest number of control points in mode "facets".
 
     Raises:
-        GeometryError: no part of the mesh about the origin can be seen along the lines of two families of planes.
+        InputError: the planes' axis has no direction, or passes through the origin.
+        GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
     planes = planes or _ANY
     found, whole = None, False
@@ -157,17 +153,18 @@ def full_sections(site: Site, planes: Planes | None = None) -> tuple[Chart, Span
     """Return the `Chart` about a link's axis, and (low, high) [m] between which sections across it are complete.
 
     Raises:
+        InputError: as for `shell`.
         GeometryError: there are none, or no axis about which the link closes.
     """
     chart, sections = _round(site, planes or _ANY)
     rows, _, periodic = _block(site, sections, True)
     if not periodic:
-        raise GeometryError("the link does not close about an axis.")
+        raise GeometryError("the link does not close about an axis, as the paper's method needs: use isometric.")
     return chart, (float(sections.u[rows.start]), float(sections.u[rows.stop - 1]))
 
 
 def _one_sided(site: Site, size: Span) -> tuple[tuple[Chart, Sections] | None, bool]:
-    """Cut by planes along the mean normal if the sheet's place is seen from one side; return also if all of it is."""
+    """Cut along the mean normal if the sheet's place is seen from one side; return also if all of it is."""
     height, length = size
     margin = 0.15 * min(abs(height), length)
     low, high = min(0.0, -height) - margin, max(0.0, -height) + margin  # u falls where rows rise
@@ -218,15 +215,12 @@ def _own(planes: Planes, chart: Chart) -> tuple[Places | None, Places | None]:
 def _given(values: Places) -> Places:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not np.isfinite(array).all():
-        raise GeometryError("each family of planes must be a list of at least two finite numbers.")
+        raise GeometryError("the heights and the angles of planes must each be two finite numbers or more.")
     return array
 
 
 def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, slice, bool]:
-    """Return the rows in which all counted spokes meet the mesh, those spokes, and whether they go all around.
-
-    Around a link, rows that already run over a rim are excluded.
-    """
+    """Return the rows in which all counted spokes meet the mesh, those spokes, and whether they close."""
     met = sections.facet >= 0
     any_met = met.any(axis=0)
     if not round_about:  # what is missing is filled in
@@ -235,7 +229,7 @@ def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, sl
     first, last = np.argmax(met, axis=0), len(met) - 1 - np.argmax(met[::-1], axis=0)
     long = np.where(any_met, last - first + 1, 0)
     if not any_met.any():
-        raise GeometryError("the planes miss the mesh: no two of them meet on it.")
+        raise GeometryError("the planes miss the mesh: no two of them meet on it. Check the axis and the heights.")
     good = long >= _LEAST * np.median(long[any_met])
     if good.all():
         columns, periodic = slice(0, len(good)), True
@@ -246,14 +240,15 @@ def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, sl
     if high - low < 3 or columns.stop - columns.start < 4:
         raise GeometryError(
             "the link cannot be cut into a grid around the sheet's origin: "
-            f"it has {high - low + 1} complete sections of {columns.stop - columns.start} spokes there."
+            f"it has {high - low + 1} complete sections of {columns.stop - columns.start} spokes there. Give the axis "
+            "of the link, or a mesh that is complete there."
         )
     rows = _without_rims(slice(low, high + 1), site.normals, sections.facet[:, columns])
     return rows, columns, periodic
 
 
 def _without_rims(rows: slice, normals: Float[np.ndarray, "f 3"], met: Int[np.ndarray, "n m"]) -> slice:
-    """Remove end rows that already run over a rim: they turn from the next by far more than rows elsewhere do."""
+    """Remove end rows that already run over a rim: they turn by far more than others do."""
     grid = normals[met[rows]]
     cosine = np.abs(np.einsum("nmi,nmi->nm", grid[1:], grid[:-1]))
     turn = np.quantile(np.arccos(np.clip(cosine, 0.0, 1.0)), 0.9, axis=1)
@@ -276,67 +271,70 @@ class _Window:
 
     Attributes:
         chart: of the sections; periodic: the columns go all around.
-        u: (n,) and v: (m,) planes; facet: (n, m) index of the facet that was cut, -1 where none.
+        u: (n,) and v: (m,) planes.
     """
 
     chart: Chart
     periodic: bool
     u: Places
     v: Places
-    facet: Int[np.ndarray, "n m"]
 
     @property
     def span(self) -> tuple[Span, Span]:
-        """Return the lowest and highest u, and v."""
         end = float(self.v[0]) + 2 * np.pi if self.periodic else float(self.v[-1])
         return (float(self.u[0]), float(self.u[-1])), (float(self.v[0]), end)
 
     @property
     def steps(self) -> Span:
-        """Return the steps from plane to plane, of u and of v."""
         return float(self.u[1] - self.u[0]), float(self.v[1] - self.v[0])
 
 
 def _fitted(site: Site, chart: Chart, sections: Sections, mode: Mode | None, control: int, planes: Planes) -> Shell:
     rows, columns, periodic = _block(site, sections, chart.round)
     met = sections.facet[rows, columns]
-    window = _Window(chart, periodic, sections.u[rows], sections.v[columns], met)
+    window = _Window(chart, periodic, sections.u[rows], sections.v[columns])
     place = np.nonzero(met >= 0)
     uv = np.stack([window.u[place[0]], window.v[place[1]]], axis=1)
     starts, spokes = chart.lines(uv[:, 0], uv[:, 1])
     points = starts + sections.offset[rows, columns][place][:, None] * spokes
     normals = _outward(site.normals[met[place]], spokes)
     chosen, why, sag = _judged(normals, points, met)
+    vertices = (mode or chosen) == "vertices"
     used = np.unique(met[place])
     extents = _extents(chart, site.triangles[used])
     apart = float(np.median(extents[:, 0])), float(np.median(extents[:, 1]))
-    if (mode or chosen) == "vertices" and not planes.spaced and extents[:, 1].max() < _UNEVEN * apart[1]:
-        surface, distance = _through_vertices(window, *_corners(site.mesh, site.facets[used], window), apart)
+    corners = _corners(site.mesh, site.facets[used], window)
+    even = extents[:, 1].max() < _UNEVEN * apart[1] and _wide(chart.coordinates(corners[0]), apart)
+    if vertices and not planes.spaced and even:
+        surface, distance = _through_vertices(window, *corners, apart)
     else:
         enough = _RIPPLE * sag
-        if (mode or chosen) == "vertices" or sag < _COARSE:
+        if vertices or sag < _COARSE:
             points, normals = _lifted(site.mesh, site.facets[met[place]], points, spokes)
             enough = _ENOUGH if sag < _COARSE else enough
         surface, distance = _along_facets(window, (points, normals, uv), control, enough, _own(planes, chart))
     size = float(np.abs(distance).mean()), float(np.abs(distance).max())
-    return Shell(surface, chart, sections, mode or chosen, size, (why,) if mode is None else ())
+    return Shell(surface, chart, sections, size, (why,) if mode is None else ())
+
+
+def _wide(places: Points, apart: Span) -> bool:
+    """Return whether vertices are in more than one row and column, as a shape needs."""
+    return len(places) > 0 and bool((np.ptp(places[:, :2], axis=0) > 0.5 * np.array(apart)).all())
 
 
 def _outward(normals: Points, spokes: Points) -> Points:
-    """Turn normals to the lines' side, for any winding."""
     return normals * np.where(np.einsum("ki,ki->k", normals, spokes) < 0, -1.0, 1.0)[:, None]
 
 
 def _extents(chart: Chart, triangles: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 2"]:
-    """Return the extents (f, 2) of facets in u and in v."""
     where = chart.coordinates(triangles)[..., :2]
     return np.ptp(chart.between(where[:, :1], where), axis=1)
 
 
 def _lifted(mesh: Mesh, met: Int[np.ndarray, " k"], points: Points, spokes: Points) -> tuple[Points, Points]:
-    """Move points of facets half way to the planes across their corners' normals: on a circle, onto its arc.
+    """Move points of facets half way to the planes across their corners' normals [phong].
 
-    The mean is weighted by how near each corner is [phong]. Return the points and their normals.
+    On a circle they reach its arc. Return the points and their normals.
     """
     corners, slopes = mesh.vertices[mesh.faces[met]], mesh.corner_normals[met]
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -349,7 +347,7 @@ def _lifted(mesh: Mesh, met: Int[np.ndarray, " k"], points: Points, spokes: Poin
 
 
 def _corners(mesh: Mesh, met: Int[np.ndarray, " f"], window: _Window) -> tuple[Points, Points]:
-    """Return the corners of facets that were cut, within the span, and their normals, weighted by area."""
+    """Return the corners of facets that were cut, within the span, and their normals."""
     number, corner = np.unique(mesh.faces[met], return_inverse=True)
     points, chart, span = mesh.vertices[number], window.chart, np.array(window.span)
     where = chart.coordinates(points)
@@ -365,9 +363,9 @@ def _corners(mesh: Mesh, met: Int[np.ndarray, " f"], window: _Window) -> tuple[P
 
 
 def _judged(normals: Points, points: Points, met: Int[np.ndarray, "n m"]) -> tuple[Mode, str, float]:
-    """Choose facets at edges and for fine meshes, vertices as samples of a smooth shape; return mode, reason, sag [m].
+    """Choose facets at edges and for fine meshes, else vertices; return why and sag, too.
 
-    Compare facets along the sections: the angles between them, and their lengths.
+    Compare the angles between facets along the sections, and their lengths.
     """
     grid_n, grid_p = np.full((*met.shape, 3), np.nan), np.full((*met.shape, 3), np.nan)
     grid_n[met >= 0], grid_p[met >= 0] = normals, points
@@ -394,7 +392,7 @@ def _along_facets(
     enough: float,
     own: tuple[Places | None, Places | None],
 ) -> Fitted:
-    """Fit along all of the mesh's outside, with knots where it bends, or in the user's own planes."""
+    """Fit along the mesh's outside, with knots where it bends, or in the user's own planes."""
     points, normals, uv = data
     periodic, span, steps = window.periodic, window.span, window.steps
 
@@ -411,14 +409,13 @@ def _along_facets(
 
 
 def _clipped(places: Places, span: Span) -> Float[np.ndarray, " k"]:
-    """Return breaks at some places and at both ends."""
     least = 1e-6 * (span[1] - span[0])
     inner = places[(places > span[0] + least) & (places < span[1] - least)]
     return np.concatenate([span[:1], inner, span[1:]])
 
 
 def _through_vertices(window: _Window, vertices: Points, normals: Points, apart: Span) -> Fitted:
-    """Fit through the corners of facets as samples of a smooth shape, with a control point for each."""
+    """Fit through the corners of facets as samples of a smooth shape."""
     chart, periodic = window.chart, window.periodic
     target = chart.coordinates(vertices)
     breaks, degree = _sampled(target, apart, window)
@@ -432,10 +429,7 @@ def _through_vertices(window: _Window, vertices: Points, normals: Points, apart:
 
 
 def _sampled(target: Points, apart: Span, window: _Window) -> tuple[Breaks, tuple[int, int]]:
-    """Return breaks at the rings and columns of the vertices, or at equal spacing where there are none, and the degree.
-
-    The degree is not more than the rings can carry.
-    """
+    """Return breaks at the rings and columns of vertices, or, where there are none, evenly spaced; and the degree."""
     low, high = float(target[:, 0].min()), float(target[:, 0].max())
     begin, end = window.span[1]
     rings, columns = clusters(target[:, 0], 0.3 * apart[0]), clusters(target[:, 1], 0.3 * apart[1])

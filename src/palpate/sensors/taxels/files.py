@@ -1,20 +1,98 @@
-"""Define the file format of taxel places."""
+"""Define the file formats of an intensity model and of taxel places."""
 
 from __future__ import annotations
 
+from dataclasses import MISSING, fields
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from palpate.files.models.model import Lines, Model
+from palpate.files.models.model import Lines, Model, span
 from palpate.files.schema import Key, TableForm
+from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.sensors.taxels.places import TaxelPlaces
 
-__all__ = ["TAXELS", "of_taxels"]
-
+__all__ = ["INTENSITY", "TAXELS", "of_taxels"]
 
 _UPPER = np.triu_indices(3)  # of a covariance: xx xy xz yy yz zz
+
+
+def _curve(curve: Curve) -> dict[str, Any]:
+    """Return the keys of a curve without those that its kind does not use."""
+    optional = {each.name for each in fields(curve) if each.default is not MISSING} | {"knots"}
+    stated = {each.name: getattr(curve, each.name) for each in fields(curve)}
+    return {name: value for name, value in stated.items() if name not in optional or np.any(value)}
+
+
+def _intensity(
+    curve: tuple[Curve, ...],
+    which: Int[np.ndarray, "rows columns"] | Int[np.ndarray, " k"] | None = None,
+    **rest: Any,
+) -> Intensity:
+    return Intensity(curve, which, **rest)
+
+
+def _intensity_keys(intensity: Intensity) -> dict[str, Any]:
+    keys = {name: getattr(intensity, name) for name in ("unit", "which", "notes", "provenance")}
+    return keys | {"curve": intensity.curves}
+
+
+def _of_intensity(intensity: Intensity) -> Lines:
+    """Return (name, text) pairs on the curves of a model."""
+    curves, which = intensity.curves, intensity.which
+    kinds = ", ".join(dict.fromkeys(curve.name for curve in curves))
+    sheet = "the same for all cells" if which is None else f"for {' x '.join(map(str, which.shape))} cells"
+    top = np.array([curve.saturation for curve in curves])
+    lag = np.array([curve.hysteresis for curve in curves])
+    unit = intensity.unit
+    falling = "; readings fall under load" if curves[0].falling else ""
+    said = [
+        ("curves", f"{len(curves)}, {kinds}, {sheet}"),
+        ("range", f"{span(np.array([curve.largest for curve in curves]))} N{falling}"),
+        ("residual", f"{span(np.array([curve.residual for curve in curves]))} {unit} rms"),
+    ]
+    if np.isfinite(top).any():
+        said.append(("saturated", f"at {span(top[np.isfinite(top)])} {unit}"))
+    if np.isfinite(lag).any():
+        said.append(("hysteresis", f"{span(100 * lag[np.isfinite(lag)])} % of the span"))
+    return said
+
+
+INTENSITY = Model(
+    Intensity,
+    "an intensity model",
+    "From readings of taxels to forces.",
+    "palpate calibrate intensity",
+    _of_intensity,
+    {
+        Intensity: TableForm(
+            {
+                "which": Key("the curve of each cell, counted from 0"),
+                "unit": Key(),
+                "notes": Key(),
+                "provenance": Key(),
+            },
+            _intensity,
+            _intensity_keys,
+        ),
+        Curve: TableForm(
+            {
+                "kind": Key(),
+                "parameters": Key("see docs/skin_contacts.md; N and counts"),
+                "covariance": Key("of the parameters"),
+                "largest": Key("N, up to which it was measured"),
+                "saturation": Key("reading at the end of the range", infinite=True),
+                "falling": Key("the reading falls as the force grows"),
+                "joint": Key("N, where the two ranges meet"),
+                "knots": Key("N"),
+                "residual": Key("counts, rms of the fit"),
+                "hysteresis": Key("between loading and unloading, as a share of the span"),
+            },
+            spell=_curve,
+        ),
+    },
+)
 
 
 def _taxel_places(taxels: Float[np.ndarray, "k 15"], **rest: Any) -> TaxelPlaces:
@@ -31,15 +109,14 @@ def _taxel_places(taxels: Float[np.ndarray, "k 15"], **rest: Any) -> TaxelPlaces
 
 
 def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
-    numbers = [places.module, places.pokes, places.relative]
-    table = [places.positions, places.normals, *(each[:, None] for each in numbers)]
-    table = np.concatenate([*table, places.covariance[:, _UPPER[0], _UPPER[1]]], axis=1)
+    numbers, upper = (places.module, places.pokes, places.relative), places.covariance[:, _UPPER[0], _UPPER[1]]
+    table = np.column_stack([places.positions, places.normals, *numbers, upper])
     same = ("reach", "noise", "notes", "configurations", "provenance")
     return {name: getattr(places, name) for name in same} | {"taxels": table}
 
 
 def of_taxels(places: TaxelPlaces) -> Lines:
-    """Return a list of (name, text) pairs on taxel places: taxels, modules, normals, standard deviations."""
+    """Return (name, text) pairs on taxel places: taxels, modules, normals, and known deviations [mm]."""
     there, deviation = places.there, places.deviations()
     count, known = np.count_nonzero(there), np.isfinite(deviation) & there
     absent = f", {len(places) - count} numbers without one" if count < len(places) else ""

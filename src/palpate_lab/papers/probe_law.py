@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from palpate.control.admittance import Admittance, force_error, selected_step, turning_error
 from palpate.control.control_law import Sensed
 from palpate.control.probe_face import ProbeFace
 from palpate.control.servo import Servo
-from palpate.control.stability import DelayedRobot, require_stable
+from palpate.control.stability import Admittance, DelayedRobot, require_stable
 from palpate.errors import InputError
 from palpate.signals.filters import Butterworth
 from palpate.signals.smoothing import Forward
+from palpate.spatial._arrays import require_out
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Plain"]
+__all__ = ["Plain", "force_error", "selected_step", "turning_error"]
 
 LOW_PASS = 10.0  # Hz, of the place of the contact, as the paper chose it from a spectrum
 USED = np.full(1, -1, dtype=np.int8)
@@ -84,10 +84,7 @@ class Plain:
         self._turn[:], self._speed = 0.0, 0.0
 
     def observe(self, seen: Sensed) -> None:
-        """Store the force error [N] and the low-passed contact point (2,) [m] of a reading, for `hold`.
-
-        The error is positive if the probe presses too lightly; the point is x and y in the axes of the probe's face.
-        """
+        """Store the force error [N] and the low-passed contact point x, y [m] of a reading, for `hold`."""
         self._time[0], self._place[0] = seen.time, seen.place[:2]
         self._low_pass(self._time, USED, self._place)
         self._off = force_error(float(seen.force[2]), self.force)
@@ -119,3 +116,60 @@ class Plain:
         for k, error in enumerate(turning_error(x, y)):
             self._turn[k] = self.turning[k].step(float(self._turn[k]), error, period)
         selected_step(rotation, self._speed, (float(self._turn[0]), float(self._turn[1])), period, out)
+
+
+def force_error(force: float, wanted: float) -> float:
+    """Return the force error f_z - f_d [N] of (7) of `probe`, positive if the probe presses too lightly.
+
+    A positive error moves the probe along z, deeper into the tissue. f_z < 0 while pressed, and f_d is -`wanted`.
+
+    Args:
+        force: z of the force on the probe, in the sensor's frame [N].
+        wanted: wanted contact force, positive [N].
+    """
+    return force + wanted
+
+
+def turning_error(x: float, y: float) -> tuple[float, float]:
+    """Return the errors that turn the probe about x and y, for a contact at (x, y) from its wanted place [m].
+
+    (8) sets each turn equal to the offset along its own axis; geometry pairs them crosswise. On a convex probe that
+    points along z the outward normal at (x, y) is n = (x/R_x, y/R_y, 1) to first order, R its radii there. The tissue
+    touches where its own normal is -n. Turning the probe by the rotation vector z x n = (-y/R_y, x/R_x, 0) brings its z
+    onto n, and so the contact back to the middle: about x with -y, about y with +x.
+
+    Returns:
+        (-y, x) [m].
+    """
+    return -y, x
+
+
+@takes_arrays
+def selected_step(
+    rotation: Float[np.ndarray, "3 3"],
+    speed: float,
+    turning: tuple[float, float],
+    dt: float,
+    out: Float[np.ndarray, " 6"],
+) -> None:
+    """Write the wanted step of the sensor, (9) of `probe`: only along its z, only about its x and y; in base axes.
+
+        e = dt [R (S_z . v), R (S_xy . w)],   S_z = (0, 0, 1),  S_xy = (1, 1, 0)
+
+    The dt is missing in print, where e is called a difference of poses but is made of velocities.
+
+    Args:
+        rotation: R of the sensor in the base.
+        speed: v_z [m/s].
+        turning: w_x, w_y [rad/s].
+        dt: [s].
+        out: (6,) translation [m], then rotation vector [rad].
+
+    Raises:
+        InputError: `out` has another shape or is not writable.
+    """
+    require_out(out, (6,))
+    along, about_x, about_y = dt * speed, dt * turning[0], dt * turning[1]
+    for r in range(3):
+        out[r] = rotation[r, 2] * along
+        out[3 + r] = rotation[r, 0] * about_x + rotation[r, 1] * about_y

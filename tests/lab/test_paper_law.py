@@ -1,31 +1,18 @@
-"""The paper's admittances: their steady state, and signs that geometry decides."""
+"""The law of `probe`: signs that geometry decides, and gains that are refused."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from palpate.control.admittance import Admittance, force_error, selected_step, turning_error
+from palpate.control.probe_face import ProbeFace
+from palpate.control.stability import Admittance
 from palpate.errors import InputError
 from palpate.spatial.pose import Pose
+from palpate.surfaces import Sphere
+from palpate_lab.papers.probe_law import Plain, force_error, selected_step, turning_error
 
 RADIUS = 0.06
-
-
-def test_a_constant_error_ends_in_its_share_of_the_damping() -> None:
-    """The recursion's closed form, v = (1 - (1 - a)^k) error/D with a = dt D/M, to rounding."""
-    law, speed, dt = Admittance(10.0, 290.0), 0.0, 0.02
-    for k in range(1, 200):
-        speed = law.step(speed, 2.0, dt)
-        assert speed == pytest.approx((1.0 - (1.0 - dt * 29.0) ** k) * 2.0 / 290.0, rel=1e-9)
-    assert law.step(speed, np.nan, dt) == 0.0
-    assert law.step(np.inf, 1.0, dt) == 0.0
-
-
-@pytest.mark.parametrize("wrong", [(0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (1.0, np.inf)])
-def test_mass_and_damping_are_positive(wrong: tuple[float, float]) -> None:
-    with pytest.raises(InputError, match="must be positive"):
-        Admittance(*wrong)
 
 
 def test_a_light_touch_goes_deeper() -> None:
@@ -70,3 +57,11 @@ def test_a_step_is_along_z_and_about_x_and_y() -> None:
     assert rotation.T @ e[3:] == pytest.approx([0.004, -0.008, 0.0], abs=1e-15)
     with pytest.raises(InputError, match="out must be a writable"):
         selected_step(rotation, 0.5, (0.2, -0.4), 0.02, np.empty(12)[::2])
+
+
+def test_gains_that_are_none_are_refused() -> None:
+    face = ProbeFace.of(Sphere(0.03).mesh(2000))
+    with pytest.raises(InputError, match="damping of at least"):
+        Plain(face, 7.0, Admittance(10.0, 60.0), 2.6, stiffest=2500.0)
+    with pytest.raises(InputError, match="bandwidth"):
+        Plain(face, 7.0, Admittance(10.0, 290.0), 0.0, stiffest=2500.0)
