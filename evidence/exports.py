@@ -119,15 +119,19 @@ def _ati(force: float = 1e6, torque: float = 1e6, units: str = "Nm", *, cut: boo
 
 
 def _franka(*, both: bool) -> str:
-    """As libfranka's logToCSV: arrays numbered from 0, the time in ms."""
+    """As libfranka's logToCSV: arrays numbered from 0, the time in ms; wrenches are what the arm does to the world."""
     q = [f"state.q[{k}]" for k in range(7)]
     base = [f"state.O_F_ext_hat_K[{k}]" for k in range(6)]
     own = [f"state.K_F_ext_hat_K[{k}]" for k in range(6)]
     joints = [np.linspace(0, 1, ROWS).round(3)] * 7
-    turned = [np.round(0.5 * column, 6) for column in WRENCH.T]
-    columns = [*joints, *turned, *_wrench()] if both else [*joints, *_wrench()]
+    pose = np.eye(4)
+    pose[:3, 3] = place = np.array([0.5, 0.1, 0.4])
+    names, there = [f"state.O_T_EE[{k}]" for k in range(16)], np.tile(pose.T.ravel(), (ROWS, 1)).T
+    about = -np.column_stack([WRENCH[:, :3], WRENCH[:, 3:] + np.cross(place, WRENCH[:, :3])])
+    columns = [*joints, *there, *about.T, *(-WRENCH.T if both else [])]
     return _table(
-        ["duration", "success rate", *q, *base, *(own if both else [])], _cells(_time(1e3), ["1"] * ROWS, *columns)
+        ["duration", "success rate", *q, *names, *base, *(own if both else [])],
+        _cells(_time(1e3), ["1"] * ROWS, *columns),
     )
 
 
@@ -250,6 +254,8 @@ READ = (  # what is read: most without a word, others with what they were taken 
         _table(["Time(s)", *(f"{name}(N)" for name in FT[:3]), *(f"{name}(Nm)" for name in FT[3:])], _ROWS, ";"))),
     Export(*_file("franka.csv", "libfranka's log of an error: both external wrenches, time in ms", _franka(both=True)),
         says=("stiffness frame K", "2 wrenches", _NO_UNIT, "taken for ms")),
+    Export(*_file("franka_base.csv", "libfranka's log with the wrench in the base frame only", _franka(both=False)),
+        says=("base O", "does to the world"), tolerance=(1e-9, 1e-9)),
     Export(*_file("ur_rtde.csv", "UR RTDE record.py: spaces; the wrench along the base's axes",
         _table(["timestamp", *(f"actual_TCP_force_{k}" for k in range(6)), "qx", "qy", "qz", "qw"],
             _cells(_time(1, 900), *_wrench(), _ZERO, _ZERO, _ZERO, ["1"] * ROWS), " ")), says=("axes of its base",)),
@@ -319,8 +325,6 @@ EDITED = (  # what is read after the line is changed that `rig new` names
         edit=(_PER_COUNT, 'units = { force = "N/10000", torque = "N m/100000" }'), tolerance=(1e-4, 1e-5)),
     Export(*_file("netft_cut.csv", "ATI Net F/T without the lines that say what a count is", _ati(cut=True)),
         says=("integers",), edit=(_PER_COUNT, 'units = { force = "N/1000000", torque = "N m/1000000" }')),
-    Export(*_file("franka_base.csv", "libfranka's log with the wrench in the base frame only", _franka(both=False)),
-        says=("base frame O", 'frame = "sensor"'), edit=('frame = "base"  ', 'frame = "sensor"')),
 )  # fmt: skip
 
 REFUSED = (

@@ -49,6 +49,7 @@ _DERIVED = re.compile(  # words of wrenches that were not measured: these come l
     r"(?:^|[\W_])(?:desired|des|command\w*|cmd|target|set_?point|ref|reference|bias|offset|std|sigma|error|noise)(?=[\W_]|$)",
     re.IGNORECASE,
 )
+_BASED = re.compile("O_F_ext_hat_K|actual_TCP_force|fActualETT", re.IGNORECASE)  # along the axes of a base
 _COUNTER = re.compile(
     r"^(?:.*[\W_])?(?:samples?|seq|sequence|index|idx|counter|count|frame|packet|no|nr|n|#)\.?$", re.I
 )
@@ -70,7 +71,7 @@ def wrenches(names: Sequence[str]) -> list[tuple[str, ...]]:
     if made_up(names) and len(names) % 6 < 2:
         first = len(names) % 6
         found += [tuple(names[k : k + 6]) for k in range(first, len(names), 6)]
-    return sorted(dict.fromkeys(found), key=lambda six: (six[0].startswith("O_"), bool(_DERIVED.search(six[0]))))
+    return sorted(dict.fromkeys(found), key=lambda six: (bool(_BASED.search(six[0])), bool(_DERIVED.search(six[0]))))
 
 
 def wrench_columns(names: Sequence[str]) -> tuple[str, ...] | None:

@@ -54,6 +54,12 @@ class SensorPose:
         """True if logged orientations are quaternions x, y, z, w of the sensor in the base already."""
         return self._form == QUATERNION and not self._inverse and not self._turn
 
+    @property
+    def named(self) -> str:
+        """Words for orientations that are no rotations."""
+        plain = self._form.startswith("quaternion")
+        return "quaternions have a length far from 1" if plain else "orientations are no rotations"
+
     def convert(
         self, values: Float[np.ndarray, "n k"], position: Float[np.ndarray, "n 3"] | None
     ) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"] | None]:

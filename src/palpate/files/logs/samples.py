@@ -143,7 +143,7 @@ class SampleReader:
             *self._times.oddities(),
             (
                 none,
-                f"{none} orientations are no rotations (length far from 1, not orthonormal) and were left out",
+                f"{none} {self._pose.named} and were left out",
             ),
             (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
         )
