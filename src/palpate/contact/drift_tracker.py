@@ -204,7 +204,7 @@ class DriftTracker:
             self._smooth(len(self._nodes))
 
     def at(self, time: float) -> ZeroState:
-        """Return the bias at a time [s] and the temperature of the entered window as a `ZeroState`."""
+        """Return the bias at a time [s], as a `ZeroState`, if the sensor is as warm as in the entered window."""
         return self._warmed(self.filter.at(time), self._kelvin)
 
     def settled(self) -> Iterator[ZeroState]:

@@ -81,7 +81,8 @@ class AlignController:
             )
         if face is None:
             if not isinstance(surface, Mesh):
-                raise InputError("must be stated, as the estimator's surface is not a mesh.", where="face")
+                what = "the probe's face must be stated: it is known only of a mesh."
+                raise InputError(what, where="face", hint="Pass a ProbeFace.")
             face = ProbeFace.of(surface)
         self.arm, self.estimator, self.face, self.force = arm, estimator, face, float(force)
         self.servo = Servo() if servo is None else servo

@@ -148,7 +148,7 @@ class Supervisor:
         self._silent(time, "no new reading of the sensor")
 
     def pressed(self, time: float) -> None:
-        """Change from CONTACT to HOLD, as the wanted force is there and the law is ready."""
+        """Change from CONTACT to HOLD; call it once the wanted force is there and the law is ready."""
         if self.state == State.CONTACT:
             self._to(State.HOLD, "force and angle are held", time)
 

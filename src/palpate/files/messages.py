@@ -125,7 +125,7 @@ class MessageFile(Watched, ABC):
             return next((found for piece in pieces if (found := read(piece.of(topic))) is not None), None)
 
     def has_stamps(self, topic: Topic, read: Callable[[MessageBlock], Iterable[int]]) -> bool:
-        """Return True unless the first stamps of a topic, two at most, are 0: a clock may begin at 0.
+        """Return whether a topic has stamps: False if its first two, or its only one, are all 0, as without a clock.
 
         `read` returns the stamps in a block of the topic's messages.
 

@@ -174,7 +174,9 @@ class RingView(Value):
         if self.angles.ndim != 1 or len(self.angles) < 3 or not np.isfinite(self.angles).all():
             raise InputError("angles must be three or more finite numbers [rad], one for each marker.")
         if pose.translation.shape != (3,) or not abs(pose.translation[2]) > 1e-6:
-            raise InputError("the pose must be of one camera, outside the plane of the ring.")
+            raise InputError(
+                "the pose must be one pose, (3,) translations, with the camera off the ring's plane (z not 0)."
+            )
         if self.rings.ndim != 1 or not len(self.rings) or self.rings[0] != 0.0 or len(self.angles) % len(self.rings):
             raise InputError(
                 "rings must be a list of heights that begins with 0, with the same number of markers in each ring."

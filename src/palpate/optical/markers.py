@@ -79,7 +79,9 @@ class MarkerColour:
         if self.background < 0:
             raise InputError(f"background must be 0 px or more, not {self.background} px.")
         if not 0 <= self.others <= 8:
-            raise InputError(f"others must be from 0 to 8 (sixteenths), not {self.others}.")
+            raise InputError(
+                f"others, the share of another colour in sixteenths, must be from 0 to 8, not {self.others}."
+            )
 
     @property
     def weights(self) -> Int[np.ndarray, " 4"]:

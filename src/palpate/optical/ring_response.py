@@ -73,7 +73,10 @@ class RingResponse(Value):
     def __post_init__(self) -> None:
         shape = self.coefficients.shape
         if shape[0] not in (3, 4) or shape[1] % 2 or shape[2] % 2 == 0 or shape[3] % 2 == 0:
-            raise InputError(f"coefficients must have shape (3 or 4, 2 for each ring, odd, odd), not {shape}.")
+            raise InputError(
+                "coefficients must have shape (3 or 4 terms, 2 numbers of each ring, an odd number of angles, of heights), not "
+                f"{shape}."
+            )
         if len(self.misfit) != shape[1]:
             raise InputError(
                 f"misfit must have {shape[1]} rows, the second length of coefficients, not {len(self.misfit)}."

@@ -62,7 +62,8 @@ class Motion:
                 f"the source of acceleration {source!r} is unknown.", hint=f"Use one of {', '.join(SOURCES)}."
             )
         if source == "imu" and (gravity is None or not np.isfinite(gravity).all()):
-            raise InputError("an IMU also measures gravity, and no payload states its direction.", where="acceleration")
+            what = "an IMU also measures gravity, and its direction in the base is not known."
+            raise InputError(what, where="acceleration", hint="Use a payload, which states it, or another kind.")
         self.source, self.gravity = source, gravity
         self.window = window
         self.lever = np.zeros(3) if lever is None else np.asarray(lever, dtype=np.float64)

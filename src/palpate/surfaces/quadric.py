@@ -39,7 +39,10 @@ class Quadric(Analytic):
         return np.asarray(value), 2.0 * (half + linear), np.broadcast_to(2.0 * square, (*points.shape, 3))
 
     def equation(self) -> Float[np.ndarray, "10"]:
-        """Return the coefficients (10,) of the form in q, p = scale q + middle of the box; the largest is 1 or -1."""
+        """Return the coefficients of the quadratic form, (10,), without a unit; the largest is 1 or -1.
+
+        They are those of xx, yy, zz, xy, xz, yz, x, y, z and 1, for points in half sizes of the box from its middle.
+        """
         square, linear, constant = self.form()
         middle, scale = self.box.mean(axis=0), 0.5 * self.size
         flat = square[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]

@@ -40,7 +40,7 @@ def table_of(contacts: Contacts) -> str:
 
 
 def drawing_of_touches(contacts: Contacts, surface: SurfaceLike | None) -> Drawing:
-    """Return a `Drawing` of each touch (at most 200): its number, its place, and the force at its peak.
+    """Return one `Drawing` of all touches (at most 200), each with its number, place, and force at its peak.
 
     Raises:
         InputError: `surface` is no surface, such as the path of a mesh file, whose unit is not given.
@@ -54,7 +54,7 @@ def drawing_of_touches(contacts: Contacts, surface: SurfaceLike | None) -> Drawi
 
 
 def drawing_of_estimates(found: ContactEstimate, surface: SurfaceLike | None) -> Drawing:
-    """Return a `Drawing` of each estimate with a place, as an arrow and its 95 % ellipse; of many, an even share.
+    """Return one `Drawing` of the estimates with a place, as arrows and 95 % ellipses; of many, an even share.
 
     Raises:
         InputError: `surface` is no surface, such as the path of a mesh file, whose unit is not given.

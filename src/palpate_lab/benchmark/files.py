@@ -211,7 +211,9 @@ def _stated(table: TextTable) -> tuple[str, ...]:
     for name in table.names:
         if name not in known:
             raise InputError(
-                f"the column {name!r} is unknown in answers.", where=str(table.path), hint=near(name, known)
+                f"a file of answers to the benchmark has no column {name!r}.",
+                where=str(table.path),
+                hint=near(name, known),
             )
     groups = [group for group in (POINT, FORCE, COVARIANCE) if group is POINT or set(group) & set(table.names)]
     names = tuple(name for group in groups for name in group)

@@ -124,7 +124,8 @@ def _write_frames(session: RingSession, folder: Path, images: Images, watch: Cal
     code = cv2.VideoWriter_fourcc(*"MJPG")
     writer = cv2.VideoWriter(str(path), cv2.CAP_OPENCV_MJPEG, code, RATE, (camera.width, camera.height))
     if not writer.isOpened():
-        raise InputError("could not be written as Motion JPEG.", where=str(path))
+        what = "OpenCV cannot open this file to write a video (Motion JPEG)."
+        raise InputError(what, where=str(path), hint="Check the folder and the free space.")
     try:
         writer.set(cv2.VIDEOWRITER_PROP_QUALITY, quality)
         for at, frame in enumerate(frames):

@@ -57,7 +57,7 @@ _WORKBOOKS = (b"[Content_Types]", b"_rels/", b"xl/", b"docProps/", b"mimetype") 
 
 
 def contents(path: str | Path | Mapping[str, np.ndarray]) -> LogContents:
-    """Return what is known of a log before its samples are read.
+    """Return `LogContents`: names, units, topics and images of a log, before its samples are read.
 
     Args:
         path: file, or folder of a bag or of images, or arrays by name.

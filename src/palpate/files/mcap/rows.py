@@ -32,7 +32,7 @@ def layout(fields: Fields) -> np.dtype[np.void]:
 
 
 def stamped(frame_id: str, fields: Fields) -> tuple[Fields, Mapping[str, object]]:
-    """Return the fields of a message with a header, and the header values that all such messages share."""
+    """Return the fields of a message with a header, a tuple of (name, dtype, shape), and a dict of shared header values."""
     frame = frame_id.encode() + b"\0"
     header: Fields = (("sec", "<i4", ()), ("nanosec", "<u4", ()), ("named", "<u4", ()), ("frame", f"S{len(frame)}", ()))
     return (*header, *fields), {"named": len(frame), "frame": frame}
@@ -63,7 +63,11 @@ class ChannelRows:
 
 @takes_arrays
 def made(kinds: Sequence[ChannelRows], stamps: Sequence[Int[np.ndarray, " _"]]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return messages for the stamps (n,) [ns] of each kind: their bytes (uint8), and a structured view (n,) per kind.
+    """Return new messages: the bytes of all, one uint8 array, and for each kind a structured view of its part of them.
+
+    Args:
+        kinds: channels of the messages.
+        stamps: (n,) [ns] of each kind; its view has n rows.
 
     Raises:
         ValueError: there are not as many `stamps` as `kinds`.

@@ -51,7 +51,11 @@ class Parametric(Protocol):
         ...
 
     def geodesics(self, begin: Float[np.ndarray, "m 6"], step: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return states u, v, u', v', J, J' and their slopes, (steps + 1, m, 6) each, along geodesics from `begin`."""
+        """Return two arrays (steps + 1, m, 6) along m geodesics: states and their derivatives by arc length.
+
+        A state is u, v, u', v', the spread J of neighbouring geodesics, and J'. `begin` holds the first states, (m, 6);
+        `step` is a length [m].
+        """
         ...
 
 

@@ -196,7 +196,7 @@ def _round(site: Site, planes: Planes) -> tuple[Chart, Sections]:
         said = f"between {1e3 * (low - shift):.1f} and {1e3 * (high - shift):.1f} mm along the axis"
         low, high = max(low, float(own[0])), min(high, float(own[-1]))
         if not low < high:
-            raise GeometryError(f"no two planes of the first family meet the link: give heights {said}.")
+            raise GeometryError(f"no two of the planes across the axis meet the link: state their heights {said}.")
     spokes = np.linspace(-np.pi, np.pi, _SPOKES, endpoint=False)
     return chart, cut(chart, triangles, np.linspace(low, high, _ROWS), spokes)
 
