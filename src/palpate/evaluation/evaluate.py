@@ -70,7 +70,7 @@ class EvaluationReport:
 
 
 def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance: float = 0.02) -> EvaluationReport:
-    """Compare contacts with the truth, and return an `EvaluationReport`; at every instant, a truth has at most one contact.
+    """Compare contacts with the truth in an `EvaluationReport`; at every instant, a truth has at most one contact.
 
     Args:
         contacts: of any sensor, in the truth's frame.

@@ -105,7 +105,7 @@ class OpenedLog:
         self._log, self._ahead = PrefetchedLog(self._log, reader, motion, told), True
 
     def head(self, seconds: float = 0.0) -> Recording:
-        """Return the log's start as a `Recording`: 20,000 samples and at least `seconds` [s], or 30 images; none is consumed.
+        """Return the log's start as a `Recording`: 20,000 samples and at least `seconds` [s], or 30 images; it is kept.
 
         Raises:
             InputError: the log holds no samples, or lacks something that the rig requests.

@@ -32,7 +32,7 @@ def layout(fields: Fields) -> np.dtype[np.void]:
 
 
 def stamped(frame_id: str, fields: Fields) -> tuple[Fields, Mapping[str, object]]:
-    """Return the fields of a message with a header, a tuple of (name, dtype, shape), and a dict of shared header values."""
+    """Return the fields of a message with a header, (name, dtype, shape) each, and a dict of shared header values."""
     frame = frame_id.encode() + b"\0"
     header: Fields = (("sec", "<i4", ()), ("nanosec", "<u4", ()), ("named", "<u4", ()), ("frame", f"S{len(frame)}", ()))
     return (*header, *fields), {"named": len(frame), "frame": frame}

@@ -192,7 +192,7 @@ def read_table(path: Path) -> TextTable:
 
 
 def tables(file: BinaryIO, path: Path, size: int) -> Iterator[TextTable]:
-    """Yield the rows of an open file as `TextTable`s of about `size` bytes (-1: one of all); the first may have no rows.
+    """Yield the rows of an open file as a `TextTable` for each `size` bytes (-1: one); the first may have no rows.
 
     Raises:
         InputError: the file is not text, is empty, or has no header.
