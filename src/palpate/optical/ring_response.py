@@ -74,8 +74,8 @@ class RingResponse(Value):
         shape = self.coefficients.shape
         if shape[0] not in (3, 4) or shape[1] % 2 or shape[2] % 2 == 0 or shape[3] % 2 == 0:
             raise InputError(
-                "coefficients must have shape (3 or 4 terms, 2 numbers of each ring, an odd number of terms in delta, and "
-                f"in phi), not {shape}."
+                "coefficients must have shape (3 or 4 terms, 2 numbers of each ring, an odd number of terms in delta, "
+                f"and in phi), not {shape}."
             )
         if len(self.misfit) != shape[1]:
             raise InputError(

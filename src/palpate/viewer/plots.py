@@ -296,7 +296,7 @@ def _banded(
 
 
 def strip(axes: Any, time: Float[np.ndarray, " n"], kinds: Int[np.ndarray, " n"], inks: Sequence[str]) -> None:
-    """Draw a strip of colours over time [s] on matplotlib's `axes`, each column in the ink of its most frequent kind."""
+    """Draw a strip of colours over time [s] on matplotlib's `axes`, each column in its most frequent kind's ink."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     axes.set_yticks([])
