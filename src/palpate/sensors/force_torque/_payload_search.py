@@ -77,14 +77,17 @@ class _Poses:
         gram = np.einsum("nip,niq->npq", columns, columns)
         right = np.einsum("nip,ni->np", columns, target)
         ridge = 1e-12 * np.trace(gram.sum(axis=0)) / columns.shape[2] * np.eye(columns.shape[2])
-        chosen = self.starts.astype(np.float64)
-        for _ in range(4):
+
+        def fitted(chosen: Float[np.ndarray, "m n"]) -> tuple[np.ndarray, np.ndarray]:
+            """Return parameters (m, p) by least squares of the chosen poses, and squared residuals (m, n) of all."""
             found = np.linalg.solve(np.tensordot(chosen, gram, 1) + ridge, (chosen @ right)[..., None])[..., 0]
-            squares = ((target - np.einsum("nip,mp->mni", columns, found)) ** 2).sum(axis=2)
-            nearest = np.argpartition(squares, self.kept - 1, axis=1)[:, : self.kept]
-            chosen = np.zeros_like(chosen)
-            np.put_along_axis(chosen, nearest, 1.0, axis=1)
-        sums = np.take_along_axis(squares, nearest, axis=1).sum(axis=1)
+            return found, ((target - np.einsum("nip,mp->mni", columns, found)) ** 2).sum(axis=2)
+
+        found, squares = fitted(self.starts.astype(np.float64))
+        for _ in range(3):
+            limit = np.partition(squares, self.kept - 1, axis=1)[:, self.kept - 1, None]
+            found, squares = fitted((squares <= limit).astype(np.float64))
+        sums = np.partition(squares, self.kept - 1, axis=1)[:, : self.kept].sum(axis=1)
         best = int(np.argmin(sums))
         rounding = ROUNDING * float(np.abs(target).max(initial=0.0))
         return max(float(np.sqrt(sums[best] / (3 * self.kept))), rounding, 1e-300), found[best]
