@@ -78,6 +78,9 @@ class DriftFit(Value):
 
         Args:
             sound: (k,) True for a channel that was fitted; the others get the root mean square of the fitted values.
+
+        Raises:
+            InputError: sound has another shape.
         """
 
         def filled(values: np.ndarray) -> np.ndarray:

@@ -183,6 +183,9 @@ class Search:
             noise: (m,) standard deviations or (m, m) covariance of one reading, as stated; None: not stated.
             step: [s] from one reading to the next.
             names: names of the channels.
+
+        Raises:
+            InputError: noise has another shape.
         """
         said: list[str] = []
         if self.touched:

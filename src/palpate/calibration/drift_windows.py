@@ -75,6 +75,9 @@ def windows_of(
         values: (n, m) finite.
         courses: (n, q); missing values are interpolated in time.
         length: least length of a window [s]; one of fewer than four samples is made longer.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     span = float(time[-1] - time[0])
     step = float(np.median(np.diff(time)))
@@ -120,6 +123,9 @@ def untouched(
         walk: (m,) variance [unit^2/s].
         noise: (m,) variance of a mean.
         course: (w, m) known change of the bias; None: 0.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     mean = windows.mean if course is None else windows.mean - course
     forward = _gated(windows.middle, mean, walk, noise)
@@ -193,6 +199,10 @@ def _gated(
 
 @takes_arrays
 def stretches(windows: Windows, mask: Bool[np.ndarray, " w"]) -> list[tuple[float, float]]:
-    """Return (beginning, end) [s] of each stretch of True in a mask (w,) of the windows."""
+    """Return (beginning, end) [s] of each stretch of True in a mask (w,) of the windows.
+
+    Raises:
+        InputError: mask has another shape.
+    """
     middle, half = windows.middle, windows.length / 2.0
     return [(float(middle[a] - half), float(middle[b - 1] + half)) for a, b in _runs(mask)]

@@ -31,6 +31,9 @@ def find_presses(
         wrenches: (n, 6) compensated [N, N m].
         on: force [N] that a touch exceeds.
         off: force [N] below which it has ended.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     strength = np.where(np.isfinite(wrenches).all(axis=1), np.linalg.norm(wrenches[:, :3], axis=1), 0.0)
     edges = np.flatnonzero(np.diff(strength > off, prepend=False, append=False))

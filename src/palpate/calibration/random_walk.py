@@ -84,7 +84,11 @@ class WalkFit(Value):
 def steps_of(
     middle: Float[np.ndarray, " w"], mean: Float[np.ndarray, "w m"], window: float, longest: float = np.inf
 ) -> Steps:
-    """Return the `Steps` from window to window; a step over a gap longer than `longest` [s] is omitted."""
+    """Return the `Steps` from window to window; a step over a gap longer than `longest` [s] is omitted.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     apart = np.diff(middle)
     kept = np.flatnonzero(apart <= longest)
     return Steps(np.diff(mean, axis=0)[kept], apart[kept], np.diff(kept) == 1, np.zeros((len(kept), 0)), window)
@@ -133,7 +137,11 @@ def innovations(steps: Steps, fit: WalkFit) -> Float[np.ndarray, "k m"]:
 def courses_of(
     steps: Steps, walk: Float[np.ndarray, " m"], noise: Float[np.ndarray, " m"]
 ) -> tuple[Float[np.ndarray, "p m"], Float[np.ndarray, "m p p"], float]:
-    """Return `course`, `covariance` and `likelihood` of a `WalkFit` with a given walk and noise (m,)."""
+    """Return `course`, `covariance` and `likelihood` of a `WalkFit` with a given walk and noise (m,).
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     variances: list[list[float]] = (np.stack([walk, noise], axis=1) ** 2).tolist()
     each = [_Solved(steps, k, *pair) for k, pair in enumerate(variances)]
     course = np.stack([one.course for one in each], axis=1)

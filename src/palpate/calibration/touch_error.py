@@ -62,6 +62,9 @@ def touch_error(
         normals: (n, 3) at these points.
         noise: (6, 6) covariance of a sample; None: 0.
         pose_from: returns T_sensor_surface from the touches of these numbers.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     every: Int[np.ndarray, " n"] = np.arange(len(touches), dtype=np.int64)
     folds = np.array_split(every, FOLDS) if len(touches) >= MANY else [every]
@@ -97,6 +100,10 @@ def _moments(
 
 @takes_arrays
 def spread_in_time(errors: Float[np.ndarray, "n k"]) -> float:
-    """Return the longest correlation time of errors (n, k) of n touches, in touches; 1 if it is not significant."""
+    """Return the longest correlation time of errors (n, k) of n touches, in touches; 1 if it is not significant.
+
+    Raises:
+        InputError: errors has another shape.
+    """
     longest = float(correlation_time(errors).max())
     return longest if longest > 1.0 + SURE / len(errors) ** 0.5 else 1.0

@@ -73,6 +73,9 @@ def cross_validate(
             by those of the fit and of the data.
         parts: number of parts, each of consecutive rows.
         blocks: number of blocks of consecutive rows that are dealt out to the parts in turn; None: one per part.
+
+    Raises:
+        InputError: predict has another shape.
     """
     part = np.arange(count) * (blocks or parts) // max(count, 1) % parts
     squares, ranks = list[float](), list[int]()
@@ -95,6 +98,9 @@ def pseudo_inverse(matrix: Float[np.ndarray, "p p"], least: float = 1e-12) -> Fl
     Args:
         matrix: (p, p), scaled to a diagonal of 1 first.
         least: eigenvalues below this share of the largest count as 0.
+
+    Raises:
+        InputError: matrix has another shape.
     """
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     size[size == 0] = np.inf

@@ -110,7 +110,11 @@ def assembled(
     features: dict[str, Float[np.ndarray, " n"]],
     notes: tuple[str, ...] = (),
 ) -> Contacts:
-    """Make `Contacts` from columns, with those of `NUMBERS` in `numbers`. The residual, not in files, is NaN."""
+    """Make `Contacts` from columns, with those of `NUMBERS` in `numbers`. The residual, not in files, is NaN.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     vectors, variances = numbers[:, 1:11], numbers[:, 11:]
     covariance = np.empty((len(sample), 3, 3))
     covariance[:, *_UPPER] = variances

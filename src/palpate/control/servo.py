@@ -139,7 +139,11 @@ class ServoModel:
         self.start(0.0, np.zeros(count))
 
     def start(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
-        """Begin at rest at joints (n,) [rad, m] at a time [s], without commands, offset and `missed`."""
+        """Begin at rest at joints (n,) [rad, m] at a time [s], without commands, offset and `missed`.
+
+        Raises:
+            InputError: joints has another shape.
+        """
         self._course, self._fed = _Course(self.servo, time, joints), time
         self.offset[:], self.joints[:] = 0.0, joints
         self._waiting.clear()
@@ -149,7 +153,11 @@ class ServoModel:
         self._kept = 0
 
     def send(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
-        """Add a command (n,) [rad, m] sent at a time [s]."""
+        """Add a command (n,) [rad, m] sent at a time [s].
+
+        Raises:
+            InputError: joints has another shape.
+        """
         self._waiting.append((time + self.servo.delay, joints.copy()))
 
     def advance(self, time: float) -> None:

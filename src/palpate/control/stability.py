@@ -134,6 +134,9 @@ class DelayedRobot(Value):
         """Return the states (`size`, n) at the next reading; commands and smoothed values are (n,).
 
         state[0] is the previous command, state[1] the one before that.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         commands = np.vstack([command, state[: self.delay]])
         parts = [commands]

@@ -168,6 +168,7 @@ class TouchNavigator:
             pose: x [m], y [m] and heading [rad] of the robot in the goal's frame.
 
         Raises:
+            InputError: arrays of other shapes.
             ValueError: an angle of a touch is infinite.
         """
         x, y, heading = (float(value) for value in pose)

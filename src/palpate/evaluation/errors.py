@@ -29,7 +29,11 @@ class ErrorSummary:
 
     @classmethod
     def of(cls, errors: Float[np.ndarray, " n"]) -> ErrorSummary | None:
-        """Return the summary of the finite errors (n,); None if there are none."""
+        """Return the summary of the finite errors (n,); None if there are none.
+
+        Raises:
+            InputError: errors has another shape.
+        """
         known = errors[np.isfinite(errors)]
         if not len(known):
             return None
@@ -59,13 +63,21 @@ class EllipseCoverage:
 
 @takes_arrays
 def distances(points: Float[np.ndarray, "n 3"], truth: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Return the distances between points, (n,) [m]; NaN where either point is NaN."""
+    """Return the distances between points, (n,) [m]; NaN where either point is NaN.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     return np.linalg.norm(points - truth, axis=-1)
 
 
 @takes_arrays
 def angles(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Return the angles between directions, (n,) [rad]; NaN where either is NaN or zero."""
+    """Return the angles between directions, (n,) [rad]; NaN where either is NaN or zero.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     sine, cosine = np.linalg.norm(np.cross(one, other), axis=-1), np.sum(one * other, axis=-1)
     zero = (np.linalg.norm(one, axis=-1) == 0) | (np.linalg.norm(other, axis=-1) == 0)
     return np.where(zero, np.nan, np.arctan2(sine, cosine))
@@ -79,6 +91,9 @@ def coverage(
 
     Those without truth (n, 3) [m], or whose covariance C is NaN or not of rank 2, are omitted. The squared distance is
     d' C^+ d, C^+ the inverse within the two directions in which C has variance.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     usable = which & np.isfinite(estimate.covariance).all(axis=(-2, -1)) & np.isfinite(truth).all(axis=-1)
     rows: Int[np.ndarray, " k"] = np.flatnonzero(usable)

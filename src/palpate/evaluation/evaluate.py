@@ -101,6 +101,9 @@ def report(
         match: (n,) number of each contact's truth, -1 for none.
         due: (n,) there was a truth at its time; None: unmatched contacts are not counted.
         touches: of which `location` is the summary, if any.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     answered = (match >= 0) & contacts.answered
     row = np.where(answered, match, -1)

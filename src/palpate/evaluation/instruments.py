@@ -76,6 +76,9 @@ def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: B
         surface: mesh of the link.
         wrenches: (n, 6) [N, N m] about the link's origin, in its frame.
         alone: (n,) there was one touch.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     force, torque = wrenches[:, :3], wrenches[:, 3:]
     size = np.linalg.norm(force, axis=1)
@@ -122,6 +125,9 @@ def wand_points(
         wand: (v, 3) [m] points of the wand's surface in its frame.
         rotation: (n, 3, 3) of the wand in the link's frame; NaN where it was lost.
         position: (n, 3) [m] of its origin there.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     points, said = np.full((len(position), 3), np.nan), list[str]()
     for k in range(len(position)):
@@ -197,7 +203,11 @@ def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
 
 @takes_arrays
 def medians(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Contacts:
-    """Return one contact per touch, the median of its rows, of which `touches` has the indices."""
+    """Return one contact per touch, the median of its rows, of which `touches` has the indices.
+
+    Raises:
+        InputError: touches has another shape.
+    """
     return Contacts.joined([contacts[:0], *(_median(contacts[rows]) for rows in touches)])
 
 

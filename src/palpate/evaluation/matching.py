@@ -19,7 +19,11 @@ _NOWHERE = 1e9  # m: how far a contact that is not answered is from every truth
 def nearest_in_time(
     time: Float[np.ndarray, " n"], known: Float[np.ndarray, " k"], tolerance: float
 ) -> Int[np.ndarray, " n"]:
-    """Return for each time the index of the nearest known one, (n,), -1 where none is within `tolerance` [s]."""
+    """Return for each time the index of the nearest known one, (n,), -1 where none is within `tolerance` [s].
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     order = np.argsort(known)
     order = order[np.isfinite(known[order])]
     if not len(order):

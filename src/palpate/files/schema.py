@@ -125,6 +125,7 @@ def covariance_matrix(
     """Return `rows` as an array (size, size), checked to be a covariance up to rounding.
 
     Raises:
+        InputError: rows has another shape.
         ValueError: it is not `size` x `size`, symmetric and positive semidefinite; the message calls it `name`.
     """
     if [len(row) for row in rows] != [size] * size:

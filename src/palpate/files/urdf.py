@@ -379,6 +379,9 @@ class Kinematics:
         """Return the sensor's quaternions x, y, z, w (n, 4) and positions (n, 3) [m] in the base.
 
         `values` are positions of `joints`, (n, k) [rad, m].
+
+        Raises:
+            InputError: values has another shape.
         """
         pin, model, data = self._pin, self._model, self._data
         moved = np.ones(len(values), dtype=bool)

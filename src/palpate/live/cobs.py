@@ -138,6 +138,9 @@ def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tupl
         values: (n, k), a row for each frame; for integers they are rounded and clipped, and NaN becomes 0.
         counter: counter of the first sample.
         number: type of the numbers, one of `TYPES`.
+
+    Raises:
+        InputError: values has another shape.
     """
     numbers = _rounded(values, np.dtype(f"<{number}"))
     frames = list[bytes]()

@@ -168,6 +168,9 @@ def printed(values: Float[np.ndarray, "n k"], counter: int) -> tuple[bytes, Int[
     Args:
         values: (n, k), a row for each line, printed so that it reads back to the same bits.
         counter: number at the start of the first line; it grows by 1 a line, modulo 2^32.
+
+    Raises:
+        InputError: values has another shape.
     """
     lines = [
         ",".join([str((counter + k) % 2**32), *map(repr, row)]).encode() + b"\r\n"

@@ -78,7 +78,11 @@ class StatusWord:
     harmless: int
 
     def bad(self, status: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Return whether the values of each sample are invalid, (n,): a harmful bit is set, or bit 31 (error) alone."""
+        """Return whether the values of each sample are invalid, (n,): a harmful bit is set, or bit 31 (error) alone.
+
+        Raises:
+            InputError: status has another shape.
+        """
         return ((status & ~self.harmless) != 0) | (status == _ERROR)
 
     def read(self, status: int) -> str:

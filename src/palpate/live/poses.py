@@ -93,7 +93,11 @@ class LivePoses:
 
     @takes_arrays
     def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
-        """Return the sensor's poses at times (n,) [ns] of samples; NaN where they are not known."""
+        """Return the sensor's poses at times (n,) [ns] of samples; NaN where they are not known.
+
+        Raises:
+            InputError: stamp has another shape.
+        """
         if (path := self._way()) is None:
             nothing = np.full((len(stamp), 9), np.nan)
             self._watch(found=False)

@@ -67,6 +67,9 @@ def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarra
         frame_id: name of the frame.
         stamp: (n,) [ns] of each message.
         values: (n, k) in the order of the message, such as force first.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     head = np.frombuffer(Cdr().header(0, frame_id).align(8).done(), dtype=np.uint8)
     rows = np.empty((len(stamp), len(head) + 8 * values.shape[1]), dtype=np.uint8)

@@ -75,7 +75,11 @@ class Fisheye:
         return float(min(np.pi, *turns)) if len(turns) else float(np.pi)
 
     def project(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
-        """Return the pixels (*batch, 2) of points in the camera's frame [m]; NaN where theta exceeds `reach`."""
+        """Return the pixels (*batch, 2) of points in the camera's frame [m]; NaN where theta exceeds `reach`.
+
+        Raises:
+            InputError: points has another shape.
+        """
         x, y, z = np.moveaxis(points, -1, 0)
         r = np.asarray(np.hypot(x, y))
         theta = np.asarray(np.arctan2(r, z))
@@ -85,13 +89,21 @@ class Fisheye:
         return np.stack([self.fx * scale * x + self.cx, self.fy * scale * y + self.cy], axis=-1)
 
     def rays(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return unit directions (*batch, 3), in the camera's frame, of the rays through pixels; NaN beyond `reach`."""
+        """Return unit directions (*batch, 3), in the camera's frame, of the rays through pixels; NaN beyond `reach`.
+
+        Raises:
+            InputError: pixels has another shape.
+        """
         return self._seen(pixels)[0]
 
     def rays_with_slope(
         self, pixels: Float[np.ndarray, "*batch 2"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 2"]]:
-        """Return `rays` (*batch, 3) and their derivatives by the pixel (*batch, 3, 2) [1/px]."""
+        """Return `rays` (*batch, 3) and their derivatives by the pixel (*batch, 3, 2) [1/px].
+
+        Raises:
+            InputError: pixels has another shape.
+        """
         rays, plane, bent, theta, ratio = self._seen(pixels)
         slope = 1.0 / self._bent(theta)[1]
         near = bent < 1e-9
@@ -207,6 +219,9 @@ class RingView(Value):
         Args:
             pixels: (*batch, 2).
             heights: (k,) of the planes [m], for one pixel after the other, over and over.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         from palpate.optical._fisheye import to_plane  # compiled: loaded when first needed
 
@@ -229,6 +244,9 @@ class RingView(Value):
         Args:
             pixels: (*batch, 2).
             height: of the planes [m], one or (*batch,).
+
+        Raises:
+            InputError: pixels has another shape.
         """
         rays, slope = self.camera.rays_with_slope(pixels)
         ray, turn = self.pose.rotate(rays), self.pose.rotation @ slope
@@ -242,7 +260,11 @@ class RingView(Value):
     def from_plane(
         self, points: Float[np.ndarray, "*batch 2"], height: ArrayLike = 0.0
     ) -> Float[np.ndarray, "*batch 2"]:
-        """Return pixels (*batch, 2) of points x, y [m] at z = `height` [m] of the ring's frame; NaN out of view."""
+        """Return pixels (*batch, 2) of points x, y [m] at z = `height` [m] of the ring's frame; NaN out of view.
+
+        Raises:
+            InputError: points has another shape.
+        """
         high = np.broadcast_to(np.asarray(height)[..., None], (*points.shape[:-1], 1))
         return self.camera.project(self.pose.inverse().apply(np.concatenate([points, high], axis=-1)))
 

@@ -47,6 +47,9 @@ def label_ring(
         rest_areas: (m,) at rest.
         expected: (m, 2) expected places of the markers [m]; NaN or None: not known.
         price: (k,) additional cost of each blob; None: 0.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     from palpate.optical._markers import label_path  # here: compiled loops load when first needed
 
@@ -87,6 +90,9 @@ def owed(
         areas: (k,) of the blobs, in the unit of `rest_areas`.
         rest: (m, 2) this ring's places at rest [m], by rising angle.
         rest_areas: (m,) at rest.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     marker, blob, moved = _candidates(blobs, areas, rest, rest_areas)
     cost, inmost = np.zeros(len(blobs)), np.full(len(rest), np.inf)

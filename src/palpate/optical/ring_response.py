@@ -16,7 +16,11 @@ __all__ = ["RingResponse", "ring_basis"]
 
 @takes_arrays
 def ring_basis(angle: Float[np.ndarray, "*batch"], order: int) -> Float[np.ndarray, "*batch terms"]:
-    """Return 1, cos, sin, cos 2, sin 2, ... of an angle [rad], up to an order: (*batch, 2 order + 1)."""
+    """Return 1, cos, sin, cos 2, sin 2, ... of an angle [rad], up to an order: (*batch, 2 order + 1).
+
+    Raises:
+        InputError: angle has another shape.
+    """
     turns = np.multiply.outer(angle, np.arange(1, order + 1))
     both = np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(*np.shape(angle), 2 * order)
     return np.concatenate([np.ones((*np.shape(angle), 1)), both], axis=-1)
@@ -116,6 +120,9 @@ class RingResponse(Value):
         Args:
             delta: (n,) [rad] the marker's angle less the contact's.
             phi: (n,) [rad] the contact's angle.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         of_delta, of_phi = (ring_basis(angle, order) for angle, order in zip((delta, phi), self.orders, strict=True))
         return np.einsum("bckm,nk,nm->ncb", self.coefficients, of_delta, of_phi, optimize=True)

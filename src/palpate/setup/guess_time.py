@@ -47,7 +47,11 @@ class TimeGuess:
     stated: float | None = None
 
     def judged(self, time: Float[np.ndarray, " n"]) -> TimeGuess:
-        """Return a `TimeGuess` with a unit, judged by the times if none is stated; without finite times, no column."""
+        """Return a `TimeGuess` with a unit, judged by the times if none is stated; without finite times, no column.
+
+        Raises:
+            InputError: time has another shape.
+        """
         if len(time) and not np.isfinite(time).any():  # as LabVIEW leaves its X_Value
             lacking = "" if self.stated else f"there are no times in column {self.column!r}"
             return replace(self, column="", unit="s", rate=self.stated or 1.0, lacking=lacking, remarks=())
@@ -100,6 +104,9 @@ def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
     """Return the unit of times that state none, "s", "ms", "us" or "ns", and a remark, "" if the unit is clear.
 
     The unit follows from the size of times since 1970, and for other times from the rate that results.
+
+    Raises:
+        InputError: time has another shape.
     """
     known = time[np.isfinite(time)]
     largest = np.abs(known).max(initial=0.0)

@@ -23,6 +23,9 @@ def kind_of_acceleration(values: Float[np.ndarray, "n 3"], unit: str | None) -> 
     Args:
         values: (n, 3) [m/s^2] where the unit is known, else as recorded.
         unit: "m/s^2", "g" or "mg", as recorded; None: whichever makes the length that of gravity, else m/s^2.
+
+    Raises:
+        InputError: values has another shape.
     """
     length, steady = _length(values)
     if unit is not None:
@@ -41,6 +44,9 @@ def wrong_acceleration(values: Float[np.ndarray, "n 3"], kind: str) -> str:
     Args:
         values: (n, 3) [m/s^2].
         kind: "imu" or "motion"; nothing is wrong with any other.
+
+    Raises:
+        InputError: values has another shape.
     """
     length, _ = _length(values)
     if kind == "motion":
@@ -71,6 +77,9 @@ def turned_from_gravity(
         values: (n, 3) [m/s^2] in the sensor frame.
         quaternions: (n, 4) x, y, z, w: sensor in base.
         gravity: (3,) [m/s^2] in the base.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     known = np.isfinite(values).all(axis=1) & np.isfinite(quaternions).all(axis=1) & quaternions.any(axis=1)
     if not known.any():

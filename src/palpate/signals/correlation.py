@@ -25,6 +25,9 @@ def correlation_time(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
 
     Args:
         values: (n, k) residuals; a constant column has 1.
+
+    Raises:
+        InputError: values has another shape.
     """
     count = len(values)
     if count < 4:

@@ -106,6 +106,9 @@ def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
 
     Args:
         readings: (n, k) of k channels, as logged.
+
+    Raises:
+        InputError: readings has another shape.
     """
     usable = _unheld(readings[np.isfinite(readings).all(axis=1)])
     if len(usable) < FEWEST:
@@ -129,6 +132,9 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
     Args:
         readings: (n, k) of k channels, evenly spaced, as logged.
         wander: count drift of the zero. False: each segment is taken less its straight line.
+
+    Raises:
+        InputError: readings has another shape.
     """
     usable = readings[np.isfinite(readings).all(axis=1)]
     if len(usable) < 2 * WINDOW:
@@ -159,7 +165,11 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
 
 @takes_arrays
 def wrong_noise(stated: Float[np.ndarray, "6"], seen: Float[np.ndarray, "6"]) -> str:
-    """Return a sentence if stated standard deviations (6,) of a wrench differ twofold from those of a log, else ""."""
+    """Return a sentence if stated standard deviations (6,) of a wrench differ twofold from those of a log, else "".
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     wrong: list[str] = []
     for part, unit in ((slice(0, 3), "N"), (slice(3, 6), "N m")):
         said, found = (float(np.sqrt(np.mean(values[part] ** 2))) for values in (stated, seen))
@@ -221,7 +231,11 @@ def _deviation(
 
 @takes_arrays
 def resolution_of(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
-    """Return the step (k,) of which all differences in a column are multiples; 0 where there is none."""
+    """Return the step (k,) of which all differences in a column are multiples; 0 where there is none.
+
+    Raises:
+        InputError: readings has another shape.
+    """
     return np.array([_step(np.unique(column)) for column in readings.T])
 
 

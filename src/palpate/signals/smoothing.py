@@ -90,7 +90,11 @@ class Forward:
 
     @takes_arrays
     def starts(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"]) -> np.ndarray:
-        """Return the ages (n,), int64, that samples would get, without filtering them."""
+        """Return the ages (n,), int64, that samples would get, without filtering them.
+
+        Raises:
+            InputError: time has another shape.
+        """
         clock, state = self._clock.copy(), self._state.copy()
         age = self(time, status, np.zeros((len(time), self._state.shape[1])))
         self._clock[:], self._state[:] = clock, state

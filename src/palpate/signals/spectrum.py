@@ -101,7 +101,11 @@ def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) ->
 
 @takes_arrays
 def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"], step: float) -> Iterator[slice]:
-    """Yield slices of 32 samples or more with finite values and steps within 50 % of the usual `step` [s]."""
+    """Yield slices of 32 samples or more with finite values and steps within 50 % of the usual `step` [s].
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     good = np.isfinite(time) & np.isfinite(values).all(axis=1)
     joined = good[1:] & good[:-1] & (np.abs(np.diff(time) - step) <= EVEN * step)
     for start, end in np.flatnonzero(np.diff(joined, prepend=False, append=False)).reshape(-1, 2).tolist():

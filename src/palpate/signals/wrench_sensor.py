@@ -175,7 +175,11 @@ class UnloadedSensor(Protocol):
 
 @takes_arrays
 def square_root(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:
-    """Return S (r, n) with S^T S the covariance (n, n); r is its rank in units in which its diagonal is 1."""
+    """Return S (r, n) with S^T S the covariance (n, n); r is its rank in units in which its diagonal is 1.
+
+    Raises:
+        InputError: covariance has another shape.
+    """
     scale = np.sqrt(np.diag(covariance))
     scale = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))

@@ -156,7 +156,11 @@ class FramePath:
         return max((track.stamps for track in self.tracks), key=len, default=np.zeros(0))
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
-        """Return how many of the times (n,) [s], from the first on, have answers that later poses will not change."""
+        """Return how many of the times (n,) [s], from the first on, have answers that later poses will not change.
+
+        Raises:
+            InputError: time has another shape.
+        """
         return min((track.answerable(time) for track in self.tracks), default=len(time))
 
     def complete(self) -> None:

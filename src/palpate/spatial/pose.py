@@ -179,11 +179,19 @@ class Pose(Value):
         return Pose(self.rotation @ other.rotation, self.apply(other.translation))
 
     def apply(self, points: Float[np.ndarray, "*#batch 3"]) -> Float[np.ndarray, "*#batch 3"]:
-        """Return points (*batch, 3) [m] of the source frame in the target frame: rotated, then translated."""
+        """Return points (*batch, 3) [m] of the source frame in the target frame: rotated, then translated.
+
+        Raises:
+            InputError: points has another shape.
+        """
         return self.rotate(points) + self.translation
 
     def rotate(self, vectors: Float[np.ndarray, "*#batch 3"]) -> Float[np.ndarray, "*#batch 3"]:
-        """Return directions (*batch, 3) of the source frame in the target frame: rotated only."""
+        """Return directions (*batch, 3) of the source frame in the target frame: rotated only.
+
+        Raises:
+            InputError: vectors has another shape.
+        """
         return np.einsum("...ij,...j->...i", self.rotation, vectors)
 
     def wrench_matrix(self) -> Float[np.ndarray, "*batch 6 6"]:

@@ -69,7 +69,11 @@ class PoseTrack:
         self._complete = True
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
-        """Return how many of the times (n,) [s], from the first on, have answers that later poses will not change."""
+        """Return how many of the times (n,) [s], from the first on, have answers that later poses will not change.
+
+        Raises:
+            InputError: time has another shape.
+        """
         open_ended = np.flatnonzero(time > self._newest)
         return len(time) if self._complete or not len(open_ended) else int(open_ended[0])
 

@@ -53,6 +53,9 @@ class Analytic(Value, ABC):
         """Return f (*batch,), gradient (*batch, 3), Hessian (*batch, 3, 3) at points (*batch, 3) [m] on its own axes.
 
         Their units are that of f, per m and per m^2.
+
+        Raises:
+            InputError: points has another shape.
         """
 
     @abstractmethod

@@ -71,6 +71,9 @@ class ImplicitSurface(Analytic):
         """Return f (*batch,), gradient (*batch, 3), Hessian (*batch, 3, 3) at points (*batch, 3) [m] on its own axes.
 
         The functions are called one point at a time.
+
+        Raises:
+            InputError: points has another shape.
         """
         batch = points.shape[:-1]
         flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)

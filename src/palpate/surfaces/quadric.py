@@ -32,6 +32,9 @@ class Quadric(Analytic):
         """Return p'A p + 2 b'p + c (*batch,), gradient 2 (A p + b) (*batch, 3) and Hessian 2 A (*batch, 3, 3).
 
         Points (*batch, 3) [m] are along its own axes.
+
+        Raises:
+            InputError: points has another shape.
         """
         square, linear, constant = self.form()
         half = points @ square

@@ -30,6 +30,9 @@ def fit(
         direction: unit vector from the points to the camera; z is up in the picture.
         aspect: width over height of the picture.
         covered: share of the height, from below, that is hidden; None: what legend and panel cover.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     above = STRIP if covered is None and aspect < NARROW else 0.0
     covered = (SHEET if aspect < NARROW else STRIP) if covered is None else covered

@@ -169,7 +169,11 @@ class Drawing:
 
 @takes_arrays
 def box(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:
-    """Return the least and the largest coordinates, (2, 3) [m]; 50 mm around a single point, or 0 without any."""
+    """Return the least and the largest coordinates, (2, 3) [m]; 50 mm around a single point, or 0 without any.
+
+    Raises:
+        InputError: points has another shape.
+    """
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else np.zeros((2, 3))
     margin = 0.0 if np.linalg.norm(high - low) > 0 else MARGIN
     return np.stack([low - margin, high + margin])

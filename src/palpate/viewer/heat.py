@@ -38,7 +38,11 @@ class FineMesh:
 
 @takes_arrays
 def refined(mesh: Mesh, points: Float[np.ndarray, "n 3"], width: float) -> FineMesh:
-    """Return the mesh as a `FineMesh` whose edges near the points [m] are at most `width` [m] long."""
+    """Return the mesh as a `FineMesh` whose edges near the points [m] are at most `width` [m] long.
+
+    Raises:
+        InputError: points has another shape.
+    """
     from scipy.spatial import KDTree
 
     corners = np.concatenate([mesh.vertices[mesh.faces], mesh.corner_normals], axis=2)  # (f, 3, 6)
@@ -66,6 +70,9 @@ def density(
     """Return the time of touch per area at each vertex, (v,) [s/m^2].
 
     Each contact is a Gaussian of this width [m], on the side that was touched.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     from scipy.spatial import KDTree
 
@@ -80,7 +87,11 @@ def density(
 
 @takes_arrays
 def colours(share: Float[np.ndarray, " v"]) -> UInt8[np.ndarray, "v 3"]:
-    """Return sRGB colours, (v, 3), for shares from 0 (the bare body) to 1 (the darkest)."""
+    """Return sRGB colours, (v, 3), for shares from 0 (the bare body) to 1 (the darkest).
+
+    Raises:
+        InputError: share has another shape.
+    """
     stops = np.linspace(0.0, 1.0, len(PALETTE))
     return np.column_stack([np.interp(share, stops, PALETTE[:, k]) for k in range(3)]).round().astype(np.uint8)
 

@@ -23,7 +23,11 @@ class Ink:
         self._font: int = cv2.FONT_HERSHEY_SIMPLEX
 
     def area(self, picture: np.ndarray, corners: Float[np.ndarray, "k 2"], shade: tuple[int, int, int]) -> None:
-        """Draw a filled polygon with these corners [px]."""
+        """Draw a filled polygon with these corners [px].
+
+        Raises:
+            InputError: corners has another shape.
+        """
         self._cv2.fillPoly(picture, [_fixed(corners)], shade[::-1], self._cv2.LINE_AA, _SHIFT)
 
     def loop(self, picture: np.ndarray, corners: np.ndarray, shade: tuple[int, int, int], thick: int) -> None:
@@ -37,7 +41,11 @@ class Ink:
     def lines(
         self, picture: np.ndarray, ends: Float[np.ndarray, "k 2 2"], shade: tuple[int, int, int], thick: int
     ) -> None:
-        """Draw k straight lines between pairs of ends [px], `thick` pixels wide."""
+        """Draw k straight lines between pairs of ends [px], `thick` pixels wide.
+
+        Raises:
+            InputError: ends has another shape.
+        """
         self._cv2.polylines(picture, list(_fixed(ends)), False, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
     def disc(self, picture: np.ndarray, at: np.ndarray, radius: float, shade: tuple[int, int, int]) -> None:
@@ -51,7 +59,11 @@ class Ink:
         self._cv2.circle(picture, (x, y), size, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
     def arrow(self, picture: np.ndarray, ends: Float[np.ndarray, "2 2"], shade: tuple[int, int, int]) -> None:
-        """Draw an arrow from the first end to the second [px]; none below 1 px."""
+        """Draw an arrow from the first end to the second [px]; none below 1 px.
+
+        Raises:
+            InputError: ends has another shape.
+        """
         way = ends[1] - ends[0]
         length = float(np.linalg.norm(way))
         if length < 1.0:

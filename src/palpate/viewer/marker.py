@@ -120,7 +120,11 @@ class Marker:
 
 @takes_arrays
 def facing(way: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]:
-    """Return the quaternion w, x, y, z that turns z to a direction by the shortest way."""
+    """Return the quaternion w, x, y, z that turns z to a direction by the shortest way.
+
+    Raises:
+        InputError: way has another shape.
+    """
     x, y, z = (way / np.linalg.norm(way)).tolist()
     if z < -1.0 + 1e-9:
         return 0.0, 1.0, 0.0, 0.0
@@ -147,7 +151,11 @@ def arc(share: float) -> Float[np.ndarray, "_ 2 3"]:
 
 @takes_arrays
 def barbs(last: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "4 2 3"]:
-    """Return four segments (4, 2, 3) that make the last one of a level line an arrow."""
+    """Return four segments (4, 2, 3) that make the last one of a level line an arrow.
+
+    Raises:
+        InputError: last has another shape.
+    """
     tip = last[1]
     x, y, _ = ((tip - last[0]) / np.linalg.norm(tip - last[0])).tolist()
     side = _WIDE * np.array([[y, -x, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])

@@ -33,7 +33,11 @@ class ViewPoint:
     size: tuple[int, int]
 
     def seen(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Return column and row [px] of each point, and its depth in the unit of the points, (n, 3)."""
+        """Return column and row [px] of each point, and its depth in the unit of the points, (n, 3).
+
+        Raises:
+            InputError: points has another shape.
+        """
         ahead = (self.target - self.position) / np.linalg.norm(self.target - self.position)
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else np.array([1.0, 0.0, 0.0])
@@ -52,7 +56,11 @@ class Rendered:
     depth: Float[np.ndarray, "h w"]
 
     def visible(self, seen: Float[np.ndarray, "n 3"], slack: float) -> Bool[np.ndarray, " n"]:
-        """Return which points of `ViewPoint.seen` are in the picture and at most `slack` behind the body, (n,)."""
+        """Return which points of `ViewPoint.seen` are in the picture and at most `slack` behind the body, (n,).
+
+        Raises:
+            InputError: seen has another shape.
+        """
         height, width = self.depth.shape
         columns, rows = np.rint(seen[:, 0]).astype(np.int64), np.rint(seen[:, 1]).astype(np.int64)
         inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
@@ -78,6 +86,9 @@ def rendered(
         faces: of the mesh.
         colours: sRGB, at the vertices.
         ground: colour where nothing is.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     width, height = camera.size
     seen = camera.seen(vertices)

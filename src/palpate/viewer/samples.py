@@ -20,7 +20,11 @@ def sample_starts(contacts: Contacts) -> Int[np.ndarray, " m"]:
 
 @takes_arrays
 def strongest(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    """Return for each sample the row with the largest force, (m,); its first if no force is known."""
+    """Return for each sample the row with the largest force, (m,); its first if no force is known.
+
+    Raises:
+        InputError: starts has another shape.
+    """
     counted = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(contacts)))  # a file may not be in order
     return starts if len(starts) == len(contacts) else replace(contacts, sample=counted).strongest()
 
@@ -34,13 +38,21 @@ def sheet_places(contacts: Contacts) -> Float[np.ndarray, "n 2"] | None:
 
 @takes_arrays
 def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
-    """Return at most `most` of the row numbers, evenly spread, (k,)."""
+    """Return at most `most` of the row numbers, evenly spread, (k,).
+
+    Raises:
+        InputError: rows has another shape.
+    """
     return rows[:: 1 + len(rows) // most]
 
 
 @takes_arrays
 def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Return for each sample the sum of its forces' magnitudes, (m,) [N]; NaN if none is known."""
+    """Return for each sample the sum of its forces' magnitudes, (m,) [N]; NaN if none is known.
+
+    Raises:
+        InputError: starts has another shape.
+    """
     force = np.linalg.norm(contacts.force, axis=1)
     if len(starts) == len(force):
         return force
@@ -50,6 +62,10 @@ def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarra
 
 @takes_arrays
 def median(values: Float[np.ndarray, " n"]) -> float:
-    """Return the median of the finite values; NaN without one."""
+    """Return the median of the finite values; NaN without one.
+
+    Raises:
+        InputError: values has another shape.
+    """
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else float("nan")

@@ -209,7 +209,11 @@ class Scene:
         return self.bounds.mean(axis=0)
 
     def placed(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return points (*batch, 3) [m] relative to the scene's middle, over its size."""
+        """Return points (*batch, 3) [m] relative to the scene's middle, over its size.
+
+        Raises:
+            InputError: points has another shape.
+        """
         return (points - self._middle) / self.size
 
     @cached_property
@@ -529,7 +533,11 @@ def no_contacts() -> Contacts:
 
 @takes_arrays
 def before(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """Return the unit direction (3,) from which to see a contact: in front, somewhat aside and above."""
+    """Return the unit direction (3,) from which to see a contact: in front, somewhat aside and above.
+
+    Raises:
+        InputError: normal has another shape.
+    """
     way = normal + 0.5 * np.cross([0.0, 0.0, 1.0], normal) + [0.0, 0.0, 0.4]
     way = way if np.hypot(way[0], way[1]) > 0.3 else way + np.array([0.35, -0.45, 0.0])
     length = float(np.linalg.norm(way))

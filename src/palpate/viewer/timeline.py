@@ -34,7 +34,11 @@ class Timeline:
 
     @classmethod
     def of(cls, time: Float[np.ndarray, " n"], touched: Bool[np.ndarray, " n"]) -> Timeline:
-        """Return the `Timeline` of recorded times (n,) [s] and touched samples (n,)."""
+        """Return the `Timeline` of recorded times (n,) [s] and touched samples (n,).
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
         known = np.isfinite(time)
         if not known.any():
             return cls(np.arange(float(len(time))), touched)
@@ -98,7 +102,11 @@ class Timeline:
 
 @takes_arrays
 def next_of(among: Int[np.ndarray, " m"], index: int, step: int) -> int:
-    """Return the next (step 1) or previous (-1) of sorted numbers (m,) after `index`; `index` if there is none."""
+    """Return the next (step 1) or previous (-1) of sorted numbers (m,) after `index`; `index` if there is none.
+
+    Raises:
+        InputError: among has another shape.
+    """
     which = np.searchsorted(among, index, side="right" if step > 0 else "left") + (0 if step > 0 else -1)
     return int(among[which]) if 0 <= which < len(among) else index
 
@@ -109,6 +117,9 @@ def since(time: Float[np.ndarray, " n"]) -> tuple[float, str]:
 
     These are 0 and "" for logs that start near 0, else the start and "after ...", with seconds since 1970 as a date in
     UTC.
+
+    Raises:
+        InputError: time has another shape.
     """
     start = float(np.floor(np.min(time, initial=np.inf, where=np.isfinite(time))))
     if not LATE < start < np.inf:
@@ -128,6 +139,9 @@ def downsampled(
         clock: (n,) [s], not falling.
         values: (n, k); NaN where there is none.
         most: rows to keep; at least 2.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     if len(clock) <= most:
         return clock.copy(), values.copy()

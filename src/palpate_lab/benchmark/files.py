@@ -160,6 +160,9 @@ def as_contacts(sample: Int[np.ndarray, " n"], rows: Float[np.ndarray, "n width"
     Args:
         sample: (n,) sample of each answer, from 0.
         rows: (n, 3), (n, 6) or (n, 12): the first columns of `ANSWER`.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     order = np.argsort(sample, kind="stable")
     sample, rows = sample[order], rows[order]

@@ -53,6 +53,9 @@ def score(answers: Contacts, truth: TrueSamples, quiet: Int[np.ndarray, " q"]) -
         answers: contacts with a point; those at samples that are neither in the truth nor in `quiet` do not count.
         truth: true contacts, at least one.
         quiet: (q,) samples in which nothing touches.
+
+    Raises:
+        InputError: quiet has another shape.
     """
     match, due = match_instants(answers, truth, 0.25)
     found = match >= 0

@@ -120,18 +120,30 @@ class PatchParaboloid:
         return self.origin
 
     def value(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """Return the height of points (n, 3) [m] over the paraboloid, (n,) [m]."""
+        """Return the height of points (n, 3) [m] over the paraboloid, (n,) [m].
+
+        Raises:
+            InputError: points has another shape.
+        """
         local = (points - self.origin) @ self.axes.T
         return local[:, 2] - _monomials(local) @ self.coefficients
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Return the gradient of `value` at points (n, 3) [m] as (n, 3), without unit."""
+        """Return the gradient of `value` at points (n, 3) [m] as (n, 3), without unit.
+
+        Raises:
+            InputError: points has another shape.
+        """
         x, y, _ = ((points - self.origin) @ self.axes.T).T
         _, b, c, d, e, f = self.coefficients
         return np.stack([-b - 2 * d * x - e * y, -c - e * x - 2 * f * y, np.ones(len(points))], axis=1) @ self.axes
 
     def hessian(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-        """Return the second derivatives of `value`, the same at all points, (n, 3, 3) [1/m]."""
+        """Return the second derivatives of `value`, the same at all points, (n, 3, 3) [1/m].
+
+        Raises:
+            InputError: points has another shape.
+        """
         d, e, f = self.coefficients[3:]
         local = np.array([[-2 * d, -e, 0.0], [-e, -2 * f, 0.0], [0.0, 0.0, 0.0]])
         return np.broadcast_to(self.axes.T @ local @ self.axes, (len(points), 3, 3))

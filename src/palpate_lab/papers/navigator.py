@@ -197,6 +197,9 @@ class PaperNavigator:
 
         They are 0 too once the robot has arrived; a time that is not later than the last one gives the last speeds
         again.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         x, y, heading = pose.tolist()
         if self.arrived or not time > self._time:

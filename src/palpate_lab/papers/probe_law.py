@@ -110,6 +110,9 @@ class Plain:
         """Write the step (6,) of one period [s] into out: translation [m], then rotation vector [rad], in base axes.
 
         It follows (7), (8) and (9) of `probe`.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         self._speed = self.pushing.step(self._speed, self._off, period)
         x, y = self._place[0].tolist()

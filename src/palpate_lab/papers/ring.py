@@ -30,6 +30,9 @@ def paper_contacts(
         rest: (m, 2) [px] positions of the markers at rest, in their order round the ring.
         now: (m, 2) [px] positions in an image.
         least: displacement [px] up to which a marker counts as still.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     flip = np.array([1.0, -1.0])
     before, after = (rest - rest.mean(axis=0)) * flip, (now - now.mean(axis=0)) * flip

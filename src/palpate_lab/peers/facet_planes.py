@@ -38,6 +38,9 @@ def within(
     """Return a bool for each facet, (f,), True where the point (f, 3) on its plane lies inside it.
 
     `slopes` and `rests` are g and e of `facet_planes`.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     first, second = np.einsum("ifk,fk->if", slopes, points) + rests
     return (first >= INSIDE) & (second >= INSIDE) & (first + second <= 1 - INSIDE)

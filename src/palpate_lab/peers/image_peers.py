@@ -34,6 +34,9 @@ def nearest_image(
     Args:
         seen: (n, m) calibration images, as `shrunk` returns them.
         rows: (n, 6) point [m] and force [N] of each, NaN where nothing touched.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
 
     def answer(image: np.ndarray) -> np.ndarray:

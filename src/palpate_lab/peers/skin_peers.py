@@ -81,7 +81,11 @@ def patches_and_wrench(sheet: CellPlaces) -> Frames:
 
 @takes_arrays
 def minimum_norm(points: Float[np.ndarray, "n 3"], wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "n 3"]:
-    """Return the shortest forces (n, 3) [N] at points (n, 3) [m] that make a wrench (6,) [N, N m] about the origin."""
+    """Return the shortest forces (n, 3) [N] at points (n, 3) [m] that make a wrench (6,) [N, N m] about the origin.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     columns = [np.concatenate([np.eye(3), np.cross(point, np.eye(3)).T]) for point in points]
     return (np.linalg.pinv(np.concatenate(columns, axis=1)) @ wrench).reshape(-1, 3)
 

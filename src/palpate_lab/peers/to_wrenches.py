@@ -46,7 +46,11 @@ def payload_and_bias(
 def contact_wrenches(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], known: Float[np.ndarray, "12"]
 ) -> Float[np.ndarray, "n 6"]:
-    """Subtract the weight and biases of `payload_and_bias` from readings, (n, 6) [N, N m] in the sensor's frame."""
+    """Subtract the weight and biases of `payload_and_bias` from readings, (n, 6) [N, N m] in the sensor's frame.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     weight, bias, centre, moment = known.reshape(4, 3)
     down = np.swapaxes(rotations, 1, 2) @ weight
     return wrenches - np.concatenate([down + bias, np.cross(centre, down) + moment], axis=1)

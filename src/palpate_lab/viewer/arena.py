@@ -49,6 +49,9 @@ class Arena:
         Args:
             block: index of the block.
             place: its x, y [m] and turn [rad].
+
+        Raises:
+            InputError: place has another shape.
         """
         x, y, turn = place.tolist()
         turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -127,6 +130,9 @@ def newtons(touches: Float[np.ndarray, "_ 2"] | None) -> str:
     """Return the forces that a skin feels as a short text: at most three of them, as "1.2 + 0.4 N".
 
     It is "free" without contact, and "feels nothing: blind" for None.
+
+    Raises:
+        InputError: touches has another shape.
     """
     if touches is None:
         return "feels nothing: blind"

@@ -106,6 +106,9 @@ class LiveProbe(Served):
             angles: angles of the probe's axis to the surface normal, in-plane and out-of-plane [rad].
             words: the state, and after a colon the reason.
             arm: (k, 2, 3) ends of the arm's links in the base, and their radii [m].
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         force, ends = float(np.linalg.norm(push[1])), SCALE * arm[0]
         if self._middle is None:

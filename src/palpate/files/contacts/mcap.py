@@ -130,6 +130,9 @@ class ContactMessages:
         Args:
             contacts: n rows; only those with a point and a normal are in the second and third topic.
             stamps: (n,) [ns] where they are known more exactly than by the times.
+
+        Raises:
+            InputError: stamps has another shape.
         """
         stamps = self._stamps(contacts.time) if stamps is None else stamps
         estimate = contacts.estimate

@@ -84,7 +84,11 @@ class Cursor:
         return whole.astype(np.int64) * 10**9 + part[:, 1].astype(np.int64), *self.text()
 
     def picked(self, which: Int[np.ndarray, " k"]) -> Cursor:
-        """Return a cursor at the same positions in a selection of the messages."""
+        """Return a cursor at the same positions in a selection of the messages.
+
+        Raises:
+            InputError: which has another shape.
+        """
         other = copy(self)
         for name in ("at", "_end", "_origin", "sound", "_little"):
             setattr(other, name, getattr(self, name)[which])
@@ -108,7 +112,11 @@ class Cursor:
 
 @takes_arrays
 def taken(data: bytes, at: Int[np.ndarray, " n"], width: int, sound: Bool[np.ndarray, " n"]) -> np.ndarray:
-    """Return (n, width) bytes from each `at` on, as uint8; 0xff where not `sound`, which is NaN as float64."""
+    """Return (n, width) bytes from each `at` on, as uint8; 0xff where not `sound`, which is NaN as float64.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     if not sound.all():
         found = np.full((len(at), width), 0xFF, dtype=np.uint8)
         found[sound] = taken(data, at[sound], width, sound[sound])

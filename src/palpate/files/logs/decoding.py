@@ -117,7 +117,11 @@ def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
 
 @takes_arrays
 def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return nanoseconds (n,) as seconds (n,), to the nearest double."""
+    """Return nanoseconds (n,) as seconds (n,), to the nearest double.
+
+    Raises:
+        InputError: nanoseconds has another shape.
+    """
     whole = nanoseconds // 10**9
     split = whole + (nanoseconds - whole * 10**9) / 1e9
     if len(nanoseconds) and nanoseconds.min() >= 2**53:  # as all are since 1970

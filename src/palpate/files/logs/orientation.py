@@ -68,6 +68,9 @@ class SensorPose:
         Args:
             values: the columns of the orientation as logged.
             position: as logged; None: those of a 4 x 4 matrix, if there is one.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 

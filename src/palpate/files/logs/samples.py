@@ -81,6 +81,7 @@ class SampleReader:
         width, 3). The caller must not use them afterwards.
 
         Raises:
+            InputError: time has another shape.
             KeyError: an array of the layout is not in `read`.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)

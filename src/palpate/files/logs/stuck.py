@@ -50,6 +50,9 @@ class StuckWrenches:
         Args:
             time: (n,) [s].
             wrench: (n, 6) as recorded.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         stuck = np.zeros(len(wrench), dtype=bool)
         if not len(wrench):

@@ -196,6 +196,9 @@ class SeenEdge:
         """Add transforms (k, 7) with stamps (k,) [ns]; those that are not finite, or no rotations, only count.
 
         `static`: they are from /tf_static.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         fine = values[sound_quaternions(values[:, 3:]) & np.isfinite(values).all(axis=1)]
         if static and len(fine):

@@ -34,7 +34,11 @@ class WrenchMeans:
         self._step = 0.0  # between rows, the last that was no gap
 
     def add(self, time: Float[np.ndarray, " n"], wrenches: Float[np.ndarray, "n 6"]) -> None:
-        """Add readings (n, 6) at times (n,) [s]; one that is not finite, or not newer than all before, is dropped."""
+        """Add readings (n, 6) at times (n,) [s]; one that is not finite, or not newer than all before, is dropped.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
         stamped = np.column_stack([time, wrenches])
         stamped = stamped[np.isfinite(stamped).all(axis=1)]
         reached = np.maximum.accumulate(np.append(self._newest, stamped[:, 0]))
@@ -48,7 +52,11 @@ class WrenchMeans:
         self._complete = True
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
-        """Return how many of the next rows, at times (n,) [s], have means that later readings cannot change."""
+        """Return how many of the next rows, at times (n,) [s], have means that later readings cannot change.
+
+        Raises:
+            InputError: time has another shape.
+        """
         waits = np.flatnonzero(time + self._halves(time)[0] > self._newest)
         return len(time) if self._complete or not len(waits) else int(waits[0])
 
@@ -56,6 +64,9 @@ class WrenchMeans:
         """Return the wrenches of the next rows, at times (n,) [s], and the numbers of readings averaged, (n, 1).
 
         Wrenches are (n, 6) as recorded, NaN if unknown; the number is 0 if one was interpolated or is unknown.
+
+        Raises:
+            InputError: time has another shape.
         """
         halves, self._step = self._halves(time)
         known = time[np.isfinite(time)]

@@ -70,6 +70,7 @@ def made(kinds: Sequence[ChannelRows], stamps: Sequence[Int[np.ndarray, " _"]]) 
         stamps: (n,) [ns] of each kind; its view has n rows.
 
     Raises:
+        InputError: stamps has another shape.
         ValueError: there are not as many `stamps` as `kinds`.
     """
     ends = np.cumsum([len(each) * kind.record.itemsize for kind, each in zip(kinds, stamps, strict=True)])

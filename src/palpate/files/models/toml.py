@@ -44,7 +44,11 @@ def load_toml(path: str | Path) -> dict[str, Any]:
 
 @takes_arrays
 def toml_array(rows: Float[np.ndarray, "n k"] | Sequence[Sequence[float]]) -> Array:
-    """Return a matrix (n, k) as a tomlkit `Array`, one row per line."""
+    """Return a matrix (n, k) as a tomlkit `Array`, one row per line.
+
+    Raises:
+        InputError: rows has another shape.
+    """
     array = tomlkit.array()
     for row in np.asarray(rows).tolist():
         array.append(row)

@@ -31,12 +31,20 @@ class Fields:
         self._numeric: set[str] = set()
 
     def see(self, name: str, values: Float[np.ndarray, " n"]) -> None:
-        """Record whether a column has a number in a piece (n,); NaN is none."""
+        """Record whether a column has a number in a piece (n,); NaN is none.
+
+        Raises:
+            InputError: values has another shape.
+        """
         if name not in self._numeric and not np.isnan(values).all():
             self._numeric.add(name)
 
     def count(self, values: Float[np.ndarray, "n k"], place: Callable[[int], str]) -> None:
-        """Count a piece (n, k) of fields, NaN where no number; `place` returns the place of a row, in words."""
+        """Count a piece (n, k) of fields, NaN where no number; `place` returns the place of a row, in words.
+
+        Raises:
+            InputError: values has another shape.
+        """
         bad = np.any(np.isnan(values), axis=1)
         self.rows += len(bad)
         self.bad += int(np.count_nonzero(bad))
@@ -78,7 +86,11 @@ class RowCount:
         self._fields, self._delimiter = 0, ""
 
     def add(self, lines: Int[np.ndarray, " n"], fields: Int[np.ndarray, " n"], width: int, delimiter: str) -> None:
-        """Add a piece: line number and field count (-1: an open quote) of each row, field count of the header."""
+        """Add a piece: line number and field count (-1: an open quote) of each row, field count of the header.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
         unclosed, ragged = fields < 0, (fields >= 0) & (fields != width)
         if not self.count and len(lines):
             found = f"{fields[0]}" if fields[0] >= 0 else "a quote that is not closed"

@@ -206,6 +206,9 @@ class Compensation:
         """Return wrenches (n, 6) [N, N m] in the surface's frame and covariances (n, 6, 6), None if noise is unknown.
 
         A filter's share does not reduce the errors of payload, tare and mounting.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
         constant = self._load, *self._placing(placement)
@@ -281,7 +284,11 @@ class Compensation:
 
     @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n 19"]:
-        """Return the columns (n, 19) of `kept` from the live inputs (20 n,) of `count` samples."""
+        """Return the columns (n, 19) of `kept` from the live inputs (20 n,) of `count` samples.
+
+        Raises:
+            InputError: inputs has another shape.
+        """
         if count == 1:
             return inputs[None, :19].copy()
         parts = np.split(inputs[: 19 * count], [6 * count, 15 * count, 18 * count])
@@ -289,7 +296,11 @@ class Compensation:
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n 19"]) -> Free:
-        """Return a `Free` of readings less the stated payload, NaN if unusable, and their change by 1 N of weight."""
+        """Return a `Free` of readings less the stated payload, NaN if unusable, and their change by 1 N of weight.
+
+        Raises:
+            InputError: kept has another shape.
+        """
         readings = _kept(kept)
         made = self._compensated(readings, np.zeros(6), self._stated)
         usable = made.status < 0
@@ -330,7 +341,11 @@ class Compensation:
     def as_wrench(
         self, change: Float[np.ndarray, "n 6"], covariance: Float[np.ndarray, "6 6"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
-        """Return the changes (n, 6) [N, N m] unchanged, and their covariance (6, 6) plus the last gain error."""
+        """Return the changes (n, 6) [N, N m] unchanged, and their covariance (6, 6) plus the last gain error.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
         square = float(change[-1] ** 2 @ np.repeat([1.0, self._load[10]], 3)) if len(change) else 0.0
         return change, covariance + self.sensor.gain_error**2 * square * np.diag(self._gains)
 

@@ -90,7 +90,11 @@ class ForceTorque(Value):
         return by_name("palpate.sensors.force_torque.compensation.Compensation")(self)
 
     def saturated(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Bool[np.ndarray, "*batch"]:
-        """Return a mask (*batch,) of readings (*batch, 6) [N, N m], in the sensor frame, at a limit; False for NaN."""
+        """Return a mask (*batch,) of readings (*batch, 6) [N, N m], in the sensor frame, at a limit; False for NaN.
+
+        Raises:
+            InputError: wrenches has another shape.
+        """
         if self.limits is None:
             return np.zeros(wrenches.shape[:-1], dtype=bool)
         return np.any(np.abs(wrenches) >= self.limits, axis=-1)

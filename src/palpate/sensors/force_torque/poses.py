@@ -31,6 +31,9 @@ def average_poses(
 
     Returns:
         Means (k, 6) [N, N m], rotations (k, 3, 3) and counts (k,) of k stretches.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     both = np.concatenate([wrenches, rotations.reshape(-1, 9)], axis=1)
     finite = np.asarray(np.isfinite(both).all(axis=1), dtype=bool)

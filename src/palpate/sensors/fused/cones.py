@@ -43,6 +43,9 @@ def within_cones(
     Returns:
         Forces (m, 3) [N], the least square (n,) of each frame, and notes where forces are unchanged: clarabel is not
         installed, or found none.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     found, further, notes = force.copy(), np.zeros(len(counts)), tuple[str, ...]()
     try:

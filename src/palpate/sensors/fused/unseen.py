@@ -84,6 +84,9 @@ def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"]
         places: (c, 8) from `candidates`.
         explained: (c, 4) log evidence of each place, with its share of the area, and force [N] there.
         width: [m] median of the places' standard deviations.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     evidence = explained[:, 0]
     top = evidence.max()

@@ -217,6 +217,9 @@ class LoadCellArray:
         """Return wrenches (n, 6) [N, N m] in the surface's frame and covariances (n, 6, 6).
 
         A filter's share does not reduce the errors of zero, drift, calibration and mounting.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         located = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
         known = measured.which, measured.extra, share, measured.slow
@@ -246,12 +249,20 @@ class LoadCellArray:
 
     @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n m"]:
-        """Return the voltages (n, 3 k) [V] from the live inputs (3 k n,) of `count` = n samples."""
+        """Return the voltages (n, 3 k) [V] from the live inputs (3 k n,) of `count` = n samples.
+
+        Raises:
+            InputError: inputs has another shape.
+        """
         return inputs.reshape(count, -1).copy()
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n m"]) -> Free:
-        """Return a `Free` of voltages (n, 3 k) [V], rows NaN where a used channel is at its range or not finite."""
+        """Return a `Free` of voltages (n, 3 k) [V], rows NaN where a used channel is at its range or not finite.
+
+        Raises:
+            InputError: kept has another shape.
+        """
         sound: Bool[np.ndarray, "n m"] = np.abs(kept) <= LARGEST
         beyond: Bool[np.ndarray, "n m"] = (kept <= self._channels[:, 1]) | (kept >= self._channels[:, 2])
         full = beyond & np.isfinite(self._channels[:, 1]) & sound
@@ -263,7 +274,11 @@ class LoadCellArray:
     def window_noise(
         self, kept: Float[np.ndarray, "n m"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
-        """Return covariances (3 k, 3 k) [V^2] of a window's mean: by the noise of usable samples (n,), and zeros."""
+        """Return covariances (3 k, 3 k) [V^2] of a window's mean: by the noise of usable samples (n,), and zeros.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
         count = max(1.0, float(np.count_nonzero(usable)) / self.cells.correlation)
         return self.cells.noise / count, np.zeros_like(self.cells.noise)
 
@@ -274,6 +289,9 @@ class LoadCellArray:
         """Return changes (n, 3 k) [V] as wrenches (n, 6) [N, N m], and the covariance (6, 6) of the last wrench.
 
         To the covariance (3 k, 3 k) [V^2] of the change the calibration's error is added.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         wrenches = change @ self._inverse.T
         spread = self._inverse @ covariance @ self._inverse.T

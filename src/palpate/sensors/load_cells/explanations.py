@@ -60,7 +60,11 @@ class Explanations:
         return which if which < count else (which - count) // 3
 
     def fits(self, readings: Float[np.ndarray, "n m"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, "n s"]]:
-        """Return masks for readings [V] less the zero: all channels agree (n,), and each explanation fits (n, s)."""
+        """Return masks for readings [V] less the zero: all channels agree (n,), and each explanation fits (n, s).
+
+        Raises:
+            InputError: readings has another shape.
+        """
         metric = self.metric()
         wrench, left = readings @ self.inverse.T, readings @ self.rest.T
         square = np.sum(left**2, axis=1)
@@ -73,13 +77,21 @@ class Explanations:
         return agree, fits
 
     def simplest(self, fits: Bool[np.ndarray, "*batch s"]) -> Bool[np.ndarray, "*batch s"]:
-        """Return the mask `fits` (*batch, s) without complete cells where a single channel fits."""
+        """Return the mask `fits` (*batch, s) without complete cells where a single channel fits.
+
+        Raises:
+            InputError: fits has another shape.
+        """
         kept = fits.copy()
         kept[..., : self.cells.cells] &= ~fits[..., self.cells.cells :].any(axis=-1, keepdims=True)
         return kept
 
     def wrenches(self, readings: Float[np.ndarray, "n m"], which: int) -> Float[np.ndarray, "n 6"]:
-        """Return wrenches (n, 6) [N, N m] of readings [V] without zero, by the channels that an explanation keeps."""
+        """Return wrenches (n, 6) [N, N m] of readings [V] without zero, by the channels that an explanation keeps.
+
+        Raises:
+            InputError: readings has another shape.
+        """
         shares = readings @ self.rest.T @ self.directions[which].T
         return readings @ self.inverse.T - shares @ self.corrections[which]
 
@@ -94,6 +106,7 @@ def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = Non
     """Return the `Explanations` for sound cells (k,) or channels (3 k,); None: all.
 
     Raises:
+        InputError: sound has another shape.
         NotIdentifiable: the sound channels do not determine a wrench.
     """
     kept = cells.channels(sound)

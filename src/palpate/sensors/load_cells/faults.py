@@ -64,6 +64,7 @@ def find_faults(
         names: names of the channels, for messages.
 
     Raises:
+        InputError: arrays of other shapes.
         NotIdentifiable: the channels to judge do not determine a wrench.
     """
     kept = cells.channels(sound)

@@ -114,7 +114,11 @@ class LoadCells(Value):
         return len(self.matrix) // 3
 
     def channels(self, sound: Bool[np.ndarray, " some"] | None = None) -> Bool[np.ndarray, " m"]:
-        """Return the mask (3 k,) of the channels of sound cells (k,); of all for None; a mask (3 k,) as it is."""
+        """Return the mask (3 k,) of the channels of sound cells (k,); of all for None; a mask (3 k,) as it is.
+
+        Raises:
+            InputError: sound has another shape.
+        """
         if sound is not None and len(sound) == len(self.matrix):
             return sound
         return np.repeat(np.ones(self.cells, dtype=bool) if sound is None else sound, 3)
@@ -133,6 +137,7 @@ class LoadCells(Value):
             wrench makes.
 
         Raises:
+            InputError: sound has another shape.
             NotIdentifiable: the sound channels do not determine a wrench.
         """
         kept = self.channels(sound)
@@ -156,6 +161,7 @@ class LoadCells(Value):
             sound: (k,) cells or (3 k,) channels to use; None: all.
 
         Raises:
+            InputError: arrays of other shapes.
             NotIdentifiable: the sound channels do not determine a wrench.
         """
         inverse, covariance, _ = self.inverse(sound)
@@ -163,7 +169,11 @@ class LoadCells(Value):
         return found, (1.0 + self.drift**2) * covariance + self.calibration_covariance(found)
 
     def calibration_covariance(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch 6 6"]:
-        """Return the covariance (*batch, 6, 6) of the calibration's error E w in wrenches (*batch, 6) [N, N m]."""
+        """Return the covariance (*batch, 6, 6) of the calibration's error E w in wrenches (*batch, 6) [N, N m].
+
+        Raises:
+            InputError: wrenches has another shape.
+        """
         blocks = self.covariance.reshape(6, 6, 6, 6)
         return np.einsum("iajb,...a,...b->...ij", blocks, wrenches, wrenches)
 
@@ -179,6 +189,7 @@ class LoadCells(Value):
             sound: (k,) cells or (3 k,) channels to use; None: all.
 
         Raises:
+            InputError: arrays of other shapes.
             NotIdentifiable: the sound channels do not determine a wrench.
         """
         inverse, _, rest = self.inverse(sound)
@@ -192,6 +203,7 @@ class LoadCells(Value):
         """Require that the sound cells (k,) or channels (3 k,) determine a wrench.
 
         Raises:
+            InputError: sound has another shape.
             NotIdentifiable: they do not; it names the directions that they do not measure.
         """
         kept = self.channels(sound)
@@ -224,6 +236,7 @@ def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
         positions: (k, 3) [m]; nothing is checked if one is not finite.
 
     Raises:
+        InputError: positions has another shape.
         NotIdentifiable: all cells lie on one line or at one point.
     """
     if not np.isfinite(positions).all():

@@ -115,6 +115,9 @@ def position_slope(
 
     Returns:
         (*batch, 4, 6) d(p, tau)/d(F, M) [m/N, 1/N; m, 1].
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     moment = np.concatenate([-skew(point), np.broadcast_to(np.eye(3), (*point.shape[:-1], 3, 3))], axis=-1)
     pressing = np.sum(force * normal, axis=-1)[..., None]

@@ -92,6 +92,9 @@ def loads(
         normal: (*batch, 3) outward unit normal there.
         force: (*batch, 3) [N].
         torque: (*batch,) [N m] about the normal.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     wrench = np.concatenate([force, np.cross(point, force) + torque[..., None] * normal], axis=-1)
     readings = wrench @ cells.matrix.T

@@ -114,7 +114,11 @@ class RingLayer:
             self._image = gui.add_image(self._picture(0), label=label, format="jpeg")
 
     def feed(self, frame: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "m 2"]) -> None:
-        """Set the present image (h, w, 3) of a stream, and the markers (m, 2) [px] in it."""
+        """Set the present image (h, w, 3) of a stream, and the markers (m, 2) [px] in it.
+
+        Raises:
+            InputError: pixels has another shape.
+        """
         self._fed = frame, pixels
 
     def show(self, scene: Scene, index: int) -> None:

@@ -167,7 +167,11 @@ class RingLocator:
         return RingFound(np.zeros((count, *self._left[1:].shape)), np.zeros(count, dtype=np.int64), np.zeros(count))
 
     def depth(self, states: Float[np.ndarray, "*batch 8"]) -> Float[np.ndarray, "*batch"]:
-        """Return the depth (*batch,) [m] of contacts (*batch, 8) of `RingFound.states`."""
+        """Return the depth (*batch,) [m] of contacts (*batch, 8) of `RingFound.states`.
+
+        Raises:
+            InputError: states has another shape.
+        """
         mean, deviation = self.response.width
         return states[..., 1] * (mean + deviation * states[..., 2])
 

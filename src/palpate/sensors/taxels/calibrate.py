@@ -63,7 +63,11 @@ def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.nda
 
 @takes_arrays
 def tells(curve: Curve, force: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Return bools (n,), whether one reading determines each force [N] better than `curve.largest` / sqrt(12)."""
+    """Return bools (n,), whether one reading determines each force [N] better than `curve.largest` / sqrt(12).
+
+    Raises:
+        InputError: force has another shape.
+    """
     return curve.deviation(force, curve.residual) < curve.largest / np.sqrt(12.0)
 
 

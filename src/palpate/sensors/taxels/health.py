@@ -192,6 +192,9 @@ def resting(
     Args:
         cells: (n, k) readings that rise under load.
         counts: readings are integers, whose noise is at least that of rounding.
+
+    Raises:
+        InputError: cells has another shape.
     """
     steps = np.abs(np.diff(cells, axis=0))
     low = np.quantile(cells, 0.1, axis=0)

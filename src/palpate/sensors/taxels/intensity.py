@@ -89,13 +89,20 @@ class Curve:
         """Return the counts above the unloaded reading, positive under load, for forces [N], of the same shape.
 
         Below 0 N the curve continues with its first slope, beyond the largest measured force with its last.
+
+        Raises:
+            InputError: force has another shape.
         """
         step = np.array([1e-6 * self.largest])
         first_slope = float(self._rising(self.parameters, step)[0] / step[0])
         return self._rising(self.parameters, np.maximum(force, 0.0)) + np.minimum(force, 0.0) * first_slope
 
     def force(self, intensity: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Return the forces [N] for counts above the unloaded reading, of the same shape; end slopes continue."""
+        """Return the forces [N] for counts above the unloaded reading, of the same shape; end slopes continue.
+
+        Raises:
+            InputError: intensity has another shape.
+        """
         counts, forces = self.table()
         found = np.interp(intensity, counts, forces)
         last = (forces[-1] - forces[-2]) / (counts[-1] - counts[-2])
@@ -113,13 +120,20 @@ class Curve:
         """Return the standard deviation [N] of each force [N] found from an intensity with a noise [counts].
 
         Var F = (J C J^T + noise^2) / f'(F)^2, J = df/dp.
+
+        Raises:
+            InputError: force has another shape.
         """
         jacobian = self.jacobian(force)
         variance = np.einsum("...i,ij,...j->...", jacobian, self.covariance, jacobian) + noise**2
         return np.sqrt(np.maximum(variance, 0.0)) / self.slope(force)
 
     def jacobian(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch p"]:
-        """Return the derivatives of the intensity [counts] by the parameters, (..., p), at forces (...) [N]."""
+        """Return the derivatives of the intensity [counts] by the parameters, (..., p), at forces (...) [N].
+
+        Raises:
+            InputError: force has another shape.
+        """
         pushed, values = np.maximum(force, 0.0), self.parameters
         steps = np.maximum(np.abs(values), 1e-9) * 1e-6
         columns = [
@@ -129,7 +143,11 @@ class Curve:
         return np.stack(columns, axis=-1)
 
     def slope(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Return the slope of the curve [counts/N] at forces [N], of the same shape."""
+        """Return the slope of the curve [counts/N] at forces [N], of the same shape.
+
+        Raises:
+            InputError: force has another shape.
+        """
         step = 1e-6 * self.largest
         return (self.intensity(force + step) - self.intensity(force - step)) / (2 * step)
 

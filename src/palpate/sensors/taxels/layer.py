@@ -99,7 +99,11 @@ class TaxelLayer:
             self._sheet = gui.add_image(flat, label="sheet, unrolled, row 0 below; ring: contact")
 
     def feed(self, force: Float[np.ndarray, " k"]) -> None:
-        """Take the present forces (k,) [N] of the cells; the largest so far is drawn darkest."""
+        """Take the present forces (k,) [N] of the cells; the largest so far is drawn darkest.
+
+        Raises:
+            InputError: force has another shape.
+        """
         self._fed, self.most = force, max(self.most, float(np.nan_to_num(force).max(initial=0.0)))
 
     def show(self, scene: Scene, index: int) -> None:
@@ -188,6 +192,9 @@ def unrolled(
         force: (rows, columns) [N].
         most: force [N] that is drawn darkest.
         contacts: (c, 2) row and column.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     shade = colours(np.clip(np.nan_to_num(force.ravel()) / most, 0.0, 1.0)).reshape(*force.shape, 3)
     picture = np.repeat(np.repeat(shade, PIXELS, axis=0), PIXELS, axis=1)

@@ -18,7 +18,11 @@ __all__ = ["error_map", "moved_map", "unroll"]
 
 @takes_arrays
 def unroll(points: Float[np.ndarray, "k 3"], *others: Float[np.ndarray, "k 3"]) -> list[Float[np.ndarray, "k 2"]]:
-    """Return each point set as (k, 2) [m] along and around the cylinder that fits the first set best."""
+    """Return each point set as (k, 2) [m] along and around the cylinder that fits the first set best.
+
+    Raises:
+        InputError: points has another shape.
+    """
     middle = points.mean(axis=0)
     axes = np.linalg.svd(points - middle, full_matrices=True)[2]
     fits = [_circle(points - middle, np.roll(axes, -k, axis=0)) for k in range(3)]

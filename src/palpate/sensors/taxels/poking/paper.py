@@ -112,6 +112,9 @@ def nearest_in_metric(
         vector: (k, 3) b.
         pressing: (k, 3) mean direction of the forces; facets at which they would pull are ignored.
         surface: a mesh, for an exact answer, or another, on which it is refined from its drawing.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     from palpate.sensors.taxels.poking._closest_point import nearest
 

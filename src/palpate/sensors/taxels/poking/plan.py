@@ -169,6 +169,9 @@ def known_after(
         priors: of the errors.
         configurations: number of them.
         deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns; None: nothing is known.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     rows = options.rows[made > 0] * np.sqrt(made[made > 0])[:, None, None]
     flat = rows.reshape(-1, options.rows.shape[2])
@@ -193,6 +196,9 @@ def plan_pokes(
         options: possible pokes.
         wanted: [m] largest standard deviation (root of the trace) of a taxel that is good enough.
         pokes: largest number of pokes, at most 2000.
+
+    Raises:
+        InputError: covariance has another shape.
     """
     taxels, size = units.taxels, units.freedom
     unit = units.layout.module[taxels]

@@ -48,7 +48,11 @@ class Response:
     scatter: float = 0.2
 
     def log(self, square: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Return the natural log of the response to 1 N at squared distances [m^2], of their shape."""
+        """Return the natural log of the response to 1 N at squared distances [m^2], of their shape.
+
+        Raises:
+            InputError: square has another shape.
+        """
         return self.level - self.power * np.log1p(square / (2.0 * self.power * self.reach**2))
 
 

@@ -83,7 +83,11 @@ class Units:
         return points, normals
 
     def moved(self, by: Float[np.ndarray, "u f"]) -> Units:
-        """Return `Units` that are moved by their unknowns, (u, f) [m, rad]."""
+        """Return `Units` that are moved by their unknowns, (u, f) [m, rad].
+
+        Raises:
+            InputError: by has another shape.
+        """
         if self.surface is None:
             moved = replace(self, centre=self.centre + by[:, :3])
             if self.alone:
@@ -185,6 +189,9 @@ def fitted(
         places: (k, 3) [m] of the taxels, NaN if not known.
         surface: on which the modules lie; None: they are free in space.
         weights: (k,) of the places; None: equal.
+
+    Raises:
+        InputError: weights has another shape.
     """
     share = np.where(placed(layout, places), 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
     units = _start(layout, places, surface, share)

@@ -81,6 +81,9 @@ def solve(
         priors: of the nuisances.
         start: prior places of the units; None: nothing is known.
         deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns; None: nothing is known.
+
+    Raises:
+        InputError: deviations has another shape.
     """
     count = max(pokes.configurations, 1)
     nuisances, before = Nuisances.none(count), Before(units, start, deviations, Nuisances.deviations(priors, count))
@@ -127,6 +130,9 @@ def validated(
         priors: as for `solve`.
         start: as for `solve`.
         deviations: as for `solve`.
+
+    Raises:
+        InputError: deviations has another shape.
     """
     half = np.arange(len(pokes)) * HALVES // max(len(pokes), 1) % 2 == 0
     squares, count = list[float](), 0

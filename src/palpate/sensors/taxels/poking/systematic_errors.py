@@ -60,7 +60,11 @@ class Nuisances(Value):
 
     @staticmethod
     def columns(configuration: Int[np.ndarray, " n"], configurations: int) -> Int[np.ndarray, "n 54"]:
-        """Return the indices (n, 54) in `vector` of the errors in `Predicted.by_nuisance`, for configurations (n,)."""
+        """Return the indices (n, 54) in `vector` of the errors in `Predicted.by_nuisance`, for configurations (n,).
+
+        Raises:
+            InputError: configuration has another shape.
+        """
         own, common, six = 6 * configuration[:, None], 6 * configurations, np.arange(6)
         alike = np.zeros_like(own) + common
         return np.concatenate(

@@ -36,7 +36,11 @@ class Chart:
     def lines(
         self, u: Float[np.ndarray, "*#batch"], v: Float[np.ndarray, "*#batch"]
     ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3"]]:
-        """Return a point of each line (..., 3) [m], and its unit direction (..., 3), for u and v of any one shape."""
+        """Return a point of each line (..., 3) [m], and its unit direction (..., 3), for u and v of any one shape.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
         p, q, w = self.axes
         u, v = np.asarray(u)[..., None], np.asarray(v)[..., None]
         if self.round:
@@ -44,19 +48,31 @@ class Chart:
         return self.centre + u * p + v * q, np.broadcast_to(w, (*np.broadcast_shapes(u.shape, v.shape)[:-1], 3))
 
     def local(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return u and two coordinates in its plane, (..., 3) [m]: x and y about an axis, else v and s."""
+        """Return u and two coordinates in its plane, (..., 3) [m]: x and y about an axis, else v and s.
+
+        Raises:
+            InputError: points has another shape.
+        """
         x, y, z = np.moveaxis((points - self.centre) @ self.axes.T, -1, 0)
         return np.stack([z, x, y] if self.round else [x, y, z], axis=-1)
 
     def coordinates(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return u, v and s of points, (..., 3) [m]; about an axis v is an angle in [-pi, pi]."""
+        """Return u, v and s of points, (..., 3) [m]; about an axis v is an angle in [-pi, pi].
+
+        Raises:
+            InputError: points has another shape.
+        """
         u, b, c = np.moveaxis(self.local(points), -1, 0)
         return np.stack([u, np.arctan2(c, b), np.hypot(b, c)] if self.round else [u, b, c], axis=-1)
 
     def between(
         self, start: Float[np.ndarray, "*#batch _"], end: Float[np.ndarray, "*#batch _"]
     ) -> Float[np.ndarray, "..."]:
-        """Return the steps in u and v, (..., 2) [m; rad for an angle], from start to end, the shorter way."""
+        """Return the steps in u and v, (..., 2) [m; rad for an angle], from start to end, the shorter way.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
         way = end[..., :2] - start[..., :2]
         if self.round:
             way[..., 1] = wrapped(way[..., 1])
@@ -65,7 +81,11 @@ class Chart:
 
 @takes_arrays
 def wrapped(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-    """Return the same angle [rad] in [-pi, pi)."""
+    """Return the same angle [rad] in [-pi, pi).
+
+    Raises:
+        InputError: angle has another shape.
+    """
     return np.mod(angle + np.pi, 2 * np.pi) - np.pi
 
 
@@ -73,7 +93,11 @@ def wrapped(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
 def flat_chart(
     origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]
 ) -> Chart:
-    """Return a flat `Chart` about an origin [m]: v along the heading, lines along the unit normal, p = q x w."""
+    """Return a flat `Chart` about an origin [m]: v along the heading, lines along the unit normal, p = q x w.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     v = heading - normal * (heading @ normal)
     v /= np.linalg.norm(v)
     return Chart(False, origin, np.stack([np.cross(v, normal), v, normal]))

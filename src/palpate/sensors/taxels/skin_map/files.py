@@ -121,7 +121,11 @@ def _urdf(skin: SkinMap, name: str) -> str:
 def fixed_frame(
     name: str, point: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], along: Float[np.ndarray, "3"]
 ) -> list[str]:
-    """Return a list of URDF lines: a bodiless link fixed to LINK at a point [m], z along a normal, x near `along`."""
+    """Return a list of URDF lines: a bodiless link fixed to LINK at a point [m], z along a normal, x near `along`.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
     place = " ".join(f"{number:.9g}" for number in point)
     angles = " ".join(f"{number:.9g}" for number in _roll_pitch_yaw(normal, along))
     return [

@@ -164,7 +164,11 @@ def _along(
 
 @takes_arrays
 def clusters(values: Float[np.ndarray, " n"], spacing: float) -> Float[np.ndarray, " c"]:
-    """Return the ascending means (c,) of groups of values (n,), in which neighbours differ by at most `spacing`."""
+    """Return the ascending means (c,) of groups of values (n,), in which neighbours differ by at most `spacing`.
+
+    Raises:
+        InputError: values has another shape.
+    """
     ordered = np.sort(values)
     group = np.concatenate([[0], np.cumsum(np.diff(ordered) > spacing)])
     return np.bincount(group, ordered) / np.bincount(group)
@@ -172,7 +176,11 @@ def clusters(values: Float[np.ndarray, " n"], spacing: float) -> Float[np.ndarra
 
 @takes_arrays
 def breaks_at(places: Float[np.ndarray, " n"], degree: int) -> Float[np.ndarray, " k"]:
-    """Return breaks (k,) of an open spline with a control point for each place (n,): all but some next to the ends."""
+    """Return breaks (k,) of an open spline with a control point for each place (n,): all but some next to the ends.
+
+    Raises:
+        InputError: places has another shape.
+    """
     if len(places) <= degree + 1:
         return places[[0, -1]]
     if degree == 1:

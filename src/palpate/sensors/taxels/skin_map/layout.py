@@ -140,6 +140,7 @@ def lay(
         look: called with the lattice along geodesics, before the strain is minimised.
 
     Raises:
+        InputError: arrays of other shapes.
         LinAlgError: the strain does not determine the layout.
     """
     size, cells = sheet.size, (sheet.rows, sheet.columns)

@@ -47,6 +47,9 @@ def cut(
         triangles: (f, 3, 3) corners [m].
         u: (n,) planes of the first family, ascending [m].
         v: (m,) planes of the second family, ascending [m]; angles [rad] if the chart is round.
+
+    Raises:
+        InputError: arrays of other shapes.
     """
     ends, plane, facet = _segments(chart.local(triangles), u)
     line, segment, offset = _crossings(chart, ends, v)

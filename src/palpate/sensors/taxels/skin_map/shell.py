@@ -110,7 +110,11 @@ class Shell:
     notes: tuple[str, ...] = ()
 
     def there(self, uv: Float[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
-        """Return a bool for each pair of parameters (..., 2), True where the nearest line meets the mesh."""
+        """Return a bool for each pair of parameters (..., 2), True where the nearest line meets the mesh.
+
+        Raises:
+            InputError: uv has another shape.
+        """
         u, v = self.sections.u, self.sections.v
         i = np.rint((uv[..., 0] - u[0]) / (u[1] - u[0])).astype(np.int64)
         j = np.rint((uv[..., 1] - v[0]) / (v[1] - v[0])).astype(np.int64)
