@@ -29,7 +29,7 @@ class ErrorSummary:
 
     @classmethod
     def of(cls, errors: Float[np.ndarray, " n"]) -> ErrorSummary | None:
-        """Return the summary of the finite errors (n,); None if there are none.
+        """Return the summary, in their unit, of the finite errors (n,); None if there are none.
 
         Raises:
             InputError: errors has another shape.

@@ -34,6 +34,7 @@ def grown(output: Path) -> list[int]:
 
     Raises:
         InputError: the path cannot be resolved, such as links in a circle.
+        ValueError: the path has no name, such as "/".
     """
     found = [0] if part(output).exists() else []
     target = part(output).with_suffix("")

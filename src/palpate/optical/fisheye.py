@@ -99,7 +99,7 @@ class Fisheye:
     def rays_with_slope(
         self, pixels: Float[np.ndarray, "*batch 2"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 2"]]:
-        """Return `rays` (*batch, 3) and their derivatives by the pixel (*batch, 3, 2) [1/px].
+        """Return `rays` (*batch, 3) of pixels (*batch, 2) [px], and their derivatives (*batch, 3, 2) [1/px].
 
         Raises:
             InputError: pixels has another shape.
@@ -128,7 +128,7 @@ class Fisheye:
 
     @cached_property
     def numbers(self) -> Float[np.ndarray, " 10"]:
-        """Numbers (10,) of the lens: fx, fy, cx, cy, k1 to k4, the largest theta and its theta_d."""
+        """Numbers (10,) of the lens: fx, fy [px/rad], cx, cy [px], k1 to k4, largest theta and its theta_d [rad]."""
         bends, widest = (self.k1, self.k2, self.k3, self.k4), float(self._bent(np.asarray(self.reach))[0])
         return frozen([self.fx, self.fy, self.cx, self.cy, *bends, self.reach, widest])
 

@@ -105,10 +105,12 @@ class OpenedLog:
         self._log, self._ahead = PrefetchedLog(self._log, reader, motion, told), True
 
     def head(self, seconds: float = 0.0) -> Recording:
-        """Return the log's start as a `Recording`: 20,000 samples and at least `seconds` [s], or 30 images; it is kept.
+        """Return the log's start as a `Recording`, and keep it for reading on.
+
+        It has 20,000 samples (or 3,000,000 numbers), and at least `seconds` [s]; of a camera 30 images.
 
         Raises:
-            InputError: the log holds no samples, or lacks something that the rig requests.
+            InputError: the log cannot be read, holds no samples, or lacks something that the rig requests.
         """
         if self._blocks is None:
             self._blocks = self._timed(self._log.blocks())

@@ -165,7 +165,11 @@ class Setup(SharedTables):
         return named if arm is None else {**named, "kinematics": self.link.folder / arm}
 
     def sensor_files(self, *names: str) -> dict[str, Path]:
-        """Return a dict, key -> path, of the files that the tables of the named sensors name."""
+        """Return a dict, key -> path, of the files that the tables of the named sensors name.
+
+        Raises:
+            KeyError: the rig has no table of one of the names.
+        """
         stated = (
             (key, getattr(self.sensors[name].table, key)) for name in names for key in self.sensors[name].kind.paths
         )

@@ -101,7 +101,7 @@ def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) ->
 
 @takes_arrays
 def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"], step: float) -> Iterator[slice]:
-    """Yield slices of 32 samples or more with finite values and steps within 50 % of the usual `step` [s].
+    """Yield slices of 32 or more times (n,) [s] with finite values (n, c), in steps within 50 % of `step` [s].
 
     Raises:
         InputError: arrays of other shapes.

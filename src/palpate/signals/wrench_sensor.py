@@ -100,8 +100,11 @@ class WrenchSensor(Protocol):
 
         Args:
             filter: of the wrenches; None: none.
-            rate: [Hz] of the samples.
+            rate: [Hz] of the samples; None: not known.
             share: least share of white noise's variance that it keeps.
+
+        Raises:
+            InputError: the filter's cut-off does not fit the rate.
         """
         ...
 

@@ -176,7 +176,7 @@ def open_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
     """Return knots (k + 2 degree,) of `breaks` (k,), which repeat the first and the last `degree` + 1 times.
 
     Raises:
-        InputError: breaks do not increase, or the degree is not one of 1 to 5.
+        InputError: breaks are not two or more finite numbers that increase, or the degree is not one of 1 to 5.
     """
     breaks = _breaks(breaks, degree)
     return np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])

@@ -157,7 +157,8 @@ class Mesh(Value):
             options: `smooth`, `crease`, `region`, `covered` as in `from_arrays`; facets are numbered as in the file.
 
         Raises:
-            InputError: no such file, or one that is not a mesh; no unit or an unknown one; a crease not from 0 to pi.
+            InputError: no such file, or one that cannot be read or is not a mesh; no unit or an unknown one; an unknown
+                option; a crease not from 0 to pi.
             GeometryError: no facet with an area, or an unusable region.
         """
         from palpate.surfaces._load import load_arrays

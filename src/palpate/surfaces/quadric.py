@@ -42,9 +42,9 @@ class Quadric(Analytic):
         return np.asarray(value), 2.0 * (half + linear), np.broadcast_to(2.0 * square, (*points.shape, 3))
 
     def equation(self) -> Float[np.ndarray, "10"]:
-        """Return the coefficients of the quadratic form, (10,), without a unit; the largest is 1 or -1.
+        """Return (10,), without a unit: xx, yy, zz, xy, xz, yz of A, x, y, z of b, and c, of q'A q + 2 b'q + c = 0.
 
-        They are those of xx, yy, zz, xy, xz, yz, x, y, z and 1, for points in half sizes of the box from its middle.
+        The largest is 1 or -1. A point is p = scale q + middle of the box, where scale is half its diagonal [m].
         """
         square, linear, constant = self.form()
         middle, scale = self.box.mean(axis=0), 0.5 * self.size

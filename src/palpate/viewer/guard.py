@@ -180,8 +180,8 @@ _DECODER = Decoder(_Camera | _Update | _Picture)
 def judged(raw: object, widget: Callable[[str], Widget | None]) -> Verdict:
     """Return the `Verdict` on a message from a browser.
 
-    A number out of bounds, as while it is typed, a button that was just disabled, and a window without height have no
-    effect. All else that is not allowed ends the connection.
+    A number out of bounds, as while it is typed, a widget that is hidden or disabled, and a finite camera that makes no
+    view, as of a window without height, have no effect. All else that is not allowed ends the connection.
 
     Args:
         raw: message as received.

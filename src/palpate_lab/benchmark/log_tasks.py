@@ -79,6 +79,9 @@ def fingertip(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTas
     """Make voltages of four 3-axis force cells under a fingertip, as a `MadeTask`, and write its files into `folder`.
 
     A bench log to calibrate by is among them.
+
+    Raises:
+        OSError: the folder does not exist or cannot be written.
     """
     bench = replace(BENCHES["rigid"], seed=int(rng.integers(2**31)))
     run = bench.run(0, thin=THIN)

@@ -96,7 +96,7 @@ class Plain:
         """Do nothing: the paper's law uses no feedback."""
 
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
-        """Write the step of the next period [s] into out (6,): rotation vector [rad], translation [m]; see `hold`."""
+        """Write the step of one period [s] into out (6,): translation [m], rotation vector [rad], in base axes."""
         self.hold(seen.time, seen.rotation, seen.tip, period, out)
 
     def hold(

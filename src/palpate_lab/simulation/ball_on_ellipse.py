@@ -29,7 +29,7 @@ class Ellipse:
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
         """Return the points (*batch, 3) [m] of the upper side above (x, y) [m], and the outward unit normals there.
 
-        Beyond |x| = a they are NaN.
+        Beyond |x| = a, z of the point and the normal are NaN.
         """
         point = np.stack([x, y, self.b * np.sqrt(1.0 - (x / self.a) ** 2)], axis=-1)
         normal = point * [self.a**-2, 0.0, self.b**-2]

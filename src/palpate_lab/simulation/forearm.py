@@ -34,7 +34,11 @@ class Skin(Protocol):
         ...
 
     def offset_from(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-        """Return the points (n, 3) [m] of the surface at flat offsets [m] from taxels."""
+        """Return points (n, 3) [m] of the surface nearest to offsets (n, 2) [m] in the tangent planes of taxels (n,).
+
+        Raises:
+            IndexError: there is no taxel of an index.
+        """
         ...
 
     def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
@@ -47,7 +51,11 @@ class Skin(Protocol):
     def offsets(
         self, points: Float[np.ndarray, "n 3"], poke: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"]
     ) -> Float[np.ndarray, "m 2"]:
-        """Return the flat offsets (m, 2) [m] of taxels from points, along the tangents there, for m pairs of both."""
+        """Return offsets (m, 2) [m] of taxels (m,) from points[poke] (n, 3) [m], in the tangent planes there.
+
+        Raises:
+            IndexError: there is no point or taxel of an index.
+        """
         ...
 
 

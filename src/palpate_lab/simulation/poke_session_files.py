@@ -141,7 +141,11 @@ def write_arm(upper: float, cone: Cone, folder: Path) -> None:
 
 
 def write_places(places: TaxelPlaces, path: Path) -> None:
-    """Write places in iCub's plain form: x y z nx ny nz, a row per taxel, zeros where there is none."""
+    """Write places in iCub's plain form: x y z [m] nx ny nz, a row per taxel, zeros where there is none.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     rows = np.where(places.there[:, None], np.column_stack([places.positions, places.normals]), 0.0)
     np.savetxt(path, rows, fmt="%9.6f")
 

@@ -24,7 +24,7 @@ _PIECE = 1 << 23  # bytes of text parsed at a time
 
 
 def header(features: tuple[str, ...]) -> bytes:
-    """Return the first line of a contacts.csv, the names of its columns."""
+    """Return the first line of a contacts.csv, the names of its columns, as bytes with a newline."""
     return (",".join((*COLUMNS, *features)) + "\n").encode()
 
 

@@ -63,7 +63,8 @@ def contents(path: str | Path | Mapping[str, np.ndarray]) -> LogContents:
         path: file, or folder of a bag or of images, or arrays by name.
 
     Raises:
-        InputError: the file cannot be read, is not what its suffix indicates, or needs a library that is not installed.
+        InputError: the file cannot be read, is not what its suffix indicates, has an unsupported format or needs a
+            library that is not installed; a folder holds neither images nor one bag; an array is a single number.
     """
     return open_log(path).contents()
 
@@ -72,7 +73,7 @@ def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return topic -> shape of an array, or (rows, columns) of a one-channel image; {} without topics.
 
     Raises:
-        InputError: the file is not a log, or needs a library that is not installed.
+        InputError: the file does not exist or cannot be read, is not a log, or needs a library that is not installed.
     """
     source = _messages(path, _kind(path))
     if source is None:

@@ -193,9 +193,9 @@ class SeenEdge:
     constant: Float[np.ndarray, "7"] | None = None
 
     def add(self, values: Float[np.ndarray, "k 7"], stamp: Int[np.ndarray, " k"], *, static: bool) -> None:
-        """Add transforms (k, 7) with stamps (k,) [ns]; those that are not finite, or no rotations, only count.
+        """Add transforms (k, 7) with stamps (k,) [ns], of /tf_static if `static`.
 
-        `static`: they are from /tf_static.
+        Those that are not finite, or no rotations, only count; of /tf_static they are ignored.
 
         Raises:
             InputError: arrays of other shapes.

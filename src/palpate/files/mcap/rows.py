@@ -72,6 +72,7 @@ def made(kinds: Sequence[ChannelRows], stamps: Sequence[Int[np.ndarray, " _"]]) 
     Raises:
         InputError: stamps has another shape.
         ValueError: there are not as many `stamps` as `kinds`.
+        IndexError: there are no kinds.
     """
     ends = np.cumsum([len(each) * kind.record.itemsize for kind, each in zip(kinds, stamps, strict=True)])
     raw = np.empty(ends[-1], dtype=np.uint8)

@@ -195,7 +195,8 @@ def tables(file: BinaryIO, path: Path, size: int) -> Iterator[TextTable]:
     """Yield the rows of an open file as a `TextTable` for each `size` bytes (-1: one); the first may have no rows.
 
     Raises:
-        InputError: the file is not text, is empty, or has no header.
+        InputError: the file cannot be read, is not text or is XML or HTML, is empty, has no header or one column only,
+            has too many columns or too long a line, an open quote in its header, or marks between thousands.
     """
     pieces, before, ahead = complete_lines(file, path, size), 0, list[bytes]()
     for text in pieces:  # until there is something, and enough of it to tell how it is written

@@ -147,7 +147,7 @@ class FusedEstimator(ContactEstimator):
         """Return the contacts of a block's frames as `Answered`, with the force [N] of each taxel if `watched`.
 
         Raises:
-            InputError: a channel is missing.
+            InputError: a channel is missing or has another shape.
         """
         return next(self._rejoined(self._wrenches.forward(self._pieces([self.taxels.answer(block, watched)]))))
 

@@ -343,7 +343,11 @@ class FusedLocator:
         return self._fused(contacts, given.wrenches.copy(), given.covariances.copy(), carries)
 
     def unseen_row(self, unseen: Unseen, place: int = 0) -> Float[np.ndarray, "17"]:
-        """Return an unseen contact at an index of `unseen` as a row (17,) of `rows`: force 5.8 N, deviation 6.0 N."""
+        """Return an unseen contact at an index of `unseen` as a row (17,) of `rows`: force 5.8 N, deviation 6.0 N.
+
+        Raises:
+            InputError: `unseen` has no place of this index.
+        """
         point, normal = unseen.points[place], unseen.normals[place]
         spread = self._width**2 * (np.eye(3) - np.outer(normal, normal))
         return np.concatenate([point, normal, [PUSHES.mean(), PUSHES.std()], spread.ravel()])

@@ -202,7 +202,8 @@ def fit_ring_view(
         size: width and height of the picture [px], used without a `camera`.
 
     Raises:
-        InputError: there are fewer than six markers, or some are not finite.
+        InputError: `rest_pixels` are not six or more finite pixels, the radius or the size is not positive, or the
+            height is 0.
         NotIdentifiable: the pixels are not those of an even ring about the picture's middle.
     """
     if len(rest_pixels) < 6 or not np.isfinite(rest_pixels).all():

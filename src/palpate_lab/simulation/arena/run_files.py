@@ -125,6 +125,9 @@ def write_arena(file: Path, layout: ArenaLayout, settings: Mapping[str, object])
         file: file to write.
         layout: the arena.
         settings: numbers and texts that are written first.
+
+    Raises:
+        OSError: the file cannot be written.
     """
     lines = ["# Lengths in metres, angles in radians; a block without a mass is fixed."]
     lines += [f"{name} = {_toml(value)}" for name, value in settings.items()]

@@ -108,7 +108,8 @@ class AnswerReader:
         """Return all answers of the frames taken, as `Activations`.
 
         Raises:
-            InputError: fewer than 16 finite frames, or more than half of the taxels answer nearly always.
+            InputError: fewer than 16 of the first 2,048 frames are finite, or more than half of the taxels answer
+                nearly always or never return to rest.
         """
         if not self._started:
             self._start()

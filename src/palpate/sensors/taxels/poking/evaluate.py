@@ -53,7 +53,10 @@ class TaxelErrors:
         return float(self.inside[self.known].mean()) if self.known.any() else float("nan")
 
     def summaries(self) -> list[tuple[str, ErrorSummary]]:
-        """Return (name, `ErrorSummary`) pairs [m] of all taxels, those touched and never touched, and each module."""
+        """Return (name, `ErrorSummary`) pairs [m], without those of no finite error.
+
+        They are of all taxels, of all after one rigid motion, of those touched, of the others, and of each module.
+        """
         rows = {"absolute": self.absolute, "one rigid motion taken off": self.relative}
         if not self.touched.all():
             rows |= {"of those touched": self.absolute[self.touched]}

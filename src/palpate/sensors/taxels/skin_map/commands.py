@@ -108,7 +108,7 @@ def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(
 
     Raises:
         InputError: an option or a sheet that does not fit the link, or a file that cannot be read or written.
-        GeometryError: a link that cannot be cut by two families of planes about the origin.
+        GeometryError: a mesh without a usable facet, or a link that cannot be cut by planes about the origin.
     """
     keep_inputs(output, (mesh,))
     require_suffix(output)

@@ -55,6 +55,9 @@ class Parametric(Protocol):
 
         A state is u, v, u', v', the spread J of neighbouring geodesics, and J'. `begin` holds the first states, (m, 6);
         `step` is a length [m].
+
+        Raises:
+            InputError: `begin` has another shape.
         """
         ...
 
