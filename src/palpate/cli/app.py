@@ -50,70 +50,58 @@ _GROUPS = {
     "plan": "Plan measurements",
     "rig": "Write a rig",
 }
-_EACH = {
-    "estimate": _Command(".estimate", "estimate", "Estimate contacts in a log, with a rig or with a mesh alone."),
-    "batch": _Command(".batch", "batch", "Estimate contacts in many logs, and write one page about them."),
-    "calibrate camera": _Command(
-        "palpate.sensors.marker_ring.commands",
-        "CalibrateCamera",
-        "Calibrate a fisheye lens from pictures of a chessboard.",
-    ),
-    "calibrate clock": _Command(
-        "palpate.sensors.force_torque.commands",
+_FORCE_TORQUE = "palpate.sensors.force_torque.commands"
+_LOAD_CELLS = "palpate.sensors.load_cells.commands"
+_MARKER_RING = "palpate.sensors.marker_ring.commands"
+_MOUNTING = "palpate.sensors.force_torque.mounting_command"
+_POKING = "palpate.sensors.taxels.poking.commands"
+_SKIN_MAP = "palpate.sensors.taxels.skin_map.commands"
+_TAXELS = "palpate.sensors.taxels.commands"
+_ROWS = {  # name of a command -> module, function or calibration, and the first paragraph of its docstring
+    "estimate": (".estimate", "estimate", "Estimate contacts in a log, with a rig or with a mesh alone."),
+    "batch": (".batch", "batch", "Estimate contacts in many logs, and write one page about them."),
+    "calibrate camera": (_MARKER_RING, "CalibrateCamera", "Calibrate a fisheye lens from pictures of a chessboard."),
+    "calibrate clock": (
+        _FORCE_TORQUE,
         "CalibrateClock",
         "Find the clock offset of the poses, and write it into the rig.",
     ),
-    "calibrate drift": _Command(
-        ".calibrate_drift", "CalibrateDrift", "Find how the bias drifts, and write it into the rig."
-    ),
-    "calibrate intensity": _Command(
-        "palpate.sensors.taxels.commands", "CalibrateIntensity", "Fit the curve from a taxel's reading to its force."
-    ),
-    "calibrate load-cells": _Command(
-        "palpate.sensors.load_cells.commands",
+    "calibrate drift": (".calibrate_drift", "CalibrateDrift", "Find how the bias drifts, and write it into the rig."),
+    "calibrate intensity": (_TAXELS, "CalibrateIntensity", "Fit the curve from a taxel's reading to its force."),
+    "calibrate load-cells": (
+        _LOAD_CELLS,
         "CalibrateLoadCells",
         "Calibrate 3-axis load cells under a fingertip on a test bench.",
     ),
-    "calibrate marker-ring": _Command(
-        "palpate.sensors.marker_ring.commands",
+    "calibrate marker-ring": (
+        _MARKER_RING,
         "CalibrateMarkerRing",
         "Calibrate a soft ring of markers from known presses.",
     ),
-    "calibrate payload": _Command(
-        "palpate.sensors.force_torque.commands",
+    "calibrate payload": (
+        _FORCE_TORQUE,
         "CalibratePayload",
         "Identify mass, center of mass and bias: gravity compensation.",
     ),
-    "calibrate mounting": _Command(
-        "palpate.sensors.force_torque.mounting_command",
+    "calibrate mounting": (
+        _MOUNTING,
         "CalibrateMounting",
         "Find the surface's pose in the sensor's frame from touches.",
     ),
-    "calibrate taxels": _Command(
-        "palpate.sensors.taxels.poking.commands",
-        "CalibrateTaxels",
-        "Find where each taxel sits, from the wrenches of pokes.",
-    ),
-    "design load-cells": _Command(
-        "palpate.sensors.load_cells.commands",
-        "design_load_cells",
-        "Draw what a layout of load cells can resolve.",
-    ),
-    "evaluate": _Command(".evaluate", "evaluate", "Compare contacts with the ground truth."),
-    "events": _Command(".events", "events", "List touches: start, end, peak force, contact point."),
-    "inspect": _Command(".inspect", "inspect", "Show what is in a log, mesh, rig, model or result."),
-    "live": _Command(".live", "live", "Estimate contacts in the samples of a device, live."),
-    "map skin": _Command(
-        "palpate.sensors.taxels.skin_map.commands", "map_skin", "Lay a flexible taxel sheet on a link's mesh."
-    ),
-    "plan pokes": _Command(
-        "palpate.sensors.taxels.poking.commands", "plan_pokes_command", "Propose where to poke a skin next."
-    ),
-    "recover": _Command(".recover", "recover", "Recover a live record after its recorder was killed."),
-    "replay": _Command(".replay", "replay", "Play a log as a device, to try a set-up without one."),
-    "view": _Command(".view", "view", "Show contacts on the body in a browser."),
-    "rig new": _Command(".rig_new", "rig_new", "Guess a rig from a log and a mesh."),
+    "calibrate taxels": (_POKING, "CalibrateTaxels", "Find where each taxel sits, from the wrenches of pokes."),
+    "design load-cells": (_LOAD_CELLS, "design_load_cells", "Draw what a layout of load cells can resolve."),
+    "evaluate": (".evaluate", "evaluate", "Compare contacts with the ground truth."),
+    "events": (".events", "events", "List touches: start, end, peak force, contact point."),
+    "inspect": (".inspect", "inspect", "Show what is in a log, mesh, rig, model or result."),
+    "live": (".live", "live", "Estimate contacts in the samples of a device, live."),
+    "map skin": (_SKIN_MAP, "map_skin", "Lay a flexible taxel sheet on a link's mesh."),
+    "plan pokes": (_POKING, "plan_pokes_command", "Propose where to poke a skin next."),
+    "recover": (".recover", "recover", "Recover a live record after its recorder was killed."),
+    "replay": (".replay", "replay", "Play a log as a device, to try a set-up without one."),
+    "view": (".view", "view", "Show contacts on the body in a browser."),
+    "rig new": (".rig_new", "rig_new", "Guess a rig from a log and a mesh."),
 }
+_EACH = {name: _Command(*row) for name, row in _ROWS.items()}
 
 
 def _tree() -> dict[str, _Command | _Group]:

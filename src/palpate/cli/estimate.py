@@ -14,9 +14,8 @@ from tyro.conf import arg
 from palpate.cli.contact_files import compared_blocks
 from palpate.cli.estimate_log import Estimated, estimate_log, record_of
 from palpate.cli.events import say_touches
-from palpate.cli.report import judged
+from palpate.cli.report import judged, run_of
 from palpate.cli.rig_options import RigOptions
-from palpate.cli.run_report import run_of
 from palpate.console.console import counting, lines, note, progress, shares, title, wait
 from palpate.console.options import FileOption, Log
 from palpate.contact.estimate import Status
