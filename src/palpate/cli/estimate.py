@@ -90,7 +90,7 @@ def estimate(
         warnings = (*([done.nothing] if done.nothing else []), *done.warnings, *done.short)
         run = run_of(done.pipeline, done.summary, done.record, output.name, warnings)
         run = judged(run, known, mounted=opened.setup.link.mount_covariance is not None)
-        write_text(report, render(compose(run if other is None else compared(run, other[0], other[1]))))
+        write_text(report, render(compose(run if other is None else compared(run, *other))))
     note(done.short, kind="warning")
     note([done.nothing] if done.nothing else [], kind="warning")
     note(_next(log, setup, done.summary.statuses))
@@ -107,9 +107,9 @@ def _next(log: Path, setup: RigOptions, statuses: Int[np.ndarray, " s"]) -> list
     return [f"next: `{made}`; then state in that rig the payload, the tare and the pose of the mesh"]
 
 
-def _workers(opened: OpenedLog, asked: int | None) -> int:
+def _workers(opened: OpenedLog, requested: int | None) -> int:
     """Return the number of threads that locate; 1: nothing runs in parallel, as for a pipe, which has one reader."""
-    count = asked if asked is not None else (cpu_count() or 1) if opened.size >= LONG else 1
+    count = requested or ((cpu_count() or 1) if opened.size >= LONG else 1)
     return count if opened.path.is_file() or opened.path.is_dir() else 1
 
 
@@ -146,8 +146,7 @@ def _say(heading: str, done: Estimated) -> None:
     lines([("samples", f"{summary.samples:,} in, {summary.rows:,} rows out{several}")])
     lines(shares(summary.statuses))
     spent = {"read": pipeline.log.seconds, **pipeline.seconds}
-    busy = sum(spent.values()) - spent["prepare"] - spent["compile"]
-    busy = min(busy, done.took)  # processes work at the same time
+    busy = min(sum(spent.values()) - spent["prepare"] - spent["compile"], done.took)  # processes work at the same time
     rate = summary.samples / max(busy, 1e-9)
     parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in spent.items())
     lines([("time", f"{parts}; {rate:,.0f} samples/s once prepared and compiled")])

@@ -97,22 +97,28 @@ def _say(report: EvaluationReport) -> None:
     counts = {name: getattr(report, name) for name in ("samples", "matched", "answered", "unmatched", "missed")}
     lines([("contacts", Quantity(matched, counts))])
     lines(shares(report.statuses))
-    _touches(report)
+    if report.touches:
+        table(
+            ("touch", "error [mm]", "scatter [mm]", "answered", "samples"),
+            [
+                (
+                    touch.label,
+                    *(f"{1e3 * value:.3f}" if touch.answered else "-" for value in (touch.error, touch.scatter)),
+                    f"{touch.answered}",
+                    f"{touch.samples}",
+                )
+                for touch in report.touches
+            ],
+        )
     if rows := summaries(report):
         table(("", *HEADER), rows)
     else:
         note(["no contact with a truth was answered, so there are no errors to average"])
     seen = report.coverage
     if seen.count:
-        lines(
-            [
-                (
-                    "95 % ellipses",
-                    Quantity(f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)", seen.inside),
-                ),
-                ("mean square", Quantity(f"{seen.mean_square:.2f} (should be 2)", seen.mean_square)),
-            ]
-        )
+        inside = Quantity(f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)", seen.inside)
+        square = Quantity(f"{seen.mean_square:.2f} (should be 2)", seen.mean_square)
+        lines([("95 % ellipses", inside), ("mean square", square)])
 
 
 def _unpaired(report: EvaluationReport) -> list[str]:
@@ -131,51 +137,30 @@ def _is_instrument(truth: Path) -> bool:
 
 
 def truth_times(truth: TrueSamples | TrueTouches) -> np.ndarray:
-    """Return the times [s] of instants, (k,), or of all starts and then all ends of touches, (2 k,)."""
+    """Return times [s]: of k instants (k,), or of k touches all starts, then all ends (2 k,)."""
     return np.concatenate([truth.start, truth.end]) if isinstance(truth, TrueTouches) else truth.time
 
 
 def summaries(report: EvaluationReport) -> list[tuple[str, ...]]:
-    """Return a list of rows of texts: name with unit, mean, median, 95 %, worst, count; [] if nothing was compared."""
-    what = "location of touches [mm]" if report.touches else "location [mm]"
-    degrees = 180 / np.pi
+    """Return a row of texts per compared quantity: name with unit, mean, median, 95 %, worst, count."""
     rows = (
-        (what, report.location, 1e3),
-        ("normal [deg]", report.normal, degrees),
+        ("location of touches [mm]" if report.touches else "location [mm]", report.location, 1e3),
+        ("normal [deg]", report.normal, 180 / np.pi),
         ("force [N]", report.force, 1.0),
-        ("force direction [deg]", report.force_angle, degrees),
+        ("force direction [deg]", report.force_angle, 180 / np.pi),
     )
     return [(name, *summary.row(scale)) for name, summary, scale in rows if summary is not None]
 
 
-def _touches(report: EvaluationReport) -> None:
-    if report.touches:
-        table(
-            ("touch", "error [mm]", "scatter [mm]", "answered", "samples"),
-            [
-                (
-                    touch.label,
-                    f"{1e3 * touch.error:.3f}" if touch.answered else "-",
-                    f"{1e3 * touch.scatter:.3f}" if touch.answered else "-",
-                    f"{touch.answered}",
-                    f"{touch.samples}",
-                )
-                for touch in report.touches
-            ],
-        )
-
-
 def _unanswered(report: EvaluationReport) -> list[str]:
     """Return sentences on touches without an error, which the averages omit."""
+    omitted = (
+        ("have no sample", [touch.label for touch in report.touches if not touch.samples]),
+        ("have samples, but no answer,", [t.label for t in report.touches if t.samples and not t.answered]),
+    )
     return [
-        f"{len(labels)} of {len(report.touches)} touches {why} and are left out of the averages: {_listed(labels)}"
-        for why, labels in (
-            ("have no sample", [touch.label for touch in report.touches if not touch.samples]),
-            ("have samples, but no answer,", [t.label for t in report.touches if t.samples and not t.answered]),
-        )
+        f"{len(labels)} of {len(report.touches)} touches {why} and are left out of the averages: "
+        f"{', '.join(labels[:5])}{', ...' if len(labels) > 5 else ''}"
+        for why, labels in omitted
         if labels
     ]
-
-
-def _listed(labels: list[str]) -> str:
-    return ", ".join(labels[:5]) + (", ..." if len(labels) > 5 else "")

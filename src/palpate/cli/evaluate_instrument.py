@@ -48,18 +48,19 @@ def evaluate_instrument(
     tolerance: float,
     output: Path | None,
 ) -> None:
-    """Compare touches, as medians, with the wrench or the wand's poses in the columns of `truth`; print the result.
+    """Compare the median of each touch with a table of wrenches or of a wand's poses, and print the result.
 
     Args:
         contacts: the file, and its contacts.
-        truth: table of the instrument.
+        truth: table of the instrument: columns time and `WRENCH` or `WAND`.
         rig_path: rig of the body.
         wand: its mesh and the mesh's unit.
-        tolerance: [s] around the time of a touch.
-        output: page to write.
+        tolerance: rows of the truth so close to a touch's time count [s].
+        output: page to write (.html).
 
     Raises:
-        InputError: the rig cannot be used, `wand` is missing, no touch lasts three samples, or none can be compared.
+        InputError: a file cannot be used or written, `wand` is missing, no touch lasts three samples, or none can be
+            compared.
     """
     path, found = contacts
     setup = load_rig(rig_path).resolve()
@@ -91,8 +92,8 @@ def evaluate_instrument(
 def _surface(setup: Setup) -> tuple[Mesh, str]:
     """Return the mesh of the body, from the rig or else the map of its sheet, and a sentence on which of them it is."""
     if setup.link.stated is None:
-        said = "the rig has no [surface], so the sensing layer of the map is used as the body"
-        return setup.of(SkinSection).map.mesh(), said
+        layer = setup.of(SkinSection).map.mesh()
+        return layer, "the rig has no [surface], so the sensing layer of the map is used as the body"
     return setup.link.surface().drawn(), "lines and wand are intersected with the rig's [surface]"
 
 
@@ -144,22 +145,18 @@ def _at(known: TextTable, columns: tuple[str, ...], times: np.ndarray, tolerance
 def _facts(judged: InstrumentReport, touches: Contacts, pitch: tuple[float, float] | None) -> list[tuple[str, str]]:
     along = ", ".join(f"{1e3 * error:.2f}" for error in judged.along)
     compared = len(touches) - sum(map(bool, judged.reference.refused))
-    said = [
-        ("touches", f"{len(touches)}, {compared} of them compared"),
-        ("along x, y, z", f"{along} mm on average"),
-    ]
+    facts = [("touches", f"{len(touches)}, {compared} of them compared"), ("along x, y, z", f"{along} mm on average")]
     if pitch is not None:
-        distance, axis = perfect(pitch)
-        what = (
-            f"has an error of {1e3 * distance:.2f} mm, {1e3 * axis:.2f} mm per axis, if touches are smaller than a cell"
+        distance, axis = (f"{1e3 * error:.2f} mm" for error in perfect(pitch))
+        facts.append(
+            ("a perfect map", f"has an error of {distance}, {axis} per axis, if touches are smaller than a cell")
         )
-        said.append(("a perfect map", what))
     if (paper := judged.paper_position) is not None:
         share = judged.paper_direction
         directions = f"; directions {100 * share:.1f} %, x and y of unit vectors (the paper: 2.9 %)"
         distance = f"{1e3 * paper.mean:.2f} mm, worst {1e3 * paper.worst:.2f} mm, z set to zero (the paper: 4.2 mm)"
-        said.append(("as the paper measures", distance + (directions if np.isfinite(share) else "")))
-    return said
+        facts.append(("as the paper measures", distance + (directions if np.isfinite(share) else "")))
+    return facts
 
 
 def _named(judged: InstrumentReport) -> list[tuple[str, str, ErrorSummary, float]]:
@@ -193,12 +190,12 @@ def _page(
         )
         for k in range(len(touches))
     )
-    cells = () if places is None else ("row", "column")
-    header = ("touch", "time [s]", *cells, "position [mm]", "direction [deg]", "left out because")
-    pictures = ()
+    cells, pictures = (), ()
     if places is not None:
         drawn = sheet_map(places, 1e3 * judged.report.errors, "error [mm]")
+        cells = ("row", "column")
         pictures = (picture(drawn, "Where the touches were on the unrolled sheet, and their errors."),)
+    header = ("touch", "time [s]", *cells, "position [mm]", "direction [deg]", "left out because")
     facts = (("against", judged.reference.name), *_facts(judged, touches, pitch))
     sections = (Section("Errors", text=(of,), pictures=pictures, settings=facts, tables=(Cells(header, rows),)),)
     return Report(names, f"{names}: each touch as the median of its samples.", tiles, sections=sections)

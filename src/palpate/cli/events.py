@@ -59,7 +59,7 @@ def events(
 
 
 def say_touches(found: Events, otherwise: str) -> None:
-    """Print the table of touches; where there are too many for a screen, `otherwise` tells how to get them all."""
+    """Print a table of touches, in text of the first 40, and then `otherwise`: how to get them all."""
     start, after = since(found.start)
     lines([("time [s]", Quantity(after, start))] if after else [])
     shown = len(found) if in_full() else _SHOWN

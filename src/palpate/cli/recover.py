@@ -22,6 +22,6 @@ def recover(output: SomeFile, /) -> None:
     """
     if output.suffix.lower() != ".mcap":
         raise InputError("is not a record of `palpate live`.", where=str(output), hint="Name its .mcap file.")
-    said = put_together(output)
+    samples = put_together(output)
     title(f"{output}: recovered")
-    lines([("samples", said)])
+    lines([("samples", samples)])

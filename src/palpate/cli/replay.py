@@ -79,16 +79,15 @@ def _layout(log: Path, rig: Path | None) -> LogLayout:
     """Return the layout of the log: in SI units, along the axes that it was recorded in."""
     if rig is not None:
         return replace(load_rig(rig).layout(), axes=("x", "y", "z"), left_handed=False)
-    guessed = guess_sensor(log)
-    if guessed is None:
+    if (guessed := guess_sensor(log)) is None:
         raise InputError("is not recognised as a log.", where=str(log), hint="Add --rig, to state how it is read.")
     return guessed[1].layout
 
 
 def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, topic: str, domain: int) -> Device:
-    if kind == "netft" and source.shape != (6,):
-        raise InputError("has no wrenches, and a Net F/T sends nothing else.", where=str(source.path))
     if kind == "netft":
+        if source.shape != (6,):
+            raise InputError("has no wrenches, and a Net F/T sends nothing else.", where=str(source.path))
         from palpate.live.netft_device import NetFtDevice
 
         return NetFtDevice(port=port, web=web)
@@ -108,7 +107,6 @@ def _played(source: Replay, device: Device, seconds: float | None) -> int:
     source.open()
     with signals() as came, pressed() as _:
         while not (came.stop or source.ended) and time.monotonic() < end:
-            count = source.receive(batch, 0.1)
-            if count:
+            if count := source.receive(batch, 0.1):
                 sent += device.send(batch.stamp[:count], batch.values[:count].reshape(count, -1))
     return sent

@@ -77,8 +77,9 @@ def rig_new(
         raise InputError("must be positive.", where="--rate")
     body = None if mesh is None else GivenBody.of(mesh, robot.link, _packages(robot.package))
     with TemporaryDirectory() as scratch:
-        seen = log or listen(_known(live), Path(scratch))
-        proposal = propose_rig(seen, body, output.parent, sensor=sensor, topic=topic, rate=rate)
+        proposal = propose_rig(
+            log or listen(_known(live), Path(scratch)), body, output.parent, sensor=sensor, topic=topic, rate=rate
+        )
     write_text(output, proposal.text + ("" if live is None else live.text()))
     load_rig(output)
     title(f"{', '.join(str(each) for each in (log or source, mesh) if each)} -> {output}")
@@ -93,8 +94,8 @@ def _known(source: RigSource | None) -> RigSource:
     return source
 
 
-def _packages(said: tuple[str, ...]) -> dict[str, Path]:
-    pairs = [text.partition("=") for text in said]
+def _packages(options: tuple[str, ...]) -> dict[str, Path]:
+    pairs = [text.partition("=") for text in options]
     for name, equals, folder in pairs:
         if not (name and equals and folder):
             raise InputError("must state where a package is, as NAME=FOLDER.", where="--package")
