@@ -90,26 +90,26 @@ class GivenBody:
 
     def text(self, frame: str) -> str:
         """Return the [surface] of a rig as TOML text; `frame` is the log's name of the sensor's frame, or ""."""
-        path = self.relative(self.path)
+        (how, xyz, turn), pose = _DRAWN, self.mounting(frame)
+        if pose is not None:
+            named = _comment(frame)
+            how = f"# Of the link in the sensor's frame ({named}), by the URDF (`palpate calibrate mounting`)."
+            xyz, turn = pose.translation.tolist(), pose.quaternion().tolist()
+        return self._source() + _BOTH.format(how=how, xyz=xyz, turn=turn)
+
+    def _source(self) -> str:
+        path, size = self.relative(self.path), 1e3 * self.size
         if self.urdf is None:
-            how, xyz, turn = _DRAWN
-            return _MESH.format(mesh=path, unit=self.unit, size=1e3 * self.size) + _BOTH.format(
-                how=how, xyz=xyz, turn=turn
-            )
+            return _MESH.format(mesh=path, unit=self.unit, size=size)
         pairs = [f"{quoted(name)} = {self.relative(where)}" for name, where in self.urdf.packages.items()]
-        first = _LINK.format(
+        return _LINK.format(
             urdf=path,
             link=quoted(self.link),
             packages=f"\npackages = {{ {', '.join(pairs)} }}" if pairs else "",
             geometry=self.geometry,
             other="collision" if self.geometry == "visual" else "visual",
-            size=1e3 * self.size,
+            size=size,
         )
-        pose = self.mounting(frame)
-        if pose is None:
-            return first + _BOTH.format(how=_DRAWN[0], xyz=_DRAWN[1], turn=_DRAWN[2])
-        how = f"# Of the link in the sensor's frame ({_comment(frame)}), by the URDF (`palpate calibrate mounting`)."
-        return first + _BOTH.format(how=how, xyz=pose.translation.tolist(), turn=pose.quaternion().tolist())
 
     def relative(self, path: Path) -> str:
         """Return a path relative to the rig's folder, as a string quoted for TOML."""

@@ -18,7 +18,7 @@ from palpate.surfaces.mesh import UNITS, Mesh
 __all__ = [
     "PLAUSIBLE",
     "array_topic",
-    "commented",
+    "frames_table",
     "mesh_size",
     "orientation_table",
     "pose_table",
@@ -29,6 +29,7 @@ __all__ = [
 ]
 
 PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
+_OFFSET = "offset = 0.0                         # s added to their stamps; written by `palpate calibrate clock`"
 
 
 def quoted(value: str | Sequence[str]) -> str:
@@ -75,12 +76,17 @@ def time_unit(column: str) -> str:
     return known_unit(split_unit(column)[1], TIME_UNITS) or "s"
 
 
+def frames_table(base: str, sensor: str, what: str, more: str = "") -> str:
+    """Return the [orientation] of a rig for two frames as TOML; `what` they are is a comment, `more` further lines."""
+    return f"[orientation]\nbase = {quoted(base)}\nsensor = {quoted(sensor)}   # {what}\n{more}{_OFFSET}\n"
+
+
 def pose_table(topics: Sequence[str]) -> str:
     """Return the [orientation] of a rig for the first topic of poses as TOML; commented out if there is no topic."""
     lines = [
         "[orientation]",
         f"topic = {quoted(topics[0] if topics else '/pose')}   # poses of the sensor in the base",
-        "offset = 0.0                         # s added to their stamps; written by `palpate calibrate clock`",
+        _OFFSET,
     ]
     return "".join(f"{'' if topics else '# '}{line}\n" for line in lines)
 

@@ -84,15 +84,12 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
         unit = match[1]
     known = known_unit(unit, TIME_UNITS)
     if unit and known is None and ":" not in unit:  # hh:mm:ss is a stamp
-        raise InputError(
-            f"unknown unit {unit!r} of {column!r}.", where=str(contents.path), hint=f"Known: {', '.join(TIME_UNITS)}."
-        )
-    remark = (
-        f"times are those of {column!r}; the rate of {stated.rate:.6g} Hz that is also stated is not used"
-        if stated.rate
-        else ""
-    )
-    return TimeGuess(column, known or "", remarks=(remark,) if remark else (), stated=stated.rate)
+        hint = f"Known: {', '.join(TIME_UNITS)}."
+        raise InputError(f"unknown unit {unit!r} of {column!r}.", where=str(contents.path), hint=hint)
+    remarks = ()
+    if stated.rate:
+        remarks = (f"times are those of {column!r}; the rate of {stated.rate:.6g} Hz that is also stated is not used",)
+    return TimeGuess(column, known or "", remarks=remarks, stated=stated.rate)
 
 
 @takes_arrays
@@ -116,8 +113,7 @@ def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
     step = float(np.median(forward))
     rates = {unit: 1.0 / (step * scale) for unit, scale in TIME_UNITS.items()}
     likely = [unit for unit, rate in rates.items() if _RATES[0] <= rate * (1 + 1e-9) and rate <= _RATES[1]]
-    whole = bool((known == np.round(known)).all())
-    if not whole and "s" in likely:
+    if "s" in likely and (known != np.round(known)).any():
         likely = ["s"]
     if not likely:
         return "s", f"{column!r} may not be the time: its steps of {step:.4g} would be {rates['s']:.4g} Hz"

@@ -23,7 +23,7 @@ class Link:
 
     Attributes:
         stated: the [surface] of the rig; None if a skin alone is the body.
-        folder: the folder where relative paths start.
+        folder: where relative paths start.
     """
 
     stated: RigSurface | None
@@ -42,12 +42,12 @@ class Link:
 
     @property
     def placement(self) -> float:
-        """Standard deviation [m] of a touch's place beyond what its wrench explains; 0.0 if there is no surface."""
+        """Standard deviation [m] of a touch's place beyond what its wrench explains; 0.0 without a surface."""
         return 0.0 if self.stated is None else self.stated.placement
 
     @property
     def settings(self) -> dict[str, object]:
-        """Settings of the surface for the record of a result: a dict with "crease" [degrees]; {} without a surface."""
+        """Settings of the surface for a result's record: {"crease": [degrees]}; {} without a surface."""
         return {} if self.stated is None else {"crease": self.stated.crease}
 
     @property
@@ -61,7 +61,7 @@ class Link:
         return Path(str(self.stated.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
     def surface(self) -> Surface:
-        """Return the `Surface` that is touched, read once for all links with the same files.
+        """Return the `Surface` that is touched; its files are read once.
 
         Raises:
             InputError: the rig has no [surface], or one of its files cannot be read.

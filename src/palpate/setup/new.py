@@ -73,11 +73,10 @@ def guess_sensor(
             units contradict each other.
     """
     there = _only(contents(log), topic)
-    if rate is not None and there.topics:
-        raise InputError(
-            "is a log of messages, which have stamps.", where=str(log), hint="Leave --rate out: it is for tables."
-        )
     if rate is not None:
+        if there.topics:
+            hint = "Leave --rate out: it is for tables."
+            raise InputError("is a log of messages, which have stamps.", where=str(log), hint=hint)
         there = replace(there, stated=replace(there.stated, rate=rate))
     for kind in KINDS.values():
         if sensor in (None, kind.name) and (guess := kind.guess(log, there, body)) is not None:
@@ -107,7 +106,7 @@ def _only(there: LogContents, name: str | None) -> LogContents:
 
 def propose_rig(
     log: Path,
-    body: GivenBody | Path | None,
+    body: GivenBody | None,
     folder: Path,
     *,
     sensor: str | None = None,
@@ -118,18 +117,16 @@ def propose_rig(
 
     Args:
         log: a log of any sensor.
-        body: the body that is touched, or the path of its mesh.
+        body: the body that is touched; None: the rig gets a sphere to be replaced.
         folder: the folder of the rig, where relative paths start.
         sensor: name of the only kind of sensor that is tried; None: all are.
         topic: the only topic of its role that is read; None: all are.
         rate: [Hz] of the samples of a table.
 
     Raises:
-        InputError: the log or the mesh cannot be read, nothing in it looks like a sensor, its times are not known, or
-            the rig would not load.
-        GeometryError: the mesh file has no usable surface.
+        InputError: the log cannot be read, nothing in it looks like a sensor, its times are not known, or the rig would
+            not load.
     """
-    body = GivenBody.of(body) if isinstance(body, Path) else body
     body = None if body is None else replace(body, folder=folder)
     found = guess_sensor(log, body, sensor=sensor, topic=topic, rate=rate)
     if found is None:
@@ -146,9 +143,8 @@ def propose_rig(
     text = "".join(_parts(log, body, kind, guess))
     _require_sound(text, folder / "rig.toml")
     written = contents(log).written
-    remarks = [*([f"the table is {written}"] if written else []), *guess.remarks]
-    remarks += [] if body is None else body.remarks(guess.frame)
-    return Proposal(text, kind.called, guess.why, tuple(remarks))
+    form, of_body = [f"the table is {written}"] if written else [], [] if body is None else body.remarks(guess.frame)
+    return Proposal(text, kind.called, guess.why, (*form, *guess.remarks, *of_body))
 
 
 def _listed(log: Path) -> str:

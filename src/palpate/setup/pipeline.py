@@ -10,7 +10,6 @@ from math import inf
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
-from types import TracebackType
 from typing import Any, cast
 
 import numpy as np
@@ -97,12 +96,12 @@ class OpenedLog:
             estimator: the estimator of the log; if its sensor has a motion, the process adds the accelerations.
             threads: number of threads that locate contacts.
         """
-        motion, told = None, None
+        ahead = None
         if isinstance(estimator, WrenchEstimator):
             estimator.threads, sensor = threads, cast("Any", estimator.sensor)
-            if (motion := getattr(sensor, "motion", None)) is not None:
-                told = sensor.motion = MotionAhead()
-        self._log, self._ahead = PrefetchedLog(self._log, reader, motion, told), True
+            if getattr(sensor, "motion", None) is not None:
+                ahead = sensor.motion = MotionAhead(sensor.motion)
+        self._log, self._ahead = PrefetchedLog(self._log, reader, ahead), True
 
     def head(self, seconds: float = 0.0) -> Recording:
         """Return the log's start, a `Recording`: 20,000 samples, `seconds` [s] if more, or 30 images; none is consumed.
@@ -152,9 +151,7 @@ class OpenedLog:
     def __enter__(self) -> OpenedLog:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._first, self._blocks = [], None
 
     def _timed(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
@@ -337,9 +334,8 @@ class Pipeline:
 
     def warnings(self) -> list[str]:
         """Return warnings about the samples so far: what may be wrong, one sentence each."""
-        return list(
-            dict.fromkeys((*self.initial_warnings, *self.estimator.warnings(), *self._seen.warnings(self.estimator)))
-        )
+        said = (*self.initial_warnings, *self.estimator.warnings(), *self._seen.warnings(self.estimator))
+        return list(dict.fromkeys(said))
 
 
 @called_as(
@@ -409,6 +405,5 @@ def _require_pose(log: OpenedLog, head: Recording) -> None:
 
 def _span(blocks: Iterable[Recording]) -> float:
     """Return the time [s] from the first finite time of the blocks to the last; -inf if there is none."""
-    times = [block.time[np.isfinite(block.time)] for block in blocks]
-    known = [time for time in times if len(time)]
-    return max(time.max() for time in known) - min(time.min() for time in known) if known else -np.inf
+    known = np.concatenate([np.empty(0), *(block.time[np.isfinite(block.time)] for block in blocks)])
+    return float(np.ptp(known)) if len(known) else -inf

@@ -56,16 +56,14 @@ class Sender:
             self._free.append(self._freed.recv())
         parts = list[pickle.PickleBuffer]()
         head = pickle.dumps(value, protocol=5, buffer_callback=parts.append)
-        raws = [part.raw() for part in parts]
-        sizes, slot = [raw.nbytes for raw in raws], self._free.pop()
-        if sum(sizes) > SLOT:
-            head, sizes = pickle.dumps(value, protocol=5), []
-            raws = []
+        raws, slot = [part.raw() for part in parts], self._free.pop()
+        if sum(raw.nbytes for raw in raws) > SLOT:
+            head, raws = pickle.dumps(value, protocol=5), []
         at, view = slot * SLOT, np.frombuffer(self._memory, dtype=np.uint8)
         for raw in raws:
             view[at : at + raw.nbytes] = np.frombuffer(raw, dtype=np.uint8)
             at += raw.nbytes
-        self._messages.send_bytes(pickle.dumps((slot, sizes, [raw.readonly for raw in raws], head)))
+        self._messages.send((slot, [(raw.nbytes, raw.readonly) for raw in raws], head))
 
 
 class Receiver:
@@ -80,10 +78,10 @@ class Receiver:
         Raises:
             EOFError: the sender is gone.
         """
-        slot, sizes, fixed, head = pickle.loads(self._messages.recv_bytes())
+        slot, forms, head = self._messages.recv()
         at, view = slot * SLOT, np.frombuffer(self._memory, dtype=np.uint8)
         parts = list[bytearray | memoryview]()
-        for size, readonly in zip(sizes, fixed, strict=True):
+        for size, readonly in forms:
             copy = bytearray(view[at : at + size].data)
             parts.append(memoryview(copy).toreadonly() if readonly else copy)
             at += size
@@ -125,10 +123,9 @@ def background_process(name: str, target: Callable[..., None], *arguments: objec
     with deaf():
         process.start()
     for end in arguments:
-        if isinstance(end, Connection):
-            end.close()
-        elif isinstance(end, Sender | Receiver):
-            close(end)
+        for handle in vars(end).values() if isinstance(end, Sender | Receiver) else (end,):
+            if isinstance(handle, Connection):  # so that the process notices when the other end is gone
+                handle.close()
     try:
         yield process
     finally:
@@ -143,13 +140,6 @@ def sendable(problem: Exception) -> Exception:
         return pickle.loads(pickle.dumps(problem))
     except Exception:  # of others' classes of errors, which may do anything
         return RuntimeError(f"{type(problem).__name__}: {problem}")
-
-
-def close(end: Sender | Receiver) -> None:
-    """Close this process's handles on an end, so that the other end notices when the process that uses it is gone."""
-    for connection in vars(end).values():
-        if isinstance(connection, Connection):
-            connection.close()
 
 
 @dataclass(frozen=True)
@@ -168,18 +158,20 @@ class MotionAhead(Motion):
     """The motion of a sensor whose log is prefetched: the reader's process adds the accelerations to the blocks.
 
     Attributes:
-        met: the reader's `Motion` as of the last block; None before it.
+        met: the motion that the reader begins with, then the reader's as of the last block.
     """
 
-    met: Motion | None = None
+    def __init__(self, met: Motion) -> None:
+        super().__init__()
+        self.met = met
 
     def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
         """Return the blocks as they are."""
         return blocks
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
-        """Return notes on the reader's motion, one sentence each, in newtons with a `mass` [kg]; () before a block."""
-        return () if self.met is None else self.met.notes(mass)
+        """Return notes on the reader's motion, one sentence each, in newtons with a `mass` [kg]."""
+        return self.met.notes(mass)
 
 
 class LogReader:
@@ -223,15 +215,12 @@ class PrefetchedLog(Log):
     Args:
         log: the log, opened in this process.
         reader: the process that reads the same log.
-        motion: adds accelerations to the blocks in that process; None: nothing does.
-        told: the sensor's motion in this process, whose `met` is set with each block.
+        ahead: the sensor's motion in this process; None: no accelerations are added.
     """
 
-    def __init__(
-        self, log: Log, reader: LogReader, motion: Motion | None = None, told: MotionAhead | None = None
-    ) -> None:
+    def __init__(self, log: Log, reader: LogReader, ahead: MotionAhead | None = None) -> None:
         super().__init__(log.path, log.size)
-        self._log, self._reader, self._motion, self._told = log, reader, motion, told
+        self._log, self._reader, self._ahead = log, reader, ahead
         self._notes: tuple[str, ...] = ()
 
     def contents(self) -> LogContents:
@@ -252,10 +241,10 @@ class PrefetchedLog(Log):
         Raises:
             InputError: the log lacks something that is requested, or the reader's process was ended.
         """
-        for read in self._reader.blocks(self.path, self._motion):
+        for read in self._reader.blocks(self.path, None if self._ahead is None else self._ahead.met):
             self.position, self.torn, self._notes = read.position, read.torn, read.notes
-            if self._told is not None:
-                self._told.met = read.motion
+            if self._ahead is not None and read.motion is not None:
+                self._ahead.met = read.motion
             if read.failed is not None:
                 raise read.failed
             if read.block is None:

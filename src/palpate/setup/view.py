@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import UInt8
@@ -122,8 +122,7 @@ def _jpeg(frame: UInt8[np.ndarray, "h w 3"]) -> bytes:
 
 def view_of(kind: SensorKind) -> SensorView:
     """Return the `SensorView` that shows a kind of sensor on the page and in the report."""
-    made: Any = by_name(kind.view)
-    return made()
+    return by_name(kind.view)()
 
 
 def layers_of(setup: Setup, kept: LayerData | None = None, live: tuple[int, ...] | None = None) -> tuple[Layer, ...]:
