@@ -34,12 +34,12 @@ _NO_RIG = {
 
 @runtime_checkable
 class StartedLog(Protocol):
-    """A log whose start can be read in advance, such as `palpate.open_log` returns."""
+    """A log whose start can be read in advance, as `palpate.open_log` returns."""
 
     kind: SensorKind
 
     def head(self, seconds: float = 0.0) -> Recording:
-        """Return the start of the log as a `Recording`, of at least `seconds` [s]."""
+        """Return the start of the log, of at least `seconds` [s]."""
         ...
 
 
@@ -52,7 +52,7 @@ class Rig(SharedTables):
         surface: the surface that is touched; None if a skin alone is the body.
         sensors: name of a sensor's table -> its values, as the dataclass of `palpate.setup.kinds.KINDS`.
         source: source of live samples; None: the rig is for logs.
-        folder: the folder where relative paths start.
+        folder: where relative paths start.
         time, orientation, acceleration, filter, estimate, contacts: the other tables.
         drift: drift of the bias of a sensor of wrenches; None: it is not followed.
         pokes: pokes of a skin, from which its taxels are located; None: there are none.
@@ -65,7 +65,7 @@ class Rig(SharedTables):
 
     @property
     def kinds(self) -> tuple[SensorKind, ...]:
-        """Kinds of the sensors in the rig and of their combinations; a six-axis force/torque sensor if it has none."""
+        """Kinds of the rig's sensors and of their combinations; a six-axis force/torque sensor without any."""
         several = len(self.sensors) > 1  # they may form a combined sensor
         possible = KINDS.values() if several else KINDS.among(self.sensors)
         return tuple(kind for kind in possible if self._has(kind)) or (KINDS[ASSUMED],)
@@ -95,11 +95,10 @@ class Rig(SharedTables):
         return self.with_sensor(kind.name, replace(self.sensors.get(kind.name, kind.table()), topic=name))
 
     def kind(self, sensor: str | None = None) -> SensorKind:
-        """Return the `SensorKind` of the named sensor; without a name, of the combined sensor, or else of the only one.
+        """Return the kind of the named sensor; without a name, of the combined sensor or else of the only one.
 
         Raises:
-            InputError: the rig has no sensor of this name, or no name is given and it has several that are not
-                combined.
+            InputError: the rig has no sensor of this name, or several that are not combined and none is named.
         """
         named = {kind.name: kind for kind in self.kinds}
         together = [kind for kind in named.values() if kind.parts]
@@ -123,7 +122,7 @@ class Rig(SharedTables):
         return setup.link_files() | of_tables
 
     def stream(self) -> RigSource:
-        """Return the [source] of live samples, a `RigSource`.
+        """Return the source of live samples.
 
         Raises:
             InputError: the rig has no [source].
@@ -134,10 +133,10 @@ class Rig(SharedTables):
         return self.source
 
     def resolve(self, sensor: SensorKind | str | None = None, head: Recording | None = None) -> Setup:
-        """Return the link and its sensors as a `Setup`; files that the rig names are read when they are first needed.
+        """Return the link and its sensors; files that the rig names are read when they are first needed.
 
         Args:
-            sensor: the sensor whose samples are answered, or the name of its table; None: the first.
+            sensor: kind of the sensor whose samples are answered, or the name of its table; None: the first.
             head: the start of the log; None: a live loop.
 
         Raises:
@@ -151,11 +150,11 @@ class Rig(SharedTables):
         return Setup(kind, sensors, link, head, **shared)
 
     def mount(self) -> Pose:
-        """Return T_sensor_surface, the surface's `Pose` in the sensor's frame; the identity without a surface."""
+        """Return T_sensor_surface; the identity without a surface."""
         return Link(self.surface, self.folder).mount
 
     def layout(self, sensor: str | None = None) -> LogLayout:
-        """Return the `LogLayout` by which a log of the named sensor, or of the only one, is read.
+        """Return the layout by which a log of the named sensor, or of the only one, is read.
 
         Raises:
             InputError: the rig has no sensor of this name, or several and none is named, or a file that it names cannot
@@ -166,13 +165,13 @@ class Rig(SharedTables):
     def estimator(
         self, log: StartedLog | None = None, sensor: str | None = None, rate: float | None = None
     ) -> ContactEstimator:
-        """Return the `ContactEstimator` that turns readings into contacts, the same that `palpate estimate` runs.
+        """Return the estimator that turns readings into contacts, the same that `palpate estimate` runs.
 
         Args:
-            log: a log of `palpate.open_log`; noise, rate, tare and rest that the rig does not state are taken from its
-                start. None: a live loop.
-            sensor: name of the sensor's table, if there are several; with a log its own sensor is taken.
-            rate: [Hz] of the samples of a live loop, which a filter needs; it replaces the rate that the rig states.
+            log: a log of `palpate.open_log`, from whose start come noise, rate, tare and rest that the rig does not
+                state. None: a live loop.
+            sensor: name of the sensor's table, if there are several; a log's own sensor comes first.
+            rate: [Hz] of the samples of a live loop, which a filter needs; None: as the rig states.
 
         Raises:
             InputError: the rig lacks something, a file that it names cannot be used, a filter does not fit the rate, or
@@ -186,10 +185,10 @@ class Rig(SharedTables):
 
 
 def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> Rig:
-    """Return a `Rig` with a mesh file as its surface; without a rig, the mesh in a tared six-axis sensor's frame.
+    """Return a rig with a mesh file as its surface; without a rig, the mesh in a tared six-axis sensor's frame.
 
     Raises:
-        InputError: the unit is missing or unknown.
+        InputError: the unit is missing or unknown, or the path is blank.
     """
     try:
         surface = RigSurface(mesh=str(mesh), unit=unit)
@@ -205,11 +204,11 @@ def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> R
 
 @called_as('palpate.load_rig("rig.toml")')
 def load_rig(path: str | PathLike[str]) -> Rig:
-    """Read a rig file and return a `Rig`; errors name the place in the file and the nearest valid key.
+    """Read a rig file; errors name the place in the file and the nearest valid key.
 
     Raises:
-        InputError: the file is missing or not TOML, a key is misspelt or missing, or a value has another type or is out
-            of bounds.
+        InputError: the file cannot be read or is not TOML, a key or a needed table is misspelt or missing, a value has
+            another type or is out of bounds, or tables contradict each other.
     """
     path = Path(path)
     for what, suffixes in _NO_RIG.items():
@@ -220,7 +219,7 @@ def load_rig(path: str | PathLike[str]) -> Rig:
 
 
 def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
-    """Return the `Rig` of a parsed TOML table, as if it were read from `path`.
+    """Return the rig of a parsed TOML table, as if it were read from `path`.
 
     Raises:
         InputError: a key or a needed table is misspelt or missing, a value has another type or is out of bounds, or
@@ -236,9 +235,8 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
     for kind in rig.kinds:
         if rig.surface is None and kind.needs_surface and rig.pokes is None:
-            raise InputError(
-                "a rig needs a [surface].", where=str(path), hint="`palpate rig new` writes one to start from."
-            )
+            hint = "`palpate rig new` writes one to start from."
+            raise InputError("a rig needs a [surface].", where=str(path), hint=hint)
         kind.check(rig.sensors.get(kind.name), path)
     if rig.drift is not None:
         _check_drift(rig.drift, rig.kinds, rig.sensors, path)
