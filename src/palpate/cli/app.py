@@ -57,38 +57,25 @@ _MOUNTING = "palpate.sensors.force_torque.mounting_command"
 _POKING = "palpate.sensors.taxels.poking.commands"
 _SKIN_MAP = "palpate.sensors.taxels.skin_map.commands"
 _TAXELS = "palpate.sensors.taxels.commands"
-_ROWS = {  # name of a command -> module, function or calibration, and the first paragraph of its docstring
-    "estimate": (".estimate", "estimate", "Estimate contacts in a log, with a rig or with a mesh alone."),
-    "batch": (".batch", "batch", "Estimate contacts in many logs, and write one page about them."),
-    "calibrate camera": (_MARKER_RING, "CalibrateCamera", "Calibrate a fisheye lens from pictures of a chessboard."),
-    "calibrate clock": (
-        _FORCE_TORQUE,
-        "CalibrateClock",
-        "Find the clock offset of the poses, and write it into the rig.",
-    ),
-    "calibrate drift": (".calibrate_drift", "CalibrateDrift", "Find how the bias drifts, and write it into the rig."),
-    "calibrate intensity": (_TAXELS, "CalibrateIntensity", "Fit the curve from a taxel's reading to its force."),
-    "calibrate load-cells": (
+_CALIBRATIONS = {  # name -> module, class, and the first paragraph of its docstring
+    "camera": (_MARKER_RING, "CalibrateCamera", "Calibrate a fisheye lens from pictures of a chessboard."),
+    "clock": (_FORCE_TORQUE, "CalibrateClock", "Find the clock offset of the poses, and write it into the rig."),
+    "drift": (".calibrate_drift", "CalibrateDrift", "Find how the bias drifts, and write it into the rig."),
+    "intensity": (_TAXELS, "CalibrateIntensity", "Fit the curve from a taxel's reading to its force."),
+    "load-cells": (
         _LOAD_CELLS,
         "CalibrateLoadCells",
         "Calibrate 3-axis load cells under a fingertip on a test bench.",
     ),
-    "calibrate marker-ring": (
-        _MARKER_RING,
-        "CalibrateMarkerRing",
-        "Calibrate a soft ring of markers from known presses.",
-    ),
-    "calibrate payload": (
-        _FORCE_TORQUE,
-        "CalibratePayload",
-        "Identify mass, center of mass and bias: gravity compensation.",
-    ),
-    "calibrate mounting": (
-        _MOUNTING,
-        "CalibrateMounting",
-        "Find the surface's pose in the sensor's frame from touches.",
-    ),
-    "calibrate taxels": (_POKING, "CalibrateTaxels", "Find where each taxel sits, from the wrenches of pokes."),
+    "marker-ring": (_MARKER_RING, "CalibrateMarkerRing", "Calibrate a soft ring of markers from known presses."),
+    "payload": (_FORCE_TORQUE, "CalibratePayload", "Identify mass, center of mass and bias: gravity compensation."),
+    "mounting": (_MOUNTING, "CalibrateMounting", "Find the surface's pose in the sensor's frame from touches."),
+    "taxels": (_POKING, "CalibrateTaxels", "Find where each taxel sits, from the wrenches of pokes."),
+}
+_ROWS = {  # name of a command -> module, function, and the first paragraph of its docstring
+    "estimate": (".estimate", "estimate", "Estimate contacts in a log, with a rig or with a mesh alone."),
+    "batch": (".batch", "batch", "Estimate contacts in many logs, and write one page about them."),
+    **{f"calibrate {name}": row for name, row in _CALIBRATIONS.items()},
     "design load-cells": (_LOAD_CELLS, "design_load_cells", "Draw what a layout of load cells can resolve."),
     "evaluate": (".evaluate", "evaluate", "Compare contacts with the ground truth."),
     "events": (".events", "events", "List touches: start, end, peak force, contact point."),
@@ -116,16 +103,13 @@ def _tree() -> dict[str, _Command | _Group]:
 
 
 COMMANDS = _tree()
-
-
 BROKEN: list[str] = []  # what is wrong with other packages
 
 
 def join_others() -> None:
     """Add commands of other packages to `COMMANDS`: entry points `palpate.commands` and `palpate.calibrations`.
 
-    Those that cannot be imported, or are no such table, are skipped; `BROKEN` keeps the reasons, which are printed
-    where a call names an unknown command.
+    Those that cannot be used are skipped; `BROKEN` keeps the reasons, printed when a call names an unknown command.
     """
     from palpate.registry import Registry
 
@@ -157,9 +141,11 @@ def _noted() -> Generator[None]:
 
 
 def run(argv: Sequence[str]) -> None:
-    """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call.
+    """Parse and run one command; `argv` has no program name.
 
-    A misspelt word is reported in one sentence, as the exit code; other errors in the call are reported by the parser.
+    Raises:
+        SystemExit: after --help, with 0 or None; for a misspelt word, with a sentence; for another wrong call, with 2.
+        BaseException: what the command raises.
     """
     words = list(argv)
     named = [word for word in words if not word.startswith("-")]
@@ -168,24 +154,24 @@ def run(argv: Sequence[str]) -> None:
     names = {name: tuple(each.commands) if isinstance(each, _Group) else () for name, each in COMMANDS.items()}
     if sentence := unknown_command(words, names):
         raise SystemExit(" ".join([sentence, *BROKEN]))
-    asked = bool({"-h", "--help"} & set(words))
+    helps = bool({"-h", "--help"} & set(words))
     called = command_of(words, names)
     if any(word.startswith("--tyro-") for word in words):
         _complete(words)
     elif " ".join(called) in _EACH:
-        _call(called, words, asked)
-    elif asked:
+        _call(called, words, helps)
+    elif helps:
         print(_listed(called))
     else:
         missing = f"a command is missing; `{' '.join(['palpate', *called, '--help'])}` lists them."
         raise SystemExit(unknown_option(words, called, _options(called)) or missing)
 
 
-def _call(called: tuple[str, ...], words: list[str], asked: bool) -> None:
+def _call(called: tuple[str, ...], words: list[str], helps: bool) -> None:
     with importing():
         import tyro  # here: lists of commands do without it
     command, prog = _EACH[" ".join(called)].load(), " ".join(["palpate", *called])
-    for speaks in (asked, True):  # first silent: no command runs where the parser refuses the call
+    for speaks in (helps, True):  # first silent: no command runs where the parser refuses the call
         try:
             made = tyro.cli(command, prog=prog, args=words[len(called) :], console_outputs=speaks)
         except SystemExit as leaving:
@@ -241,16 +227,15 @@ def _few(names: Collection[str]) -> str:
 
 def _options(called: Sequence[str]) -> set[str]:
     """Return the options of a command, as its help lists them."""
-    every = {"--help", *_EVERYWHERE[bool(called)]}
+    every = {"--help", *(("--json", "--quiet") if called else ("--version",))}
     if " ".join(called) not in _EACH:
         return every
     text = io.StringIO()
     with redirect_stdout(text), suppress(SystemExit):
-        _call(tuple(called), [*called, "--help"], asked=True)
+        _call(tuple(called), [*called, "--help"], helps=True)
     return every | set(re.findall(r"--[a-z][\w-]*", text.getvalue()))
 
 
-_EVERYWHERE = (("--version",), ("--json", "--quiet"))  # without a command, and with one
 _DESCRIPTION = """Where, how hard and in which direction a robot is being touched.
 
 Every command takes --quiet (only warnings and errors, on stderr) and --json (the output as JSON)."""

@@ -113,6 +113,12 @@ def batch(
         frame: coordinate frame of the results; base needs the sensor's orientation and position in the logs.
         workers: number of logs at a time; by default one per core.
         backend: what runs them: processes on this machine, or a dask or ray cluster that sees the same files.
+
+    Raises:
+        InputError: there is no log, an option, the rig or the folder cannot be used, or an output is an input.
+        OSError: a file of the rig cannot be read for its digest.
+        KeyboardInterrupt: Ctrl-C; what is done stays.
+        SystemExit: 5: some logs failed; 3: one was cut off; 4: nothing in one can be believed.
     """
     count = require_backend(backend, workers, WORKERS)
     require_report()

@@ -98,11 +98,8 @@ def _require_one(setup: Setup, rig: Path) -> None:
     """Raise an InputError where the sensor's table states a drift already."""
     kind = setup.kind.name
     if getattr(setup.sensors[kind].table, "drift", None) is not None:
-        raise InputError(
-            f"[{kind}] already states a drift, which would contradict [drift].",
-            where=str(rig),
-            hint=f"Remove drift from [{kind}], then run this again.",
-        )
+        hint = f"Remove drift from [{kind}], then run this again."
+        raise InputError(f"[{kind}] already states a drift, which would contradict [drift].", where=str(rig), hint=hint)
 
 
 def _figures(of: SensorDrift, weight: float) -> list[tuple[str, object]]:

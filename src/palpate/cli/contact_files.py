@@ -31,11 +31,8 @@ def compared_blocks(path: Path, link: Link) -> Iterator[Contacts]:
             or a row is invalid.
     """
     if path.exists() and not _holds_contacts(path):
-        raise InputError(
-            "holds no contacts to compare.",
-            where=str(path),
-            hint="Estimate it first: palpate estimate LOG --rig RIG -o CONTACTS.",
-        )
+        hint = "Estimate it first: palpate estimate LOG --rig RIG -o CONTACTS."
+        raise InputError("holds no contacts to compare.", where=str(path), hint=hint)
     return (on_body(block, path, link) for block in contact_blocks(path))
 
 
@@ -47,11 +44,8 @@ def on_body(contacts: Contacts, path: Path, link: Link) -> Contacts:
     """
     frame = read_provenance(path).get("frame", "surface")
     if frame == "base":
-        raise InputError(
-            "these contacts are in the base frame, in which the body moves.",
-            where=str(path),
-            hint="Estimate without --frame base, or view the log itself.",
-        )
+        hint = "Estimate without --frame base, or view the log itself."
+        raise InputError("these contacts are in the base frame, in which the body moves.", where=str(path), hint=hint)
     moved = frame == "sensor" and link.stated is not None
     return contacts.in_frame(link.mount.inverse()) if moved else contacts
 

@@ -67,6 +67,12 @@ def estimate(
         compare: other contacts, such as of the same log by other settings, to compare with these in the report.
         workers: 1: one process does everything; 2 or more: other processes read and write, and this many threads
             locate, with identical results. By default 1; for logs of 100 MB and more, one thread per core.
+
+    Raises:
+        InputError: a file or an option cannot be used, or an output is an input.
+        OSError: an input file cannot be read for its digest.
+        KeyboardInterrupt: Ctrl-C before the first row.
+        SystemExit: 130: interrupted; 3: the log was cut off; 4: nothing in it can be believed.
     """
     if workers is not None and workers < 1:
         raise InputError(f"must be at least 1, not {workers}.", where="--workers")
@@ -119,11 +125,8 @@ def _ground_truth(truth: Path | None, report: Path | None) -> TrueSamples | True
             raise InputError("the report must end in .html.", where=str(report), hint="Use another name.")
         require_report()
     elif truth is not None:
-        raise InputError(
-            "is used only in the report, but --report is missing.",
-            where="--truth",
-            hint="Add --report FILE, or compare with palpate evaluate.",
-        )
+        hint = "Add --report FILE, or compare with palpate evaluate."
+        raise InputError("is used only in the report, but --report is missing.", where="--truth", hint=hint)
     return None if truth is None else read_ground_truth(truth)
 
 

@@ -54,6 +54,9 @@ def evaluate(
         wand: mesh of the tracked wand.
         wand_unit: unit of that mesh.
         output: page to write as well (.html), of contacts against a wrench or a wand, or of taxels.
+
+    Raises:
+        InputError: a file or an option cannot be used or is missing, or nothing can be compared.
     """
     if is_taxel_file(contacts):
         for option, given in (("rig", rig), ("wand", wand)):
@@ -70,20 +73,14 @@ def evaluate(
         return
     for option, given in (("rig", rig), ("wand", wand), ("output", output)):
         if given is not None:
-            raise InputError(
-                "works only where the truth is a wrench or a wand.",
-                where=f"--{option}",
-                hint="For other contacts, palpate estimate --report FILE --truth FILE writes the page.",
-            )
+            hint = "For other contacts, palpate estimate --report FILE --truth FILE writes the page."
+            raise InputError("works only where the truth is a wrench or a wand.", where=f"--{option}", hint=hint)
     known = read_ground_truth(truth)
     report = compare(found, known, tolerance=tolerance)
     if not report.matched:
-        raise InputError(
-            f"no sample matches the truth; times of the contacts [s]: {span(found.time)}, of the truth: "
-            f"{span(truth_times(known))}.",
-            where=str(truth),
-            hint="Use one clock for both, or widen the match with --tolerance.",
-        )
+        times = f"times of the contacts [s]: {span(found.time)}, of the truth: {span(truth_times(known))}"
+        hint = "Use one clock for both, or widen the match with --tolerance."
+        raise InputError(f"no sample matches the truth; {times}.", where=str(truth), hint=hint)
     title(f"{contacts} against {truth}")
     _say(report)
     note([*_unanswered(report), *_unpaired(report), *found.notes])

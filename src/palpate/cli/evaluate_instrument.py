@@ -73,10 +73,8 @@ def evaluate_instrument(
     surface, of = _surface(setup)
     reference = _reference(read_table(truth), (touches, alone), (surface, setup.link), wand, tolerance)
     if all(reference.refused):
-        raise InputError(
-            f"none of {len(touches)} touches can be compared; reason for the first: {reference.refused[0]}.",
-            where=str(truth),
-        )
+        why = f"none of {len(touches)} touches can be compared; reason for the first: {reference.refused[0]}."
+        raise InputError(why, where=str(truth))
     judged = judge(touches, reference)
     sheet = SkinSection.name in setup.sensors and setup.of(SkinSection).table.map is not None
     pitch = setup.of(SkinSection).map.pitch if sheet else None
@@ -112,11 +110,8 @@ def _reference(
         wrenches = values if turn is None else values @ turn.inverse().wrench_matrix().T
         return wrench_points(surface, wrenches, alone=alone)
     if wand is None:
-        raise InputError(
-            "has poses of a wand, but its shape is not given.",
-            where=str(known.path),
-            hint="Add --wand wand.stl --wand-unit mm.",
-        )
+        hint = "Add --wand wand.stl --wand-unit mm."
+        raise InputError("has poses of a wand, but its shape is not given.", where=str(known.path), hint=hint)
     poses = _at(known, WAND, found.time, tolerance)
     lost = np.asarray(np.isnan(poses).any(axis=1))
     rotation = rotation_from_quaternion(np.where(lost[:, None], [0, 0, 0, 1.0], poses[:, 3:]))
@@ -128,11 +123,8 @@ def _at(known: TextTable, columns: tuple[str, ...], times: np.ndarray, tolerance
     """Return medians of the rows within the tolerance of each time, (n, columns); NaN where there is none."""
     values, _ = known.numbers(("time", *columns))
     if not (nearest_in_time(times, values[:, 0], tolerance) >= 0).any():
-        raise InputError(
-            "no row matches the time of a touch.",
-            where=str(known.path),
-            hint="Use one clock for both, or widen the match with --tolerance.",
-        )
+        hint = "Use one clock for both, or widen the match with --tolerance."
+        raise InputError("no row matches the time of a touch.", where=str(known.path), hint=hint)
     found = np.full((len(times), len(columns)), np.nan)
     for k, time in enumerate(times):
         near = values[np.abs(values[:, 0] - time) <= tolerance, 1:]

@@ -37,6 +37,9 @@ def events(
         output: touches.csv to write, as `palpate evaluate` reads it: start,end,px,py,pz,label and more, SI.
         gap: seconds; an interruption that is shorter does not end a touch.
         shortest: seconds that a touch lasts at least.
+
+    Raises:
+        InputError: an option is negative, or a file cannot be read or written.
     """
     if not (gap >= 0 and shortest >= 0):
         raise InputError("seconds must not be negative.", where="--gap, --shortest")

@@ -60,6 +60,11 @@ def inspect(
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
         topic: topic of the sensor's readings, where the log has several; without it, all that have wrenches.
         spectrum: .html, .svg or .png to draw spectra into; the filter cut-off that they propose is printed.
+
+    Raises:
+        InputError: the file cannot be read, an option does not fit it, or it has no spectrum.
+        OSError: the rest of a live record cannot be read.
+        SystemExit: 3: the log was torn.
     """
     suffix, incomplete, cut = file.suffix.lower(), unfinished(file), cut_short(file)
     if (not file.exists() and incomplete is None) or suffix == RING:

@@ -19,6 +19,9 @@ def recover(output: SomeFile, /) -> None:
 
     Args:
         output: file that was recorded to.
+
+    Raises:
+        InputError: its name does not end in .mcap, or nothing can be recovered.
     """
     if output.suffix.lower() != ".mcap":
         raise InputError("is not a record of `palpate live`.", where=str(output), hint="Name its .mcap file.")

@@ -56,6 +56,9 @@ def replay(
         speed: 2 is twice as fast as it was recorded.
         seconds: duration; without it to the end of the log.
         loop: begin again at the end.
+
+    Raises:
+        InputError: an option, the log or the rig cannot be used, or the device cannot be opened.
     """
     require_positive(speed, "--speed")
     require_positive(seconds, "--seconds")

@@ -117,11 +117,8 @@ class RigOptions:
     def _filter(self, stated: RigFilter) -> RigFilter:
         filtered = _over(stated, filter=self.filter)
         if self.cutoff is not None and filtered.kind in ("none", "kalman"):
-            raise InputError(
-                f"the filter is {filtered.kind!r}, which has no cut-off.",
-                where="--cutoff",
-                hint="Add --filter butterworth or --filter zero_phase.",
-            )
+            hint = "Add --filter butterworth or --filter zero_phase."
+            raise InputError(f"the filter is {filtered.kind!r}, which has no cut-off.", where="--cutoff", hint=hint)
         return _over(filtered, cutoff=self.cutoff)
 
 

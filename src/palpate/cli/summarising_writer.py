@@ -126,9 +126,8 @@ class ProcessWriter(SummedWriter):
         try:
             answer: Any = self._answer.recv()
         except (EOFError, OSError) as problem:
-            raise InputError(
-                "the process that wrote it ended early; run the command again.", where=str(self._output)
-            ) from problem
+            why = "the process that wrote it ended early; run the command again."
+            raise InputError(why, where=str(self._output)) from problem
         if isinstance(answer, Exception):
             raise answer
         self.summary, self.seconds = answer
