@@ -40,14 +40,14 @@ SLOTS, SLOT = 6, 1 << 22  # values in transit at most; bytes of one: larger valu
 
 
 class Sender:
-    """The sending end of a way between processes; values wait in shared memory until the receiver takes them."""
+    """The sending end of a way between processes; values wait in shared memory."""
 
     def __init__(self, memory: Any, messages: Connection, freed: Connection) -> None:
         self._memory, self._messages, self._freed = memory, messages, freed
         self._free = list(range(SLOTS))
 
     def put(self, value: object) -> None:
-        """Send a value that can be pickled; wait while `SLOTS` values are in transit.
+        """Send a value that can be pickled; wait while six are in transit.
 
         Raises:
             EOFError, OSError: the receiver is gone.
@@ -67,13 +67,13 @@ class Sender:
 
 
 class Receiver:
-    """The receiving end of a way between processes; values come in the order in which they were sent."""
+    """The receiving end of a way between processes; values keep their order."""
 
     def __init__(self, memory: Any, messages: Connection, freed: Connection) -> None:
         self._memory, self._messages, self._freed = memory, messages, freed
 
     def get(self) -> Any:
-        """Return the next value, with arrays that share no memory; wait until one comes.
+        """Wait for the next value and return it; its arrays share no memory.
 
         Raises:
             EOFError: the sender is gone.
@@ -91,7 +91,7 @@ class Receiver:
 
 
 def way() -> tuple[Sender, Receiver]:
-    """Return a `Sender` and its `Receiver`, a way between processes; either can be an argument of the other process."""
+    """Return the two ends of a way between processes; either can be an argument of a new process."""
     context = get_context("spawn")
     memory = context.RawArray("B", SLOTS * SLOT)
     taken, messages = context.Pipe(duplex=False)
@@ -101,7 +101,7 @@ def way() -> tuple[Sender, Receiver]:
 
 @contextmanager
 def deaf() -> Generator[None]:
-    """Block Ctrl-C (SIGINT) in this thread during the block; processes and threads started inside keep it blocked."""
+    """Block Ctrl-C in this thread during the block; processes and threads started inside keep it blocked."""
     resource_tracker.ensure_running()  # it lets signals through when it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which they keep
     try:
@@ -112,7 +112,7 @@ def deaf() -> Generator[None]:
 
 @contextmanager
 def background_process(name: str, target: Callable[..., None], *arguments: object) -> Generator[BaseProcess]:
-    """Run a function in another process and yield its `BaseProcess`; it ignores Ctrl-C and ends with the block.
+    """Run a function in another process, which ignores Ctrl-C and ends with the block.
 
     Args:
         name: name in the list of processes.
@@ -135,7 +135,7 @@ def background_process(name: str, target: Callable[..., None], *arguments: objec
 
 
 def sendable(problem: Exception) -> Exception:
-    """Return an exception that can be sent to another process: itself, or a RuntimeError if it cannot be pickled."""
+    """Return the exception, or a RuntimeError with its text if it cannot be pickled."""
     try:
         return pickle.loads(pickle.dumps(problem))
     except Exception:  # of others' classes of errors, which may do anything
@@ -170,7 +170,7 @@ class MotionAhead(Motion):
         return blocks
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
-        """Return notes on the reader's motion, one sentence each, in newtons with a `mass` [kg]."""
+        """Return notes on the reader's motion, one sentence each; in newtons with a `mass` [kg]."""
         return self.met.notes(mass)
 
 
@@ -181,10 +181,10 @@ class LogReader:
         self._receiver, self._told = receiver, told
 
     def blocks(self, path: Path, motion: Motion | None) -> Iterator[_Read]:
-        """Start the reader, with a motion that adds accelerations or None, and yield what it reads, to the log's end.
+        """Start the reader and yield what it reads, to the log's end; `motion`, unless None, adds accelerations.
 
-        Each item has `block` (a `Recording`; None at the end), `position` [bytes], `torn`, `notes`, `motion`, and
-        `failed`, the exception that ended it or None.
+        Each item has `block` (None at the end), `position` [bytes], `torn`, `notes`, `motion`, and `failed`, the
+        exception that ended it or None.
 
         Raises:
             InputError: the process was ended.
@@ -202,7 +202,7 @@ class LogReader:
 
 @contextmanager
 def reading_in_process(path: Path, layout: LogLayout) -> Generator[LogReader]:
-    """Yield a `LogReader`: a process that starts in a second, opens a log, and reads it once `blocks` is called."""
+    """Start a process that opens a log, and reads it once `blocks` of the `LogReader` is called."""
     sender, receiver = way()
     told, tells = get_context("spawn").Pipe(duplex=False)
     with background_process("reader", _read, sender, told, path, layout):
@@ -210,7 +210,7 @@ def reading_in_process(path: Path, layout: LogLayout) -> Generator[LogReader]:
 
 
 class PrefetchedLog(Log):
-    """A log whose blocks another process reads and decodes in advance; the blocks are the same as the log's own.
+    """A log whose blocks, the same as the log's own, another process reads in advance.
 
     Args:
         log: the log, opened in this process.
@@ -224,7 +224,7 @@ class PrefetchedLog(Log):
         self._notes: tuple[str, ...] = ()
 
     def contents(self) -> LogContents:
-        """Return the `LogContents` of the log, read in this process.
+        """Return the contents of the log, read in this process.
 
         Raises:
             InputError: the log cannot be read.
@@ -236,10 +236,10 @@ class PrefetchedLog(Log):
         return self._notes
 
     def blocks(self) -> Iterator[Recording]:
-        """Yield the blocks of the log, once, as recordings; raise what the reader's process raised.
+        """Yield the blocks of the log, once; raise what the reader's process raised.
 
         Raises:
-            InputError: the log lacks something that is requested, or the reader's process was ended.
+            InputError: the log cannot be read on or lacks something that is requested, or the process was ended.
         """
         for read in self._reader.blocks(self.path, None if self._ahead is None else self._ahead.met):
             self.position, self.torn, self._notes = read.position, read.torn, read.notes
