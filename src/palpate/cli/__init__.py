@@ -72,7 +72,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
 
 def _drop_output() -> None:
-    """Redirect stdout to nowhere, as Python writes the remaining output once more at exit."""
+    """Redirect stdout to nowhere, as Python flushes it again at exit."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError:  # an output that is no file

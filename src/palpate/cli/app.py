@@ -23,7 +23,7 @@ USAGE = 2  # the exit code of a call that the parser refuses
 
 @dataclass(frozen=True)
 class _Command:
-    """A function of a module, or a calibration, and the first paragraph of its docstring."""
+    """A function or calibration of a module, and its docstring's first paragraph."""
 
     module: str
     function: str
@@ -37,7 +37,7 @@ class _Command:
 
 @dataclass(frozen=True)
 class _Group:
-    """Commands of two words with the same first word, and a description of them all."""
+    """Commands with the same first word, and a description of them."""
 
     about: str
     commands: dict[str, _Command] = field(default_factory=dict[str, _Command])
@@ -202,7 +202,7 @@ def _complete(words: list[str]) -> None:
 
 
 def _listed(called: tuple[str, ...]) -> str:
-    """Return the help of `palpate`, or of a group: its commands, a paragraph each."""
+    """Return the help of `palpate` or of a group."""
     group = COMMANDS[called[0]] if called else None
     if isinstance(group, _Group):
         about, commands = f"{group.about}.", {name: command.about for name, command in group.commands.items()}
@@ -221,7 +221,7 @@ def _listed(called: tuple[str, ...]) -> str:
 
 
 def _few(names: Collection[str]) -> str:
-    """Return the names of a group's commands, or how many there are where a line is too short for them."""
+    """Return the names of a group's commands, or their number if it is large."""
     return f"{len(names)} commands" if len(names) > 3 else ", ".join(names)
 
 

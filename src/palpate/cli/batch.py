@@ -39,16 +39,16 @@ RESULTS, WORKERS = "results of a batch of logs", "--workers"
 
 @dataclass(frozen=True)
 class _Job:
-    """A log to be done, with all that a worker needs.
+    """A log to be done; paths are absolute.
 
     Attributes:
-        setup: rig and options, with absolute paths.
+        setup: rig and options.
         made: digest of version, rig and options.
         called: the log, as the user gave it.
-        log: absolute path of the log.
-        output: absolute path of the file of contacts to write.
+        log: the log.
+        output: file of contacts to write.
         frame: coordinate frame of the result.
-        parent: id of the process whose child must do it; 0: any process.
+        parent: process whose child must do it; 0: any.
     """
 
     setup: RigOptions
@@ -61,7 +61,7 @@ class _Job:
 
     @property
     def key(self) -> str:
-        """Resolved path of the log, the same whatever name it is given by."""
+        """Resolved path of the log."""
         return str(self.log.resolve())
 
 
@@ -72,8 +72,8 @@ class _Kept:
     Attributes:
         log: resolved path.
         output: name of the file of contacts.
-        made: digest of version, rig and options.
-        digest: digest of the log; "" where it failed.
+        made: as in `_Job`.
+        digest: `log_digest`; "" where it failed.
         size: bytes of the output.
         result: summary for the page.
     """
@@ -155,7 +155,7 @@ def batch(
 
 
 def _one(job: _Job) -> _Kept:
-    """Estimate one log, in any process; return its result, which holds the error if there was one."""
+    """Estimate one log; an error becomes its result."""
     try:
         digest = log_digest(job.log)  # before: a log that grows meanwhile is another log
         rig = _rig(job.setup, job.made)
@@ -198,7 +198,7 @@ def _rig(setup: RigOptions, made: str) -> Rig:
 
 
 def _watch(parent: int, done: int, share: float) -> None:
-    """Raise KeyboardInterrupt in a worker whose command was killed, before the command is started again."""
+    """Raise KeyboardInterrupt in a worker whose command was killed."""
     if parent and os.getppid() != parent:
         raise KeyboardInterrupt
 
@@ -228,7 +228,7 @@ def _digest(setup: RigOptions, files: Mapping[str, Path], frame: str) -> str:
 
 
 def _printable(log: Path) -> str:
-    """Return the path as text that a page can hold: a name need not be UTF-8."""
+    """Return the path as text; a name need not be UTF-8."""
     return str(log).encode(errors="backslashreplace").decode()
 
 
@@ -256,7 +256,7 @@ def _require_separate(jobs: Sequence[_Job], setup: RigOptions, files: Mapping[st
 
 
 def _read(path: Path) -> Iterator[_Kept]:
-    """Yield the results of earlier runs; of a log that was done several times the last one counts."""
+    """Yield the results of earlier runs; the last one of a log counts."""
     if not path.exists():
         return
     _, rows = read_rows(path, RESULTS)
@@ -268,7 +268,7 @@ def _read(path: Path) -> Iterator[_Kept]:
 
 
 def _is_done(kept: _Kept | None, job: _Job) -> bool:
-    """Return whether a log is done from the same log, rig, options and version, and its output is unchanged."""
+    """Return whether a log is done from the same inputs, and its output is unchanged."""
     output = job.output
     if kept is None or kept.result.failure or (kept.made, kept.output) != (job.made, output.name):
         return False

@@ -105,7 +105,7 @@ def estimate(
 
 
 def _next(log: Path, setup: RigOptions, statuses: Int[np.ndarray, " s"]) -> list[str]:
-    """Return the command to try next for a log that comes out implausible with a mesh alone; [] otherwise."""
+    """Return the command to try if a mesh alone gives implausible contacts, else []."""
     answered = statuses[Status.CONTACT] + statuses[Status.AMBIGUOUS]
     if setup.rig is not None or setup.mesh is None or statuses[Status.IMPLAUSIBLE] <= answered:
         return []
@@ -114,7 +114,7 @@ def _next(log: Path, setup: RigOptions, statuses: Int[np.ndarray, " s"]) -> list
 
 
 def _workers(opened: OpenedLog, requested: int | None) -> int:
-    """Return the number of threads that locate; 1: nothing runs in parallel, as for a pipe, which has one reader."""
+    """Return the number of threads that locate; 1, as for a pipe: nothing runs in parallel."""
     count = requested or ((cpu_count() or 1) if opened.size >= LONG else 1)
     return count if opened.path.is_file() or opened.path.is_dir() else 1
 
@@ -131,7 +131,7 @@ def _ground_truth(truth: Path | None, report: Path | None) -> TrueSamples | True
 
 
 def _compared(path: Path | None, report: Path | None, link: Link) -> tuple[str, RunSummary] | None:
-    """Return name and summary of the contacts to compare with these; None without any."""
+    """Return name and summary of the contacts to compare."""
     if path is None:
         return None
     if report is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
@@ -106,13 +106,16 @@ def estimate_log(
         writer, record = _written(pipeline, writing, watch, output, made_from, keep_short=keep_short)
     summary, ended = writer.summary, record["ended"]
     pipeline.seconds["write"] = writer.seconds
-    warnings, short = pipeline.warnings(), list(_short(output, opened, summary, interrupted=ended == "interrupted"))
+    warnings, short = pipeline.warnings(), [opened.torn] if opened.torn else []
+    if ended == "interrupted":
+        holds = "this covers" if output is None else f"{output.name} holds"
+        short.insert(0, f"interrupted: {holds} the {summary.samples:,} samples done until then")
     took = perf_counter() - begin
     return Estimated(pipeline, summary, record, ended, warnings, short, pipeline.unbelievable(), took)
 
 
 class _Parallel(NamedTuple):
-    """Work in parallel to this process: reading, writing, and hashing the inputs."""
+    """Processes that read and write, and the digests of the inputs."""
 
     reader: LogReader
     writer: ProcessWriter
@@ -144,7 +147,7 @@ def _written(
     *,
     keep_short: bool,
 ) -> tuple[SummedWriter, dict[str, str]]:
-    """Write every sample of the log into OUTPUT, and OUTPUT.toml: both, or after a further Ctrl-C neither."""
+    """Write OUTPUT and OUTPUT.toml: both, or after a further Ctrl-C neither."""
     try:
         with ExitStack() as stack:
             writer = stack.enter_context(writing)
@@ -165,7 +168,7 @@ def _written(
 
 
 def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool:
-    """Estimate every sample, block by block; return whether Ctrl-C ended it, and raise it if there is no row yet."""
+    """Estimate all blocks; return whether Ctrl-C ended it, and raise it if there is no row yet."""
     samples = 0
     try:
         for block, found, placed in pipeline.stream():
@@ -178,12 +181,3 @@ def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool
             raise
         return True
     return False
-
-
-def _short(output: Path | None, log: OpenedLog, summary: RunSummary, *, interrupted: bool) -> Iterator[str]:
-    """Yield the reasons why not all of the log is in the output."""
-    if interrupted:
-        holds = "this covers" if output is None else f"{output.name} holds"
-        yield f"interrupted: {holds} the {summary.samples:,} samples done until then"
-    if log.torn:
-        yield log.torn

@@ -65,7 +65,8 @@ def evaluate(
         evaluate_taxels(contacts, truth, output)
         return
     found = read_contacts(contacts)
-    if _is_instrument(truth):
+    names = set(read_table(truth).names)
+    if set(WRENCH) <= names or set(WAND) <= names:
         if rig is None:
             raise InputError("comparing with a wrench or a wand needs the body of a rig.", hint="Add --rig FILE.")
         tool = None if wand is None else (wand, wand_unit)
@@ -119,18 +120,12 @@ def _say(report: EvaluationReport) -> None:
 
 
 def _unpaired(report: EvaluationReport) -> list[str]:
-    """Return sentences on unmatched contacts and truths where there are several at once."""
+    """Return sentences on unmatched contacts and truths."""
     counted = (
         (report.unmatched, "contacts have no truth of their own, because other contacts are nearer"),
         (report.missed, "truths have no contact, although others at the same time have one"),
     )
     return [f"{count:,} {what}" for count, what in counted if count]
-
-
-def _is_instrument(truth: Path) -> bool:
-    """Return whether the columns are those of a wrench or of a wand."""
-    names = set(read_table(truth).names)
-    return set(WRENCH) <= names or set(WAND) <= names
 
 
 def truth_times(truth: TrueSamples | TrueTouches) -> np.ndarray:
@@ -150,7 +145,7 @@ def summaries(report: EvaluationReport) -> list[tuple[str, ...]]:
 
 
 def _unanswered(report: EvaluationReport) -> list[str]:
-    """Return sentences on touches without an error, which the averages omit."""
+    """Return sentences on touches that the averages omit."""
     omitted = (
         ("have no sample", [touch.label for touch in report.touches if not touch.samples]),
         ("have samples, but no answer,", [t.label for t in report.touches if t.samples and not t.answered]),

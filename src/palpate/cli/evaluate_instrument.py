@@ -88,7 +88,7 @@ def evaluate_instrument(
 
 
 def _surface(setup: Setup) -> tuple[Mesh, str]:
-    """Return the mesh of the body, from the rig or else the map of its sheet, and a sentence on which of them it is."""
+    """Return the body's mesh, from the rig or else its sheet's map, and a sentence on that."""
     if setup.link.stated is None:
         layer = setup.of(SkinSection).map.mesh()
         return layer, "the rig has no [surface], so the sensing layer of the map is used as the body"
@@ -102,7 +102,7 @@ def _reference(
     wand: tuple[Path, str] | None,
     tolerance: float,
 ) -> Reference:
-    """Return the instrument's measurements from the columns of the truth."""
+    """Return the instrument's measurements."""
     (found, alone), (surface, link) = touches, body
     if set(WRENCH) <= set(known.names):
         values = _at(known, WRENCH, found.time, tolerance)
@@ -120,7 +120,7 @@ def _reference(
 
 
 def _at(known: TextTable, columns: tuple[str, ...], times: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return medians of the rows within the tolerance of each time, (n, columns); NaN where there is none."""
+    """Return medians (n, columns) of the rows around each time; NaN without any."""
     values, _ = known.numbers(("time", *columns))
     if not (nearest_in_time(times, values[:, 0], tolerance) >= 0).any():
         hint = "Use one clock for both, or widen the match with --tolerance."
@@ -165,7 +165,7 @@ def _refusals(judged: InstrumentReport, touches: Contacts) -> list[str]:
 def _page(
     names: str, judged: InstrumentReport, touches: Contacts, pitch: tuple[float, float] | None, of: str
 ) -> Report:
-    """Return the page: figures, every touch, and the errors over the unrolled sheet."""
+    """Return the page of figures, touches and pictures."""
     tiles = tuple(
         Tile(name, f"{scale * s.mean:.2f} {unit}", f"mean in space; worst {scale * s.worst:.2f} {unit}")
         for name, unit, s, scale in _named(judged)

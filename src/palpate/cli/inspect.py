@@ -210,7 +210,7 @@ def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
 
 
 def _listed(value: object) -> Quantity:
-    """Return a value as text, a tuple as a rig would write it."""
+    """Return a value with its text, a tuple as in a rig."""
     text = str(value)
     return Quantity(text.replace("(", "[").replace(")", "]") if text.startswith("(") else text, value)
 

@@ -80,7 +80,7 @@ def _inspect_one(file: Path, there: LogContents, layout: LogLayout) -> bool:
 
 
 class _Frames:
-    """Figures of all frames: count, times, brightness, and how many are black or the same as the one before."""
+    """Figures of all frames."""
 
     def __init__(self) -> None:
         self.count = self.black = self.repeated = self._run = self._longest = 0
@@ -116,7 +116,7 @@ class _Frames:
         return Recording(np.concatenate(self._times), {}).rate()
 
     def brightness(self) -> Quantity:
-        """Return the mean of all pixels, and of the darkest and the brightest frame that is not black."""
+        """Return the mean of all frames, of the darkest and of the brightest one that is not black."""
         means = np.concatenate(self._means)
         means = means[means >= _DARK]
         if not len(means):

@@ -126,7 +126,7 @@ def _inspect_one(
 
 
 def _proposed_bounds(file: Path, rig: Rig, sensor: str | None) -> str:
-    """Return the bounds of friction and torsion that the start of a log suggests, as text; "" for none."""
+    """Return bounds of friction and torsion that the start of a log suggests, or ""."""
     from palpate.setup.pipeline import HEAD, Pipeline
     from palpate.setup.pipeline import open_log as open_rig_log
 
@@ -140,7 +140,7 @@ def _proposed_bounds(file: Path, rig: Rig, sensor: str | None) -> str:
 
 
 class _Ranges:
-    """Figures of all samples: count, first and last time, smallest and largest of each number, missing numbers."""
+    """Count, first and last time, and of each number the extremes and how often it is missing."""
 
     def __init__(self, channels: tuple[str, ...]) -> None:
         self.channels = channels
@@ -187,7 +187,7 @@ def say_contents(there: LogContents) -> None:
 
 
 def _rate(count: int, duration: float) -> str:
-    """Return the rate of a topic as text, assuming that its messages are spread over the entire log."""
+    """Return the mean rate of a topic as text."""
     return f"{(count - 1) / duration:.4g}" if count > 1 and duration > 0 else "-"
 
 
@@ -233,7 +233,7 @@ def _say_ranges(kept: Recording, ranges: _Ranges) -> None:
 
 
 def _reached(ends: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the first and the last of the earlier ends and the new times."""
+    """Return the first and the last of all times."""
     known = np.concatenate([ends, time[np.isfinite(time)]])
     return known[[known.argmin(), known.argmax()]] if len(known) else known
 

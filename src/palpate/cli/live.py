@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
-import tempfile
 import time
 from collections.abc import Generator
 from contextlib import ExitStack, closing, contextmanager, suppress
@@ -13,6 +11,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from secrets import token_urlsafe
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
@@ -112,7 +111,7 @@ def live(
 
 
 def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ...], split: float) -> None:
-    """Refuse unusable files and addresses before anything is started."""
+    """Refuse unusable files and addresses."""
     if record is not None:
         keep_inputs(record, (rig, *stated.files().values()))
         require_record(record)
@@ -122,7 +121,7 @@ def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ..
 
 
 def _readers(ring: Path, rig: Path, record: Path | None, split: float, publish_to: tuple[str, ...]) -> list[Worker]:
-    """Return the processes that read the ring: the recorder and the publishers."""
+    """Return recorder and publishers."""
     parent = os.getpid()
     publishers = [Worker(f"publisher to {to}", publish, (ring, to, rig, parent)) for to in publish_to]
     if record is None:
@@ -132,7 +131,7 @@ def _readers(ring: Path, rig: Path, record: Path | None, split: float, publish_t
 
 @contextmanager
 def _ring(record: Path | None) -> Generator[Path]:
-    """Give the path of the ring: next to the record, removed once the record is complete, or in memory."""
+    """Open a context with the ring's path: next to the record, removed once that is complete, or in memory."""
     if record is not None:
         ring = ring_of(record)
         if ring.exists():
@@ -144,12 +143,9 @@ def _ring(record: Path | None) -> Generator[Path]:
             if ring.exists() and _is_complete(record, ring):
                 ring.unlink()
         return
-    memory = Path("/dev/shm")
-    folder = Path(tempfile.mkdtemp(prefix="palpate-", dir=memory if os.access(memory, os.W_OK) else None))
-    try:
-        yield folder / "live.ring"
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    with TemporaryDirectory(prefix="palpate-", dir=memory, ignore_cleanup_errors=True) as folder:
+        yield Path(folder) / "live.ring"
 
 
 def _is_complete(record: Path, path: Path) -> bool:
@@ -163,7 +159,7 @@ def _is_complete(record: Path, path: Path) -> bool:
 
 
 def _ready_ring(path: Path, receiver: Worker, problems: Connection, came: Came) -> StreamBuffer:
-    """Return the ring once the receiver has made it; KeyboardInterrupt if a signal requests the end before."""
+    """Return the ring once the receiver has made it; a signal raises KeyboardInterrupt."""
     end = time.monotonic() + START
     while not path.exists():
         _raise_problem(problems)
@@ -195,10 +191,7 @@ def _watch(
     *,
     stays: bool,
 ) -> None:
-    """Run until Ctrl-C, or for some seconds: restart processes, print events and a line of figures, take tares.
-
-    The end of a replayed log ends it too, unless it `stays` for a person at the page.
-    """
+    """Supervise, print and take tares until Ctrl-C, for some seconds, or, unless it `stays`, until a log's end."""
     figures, end = FigureLine(ring, token), time.monotonic() + (seconds or float("inf"))
     every, then, done = LINE if sys.stderr.isatty() else SELDOM, 0.0, 0
     with counting(), pressed() as key:

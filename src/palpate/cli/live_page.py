@@ -70,13 +70,13 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
 
 
 def _wait(ring: StreamBuffer, parent: int) -> None:
-    """Wait until the end: started again, the page would meet the same error."""
+    """Wait until the end, as a new process would meet the same error."""
     while not ring["stop"] and not orphaned(parent):
         time.sleep(IDLE)
 
 
 def _serve(page: LivePage, stream: Stream, parent: int) -> None:
-    """Read the ring, and draw new contacts while a browser is connected; fewer pictures rather than more of a core."""
+    """Read the ring, and draw new contacts while a browser is connected, with a limited share of a core."""
     reported, drawn, saved = -np.inf, -1, SAVED
     due = last = time.monotonic()
     spent = time.process_time()
@@ -198,7 +198,7 @@ class Stream:
         )
 
     def _waiting(self, now: float) -> tuple[float, float, float] | None:
-        """Return latencies [s], updated now and then; None where the stamps are unrelated to this machine's clock."""
+        """Return median, 99 % and worst latency [s]; None if the stamps are unrelated to this machine's clock."""
         if now - self._latency[0] > COUNTED:
             waited = np.concatenate([np.zeros(0), *(part for _, part in self._waited)])
             middle, most, worst = np.percentile(waited, (50.0, 99.0, 100.0)).tolist() if len(waited) else [0.0] * 3

@@ -79,7 +79,7 @@ def replay(
 
 
 def _layout(log: Path, rig: Path | None) -> LogLayout:
-    """Return the layout of the log: in SI units, along the axes that it was recorded in."""
+    """Return the layout of the log, along the axes that it was recorded in."""
     if rig is not None:
         return replace(load_rig(rig).layout(), axes=("x", "y", "z"), left_handed=False)
     if (guessed := guess_sensor(log)) is None:
@@ -104,7 +104,7 @@ def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, top
 
 
 def _played(source: Replay, device: Device, seconds: float | None) -> int:
-    """Send every sample at its time, until the end, or Ctrl-C; return the number sent."""
+    """Send every sample at its time; return their number."""
     batch, sent = Batch(source.shape, BLOCK, source.dtype), 0
     end = time.monotonic() + (seconds or float("inf"))
     source.open()

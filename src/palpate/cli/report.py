@@ -48,6 +48,9 @@ def run_of(
         record: contents of OUTPUT.toml.
         output: name of the file of contacts.
         warnings: warnings shown to the user.
+
+    Raises:
+        InputError: matplotlib is not installed.
     """
     log, view = pipeline.log, view_of(pipeline.log.kind)
     settings = {*pipeline.settings, "sensor"}  # shown as such
@@ -72,6 +75,9 @@ def judged(run: Run, truth: TrueSamples | TrueTouches | None = None, *, mounted:
         run: from `run_of`.
         truth: ground truth of the contacts, in the surface's frame; None: the section is empty.
         mounted: the ellipses contain the uncertainty of the body's mounting.
+
+    Raises:
+        InputError: matplotlib is not installed, for a `truth` that matches samples.
     """
     found, section = None, Section("Against the ground truth")
     if truth is not None:

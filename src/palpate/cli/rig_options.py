@@ -101,7 +101,7 @@ class RigOptions:
                 raise InputError(f"has no effect on {kind.called}: {why}.", where=f"--{option}")
 
     def _base(self) -> Rig:
-        """Return the rig, its mesh replaced where one is given; or the minimal rig of a mesh."""
+        """Return the rig with the mesh, or the minimal rig of the mesh alone."""
         known = None if self.rig is None else load_rig(self.rig)
         if self.mesh is None:
             if self.unit is not None:
@@ -123,7 +123,7 @@ class RigOptions:
 
 
 def _over(table: Made, **options: object) -> Made:
-    """Return a table of the rig with these options set, checked like the rig's values; None changes nothing."""
+    """Return a table of the rig with these options set; None changes nothing."""
     for option, value in options.items():
         key = "kind" if option == "filter" else option
         if value is not None:

@@ -74,7 +74,7 @@ def _spectrum(recording: Recording, channel: str) -> Spectrum:
 
 
 def _place(recording: Recording) -> tuple[Spectrum, Cutoff] | None:
-    """Return spectrum and cut-off of the answered stretches; None, with a note, where they are too short."""
+    """Return spectrum and cut-off of the place; None, with a note, where stretches are too short."""
     if PLACE not in recording.channels:
         return None
     try:

@@ -66,7 +66,7 @@ def unknown_option(words: Sequence[str], command: Sequence[str], options: Iterab
 
 
 def _nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the most similar name, of several the first in the alphabet; None where nothing is alike."""
+    """Return the most similar name, or None if nothing is alike."""
     bare = word.lower().lstrip("-")
     ranked = [(SequenceMatcher(None, bare, name.lstrip("-")).ratio(), name) for name in sorted(known)]
     share, name = max(ranked, default=(0.0, ""), key=lambda each: each[0])

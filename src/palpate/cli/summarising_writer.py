@@ -153,20 +153,14 @@ def _write(receiver: Receiver, answers: Connection) -> None:
                 found, placed = value
                 writer.write(found, found if placed is None else placed)
             if value == _ABANDON:
-                raise _Abandoned
+                raise SystemExit  # an error, so that the file does not take its name
         answers.send((writer.summary, writer.seconds))
-    except _Abandoned:
-        return
     except Exception as problem:  # raised where it is written from
         answers.send(sendable(problem))
 
 
-class _Abandoned(Exception):
-    """The file must not be finished."""
-
-
 def _next(receiver: Receiver) -> Any:
-    """Return the next block or command; where the sender was killed, the command to abandon the file."""
+    """Return the next block or command; if the sender was killed, `_ABANDON`."""
     try:
         return receiver.get()
     except EOFError:

@@ -102,7 +102,7 @@ def _require_film(film: Path, log: Path) -> None:
 
 
 def _write_film(scene: Scene, path: Path) -> None:
-    """Write every moment to the video; the file appears when it is complete."""
+    """Write the video; the file appears when it is complete."""
     pictures = ScenePicture(scene)
     with sibling_folder(path) as part:
         with counting(), Video(part / path.name, SIZE, RATE) as video:
@@ -116,7 +116,7 @@ def _write_film(scene: Scene, path: Path) -> None:
 
 
 def _view_taxels(path: Path, setup: RigOptions, host: str, port: int) -> None:
-    """Show the positions of taxels, on the link of the rig, if there is one."""
+    """Show taxels, on the link of the rig if there is one."""
     rig = None if setup.rig is None and setup.mesh is None else setup.load()
     import_mesh_reader()
     places = read_taxel_places(path)
@@ -148,7 +148,7 @@ def _body(setup: Setup) -> Surface | None:
 
 
 def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tuple[Scene, list[str]]:
-    """Return the scene of contacts from a file, in the frame that the body is drawn in, and their notes."""
+    """Return the scene of contacts from a file, and their notes."""
     main = next((kind for kind in rig.kinds if kind.parts), rig.kinds[0])  # of a file that does not name its sensor
     name = sensor or str(read_provenance(path).get("sensor", main.name))
     kind = next((each for each in rig.kinds if each.name == name), None)

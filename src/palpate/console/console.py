@@ -62,7 +62,7 @@ class Quantity:
 
 @dataclass
 class _Voice:
-    """Settings of the output, and for JSON everything that was printed so far."""
+    """Settings of the output, and its JSON so far."""
 
     quiet: bool = False
     json: bool = False
@@ -78,7 +78,7 @@ def _titled(text: str) -> dict[str, Any]:
 
 
 class _Counter:
-    """A counter of seconds on one line of stderr, shown where nothing else is printed for a second."""
+    """Count the seconds in which nothing is printed, on a line of stderr."""
 
     def __init__(self) -> None:
         self.doing: str | None = None  # None: nobody waits
@@ -108,7 +108,7 @@ _VOICES = [_Voice()]  # the last one speaks
 
 @contextmanager
 def _counted(wanted: bool) -> Generator[None]:
-    """Count the seconds of silence within the block; commands within commands share one counter."""
+    """Count within the block; commands within commands share one counter."""
     if not (wanted and len(_VOICES) == 2 and sys.stderr.isatty()):
         yield
         return

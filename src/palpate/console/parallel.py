@@ -103,7 +103,7 @@ def each_done(
 def _on_processes(
     one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
 ) -> Generator[Result]:
-    """Run by joblib. Which job ended a worker is unknown: the first remaining ones are tried one by one, then all."""
+    """Run by joblib; after a worker was ended, the first remaining jobs are tried one by one."""
     joblib = import_module("joblib")
     remaining, single = dict(enumerate(jobs)), 0  # `single`: jobs to be tried one by one
     while remaining:
@@ -130,7 +130,7 @@ def _numbered(one: Callable[[Job], Result], number: int, job: Job) -> tuple[int,
 def _on_dask(
     one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
 ) -> Generator[Result]:
-    """Run by Dask's scheduler: through joblib it would wait for ever where a worker was ended."""
+    """Run by Dask's scheduler; through joblib it would not notice an ended worker."""
     distributed = import_module("distributed")
     address = _dask_address()
     own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
@@ -158,7 +158,7 @@ def _on_dask(
 def _on_ray(
     one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
 ) -> Generator[Result]:
-    """Run by Ray's scheduler: through joblib it would wait for ever, too, and answer only when all are done."""
+    """Run by Ray's scheduler; through joblib it would not notice an ended worker either."""
     ray = import_module("ray")
     gone = (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError)
     with _ray(workers) as count:
@@ -265,7 +265,7 @@ def _read(value: object) -> object:
 
 
 def _require_installed(backend: str, option: str) -> None:
-    """Raise an InputError where the package that the backend needs is not installed."""
+    """Raise an InputError if the backend is not installed."""
     module, package = _NEEDED[backend]
     try:
         import_module(module)
@@ -277,13 +277,13 @@ def _require_installed(backend: str, option: str) -> None:
 
 
 def _dask_address() -> str | None:
-    """Return the address of the Dask scheduler to join; None: a new one is made."""
+    """Return the address of an existing Dask scheduler."""
     return import_module("dask").config.get("scheduler-address", None)
 
 
 @contextmanager
 def _ray(workers: int) -> Generator[int]:
-    """Join the cluster that RAY_ADDRESS names, or start local processes that end with the block; give their number."""
+    """Join the cluster of RAY_ADDRESS, or start local processes; yield the number of workers."""
     ray, address = import_module("ray"), os.environ.get("RAY_ADDRESS")
     if ray.is_initialized():
         yield workers or 1
@@ -299,17 +299,15 @@ def _ray(workers: int) -> Generator[int]:
 
 @contextmanager
 def _environment(more: Mapping[str, str]) -> Generator[None]:
-    """Set environment variables for processes that are started within the block."""
-    before = {name: os.environ.get(name) for name in more}
+    """Set environment variables within the block."""
+    before = {name: os.environ[name] for name in more if name in os.environ}
     os.environ.update(more)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in more:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 @contextmanager
