@@ -51,7 +51,7 @@ class GivenBody:
         size: size across [m].
         urdf, link: the URDF and the name of its link; None and "" for a mesh.
         geometry: "visual" or "collision"; "" for a mesh.
-        folder: folder of the rig, where relative paths start.
+        folder: where relative paths start.
     """
 
     path: Path
@@ -64,7 +64,7 @@ class GivenBody:
 
     @classmethod
     def of(cls, path: Path, link: str | None = None, packages: Mapping[str, Path] | None = None) -> GivenBody:
-        """Return the `GivenBody` of a file; a mesh's unit is guessed from its size.
+        """Read the body from a file; a mesh's unit is guessed from its size.
 
         Args:
             path: a mesh, or a URDF.
@@ -112,11 +112,11 @@ class GivenBody:
         )
 
     def relative(self, path: Path) -> str:
-        """Return a path relative to the rig's folder, as a string quoted for TOML."""
+        """Return a path relative to the rig's folder, quoted for TOML."""
         return quoted(Path(os.path.relpath(path.resolve(), self.folder.resolve())).as_posix())
 
     def mounting(self, frame: str) -> Pose | None:
-        """Return the `Pose` T_sensor_surface if fixed joints join link `frame` (the sensor) and the body, else None."""
+        """Return T_sensor_surface if fixed joints join link `frame` (the sensor) and the body, else None."""
         if self.urdf is None or frame not in self.urdf.links:
             return None
         try:
@@ -126,19 +126,14 @@ class GivenBody:
         return Pose.from_quaternion(quaternion[0], position[0])
 
     def remarks(self, frame: str) -> list[str]:
-        """Return a list of sentences on the surface that the reader of the rig should check; [] if there are none.
-
-        `frame` is the log's name of the sensor's frame, or "".
-        """
+        """Return what to check about the surface, one sentence each; `frame` as in `text`."""
         if self.urdf is None:
-            if self.unit == "m":
-                return []
-            return [f"the mesh is taken to be in {self.unit}, which makes it {self.size * 1e3:.4g} mm across"]
+            taken = f"the mesh is taken to be in {self.unit}, which makes it {self.size * 1e3:.4g} mm across"
+            return [] if self.unit == "m" else [taken]
         said = [f"the surface is the {self.geometry} geometry of link {self.link!r}, {self.size * 1e3:.4g} mm across"]
         if not PLAUSIBLE[0] <= self.size <= PLAUSIBLE[1]:
-            said.append(
-                "that is an unusual size of a robot's link: check the scale of its mesh in the URDF (0.001 for mm)"
-            )
+            why = "that is an unusual size of a robot's link"
+            said.append(f"{why}: check the scale of its mesh in the URDF (0.001 for mm)")
         if self.mounting(frame) is not None:
             return [*said, f"its place in the sensor ({frame!r}) is read from the URDF's fixed joints"]
         if not frame:
@@ -151,5 +146,5 @@ class GivenBody:
 
 
 def _comment(name: str) -> str:
-    """Return a name with "?" in place of letters that cannot be printed, so that it is safe in a comment."""
+    """Return a name that is safe in a comment, with "?" for letters that cannot be printed."""
     return "".join(letter if letter.isprintable() else "?" for letter in name)

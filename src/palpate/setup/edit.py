@@ -128,11 +128,8 @@ def _write(source: Path, target: Path, wanted: dict[str, Any], name: str, commen
             continue
         if _reads_as(text, wanted):
             return write_text(target, text)
-    raise InputError(
-        f"the result cannot be written into [{name}] in the form that it has.",
-        where=str(source),
-        hint=f"Write [{name}] as one table.",
-    )
+    what = f"the result cannot be written into [{name}] in the form that it has."
+    raise InputError(what, where=str(source), hint=f"Write [{name}] as one table.")
 
 
 def _in_place(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str]) -> str:

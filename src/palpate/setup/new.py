@@ -43,7 +43,7 @@ torsion = 0.005                      # m: bounds |torque about the normal| / |no
 
 @dataclass(frozen=True)
 class Proposal:
-    """A proposed rig as text, words for its sensor and for the reason of the guess, and remarks to check."""
+    """A proposed rig as `text`, the words for its sensor, why it was guessed, and remarks to check."""
 
     text: str
     called: str
@@ -59,7 +59,7 @@ def guess_sensor(
     topic: str | None = None,
     rate: float | None = None,
 ) -> tuple[SensorKind, Guess] | None:
-    """Return the first `SensorKind` that a log looks like, and a `Guess`; None if it looks like no kind.
+    """Return the first kind of sensor that a log looks like, and the guess; None if it looks like no kind.
 
     Args:
         log: a log of any sensor.
@@ -95,11 +95,9 @@ def _only(there: LogContents, name: str | None) -> LogContents:
         hint = near(name, [topic.name for topic in there.topics])
         raise InputError(f"there is no topic {name!r}.", where=str(there.path), hint=hint)
     if role(named.kind) not in ("wrench", "array"):
-        raise InputError(
-            f"topic {name!r} holds {named.kind}, which cannot be a sensor's readings.",
-            where=str(there.path),
-            hint="Wrenches are geometry_msgs/Wrench or WrenchStamped; voltages and frames are arrays or images.",
-        )
+        what = f"topic {name!r} holds {named.kind}, which cannot be a sensor's readings."
+        hint = "Wrenches are geometry_msgs/Wrench or WrenchStamped; voltages and frames are arrays or images."
+        raise InputError(what, where=str(there.path), hint=hint)
     kept = [topic for topic in there.topics if topic.name == name or role(topic.kind) != role(named.kind)]
     return replace(there, topics=tuple(kept))
 
@@ -113,7 +111,7 @@ def propose_rig(
     topic: str | None = None,
     rate: float | None = None,
 ) -> Proposal:
-    """Return a `Proposal`, a rig guessed from a log and a body, for a file rig.toml in `folder`.
+    """Return a rig guessed from a log and a body, for a file rig.toml in `folder`.
 
     Args:
         log: a log of any sensor.
@@ -130,16 +128,13 @@ def propose_rig(
     body = None if body is None else replace(body, folder=folder)
     found = guess_sensor(log, body, sensor=sensor, topic=topic, rate=rate)
     if found is None:
-        raise InputError(
-            f"is not a log of any of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}.",
-            where=str(log),
-            hint="Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
-        )
+        what = f"is not a log of any of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}."
+        hint = "Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand."
+        raise InputError(what, where=str(log), hint=hint)
     kind, guess = found
     if guess.lacking:
-        raise InputError(
-            f"{guess.lacking}.", where=str(log), hint="Add --rate HZ if the samples are evenly spaced in time."
-        )
+        hint = "Add --rate HZ if the samples are evenly spaced in time."
+        raise InputError(f"{guess.lacking}.", where=str(log), hint=hint)
     text = "".join(_parts(log, body, kind, guess))
     _require_sound(text, folder / "rig.toml")
     written = contents(log).written
@@ -173,9 +168,6 @@ def _require_sound(text: str, path: Path) -> None:
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
-        raise InputError(
-            f"a name of a column or of the mesh cannot be written in a rig ({problem}).",
-            where=str(path),
-            hint="Rename it.",
-        ) from problem
+        what = f"a name of a column or of the mesh cannot be written in a rig ({problem})."
+        raise InputError(what, where=str(path), hint="Rename it.") from problem
     check_rig(table, path)

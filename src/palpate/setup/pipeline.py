@@ -28,7 +28,7 @@ from palpate.files.logs import open_log as open_by_layout
 from palpate.files.logs.arrays import DataFrame, arrays_of
 from palpate.setup.built import BuiltEstimator
 from palpate.setup.prefetch import LogReader, MotionAhead, PrefetchedLog, reading_in_process
-from palpate.setup.rig import Rig, load_rig, with_mesh
+from palpate.setup.rig import ESTIMATE, Rig, load_rig, with_mesh
 from palpate.setup.setup import Setup
 from palpate.signals.recording import CELLS, ORIENTATION, POSITION, Recording
 from palpate.surfaces._jit import compile_seconds
@@ -40,7 +40,6 @@ FRAMES = ("surface", "sensor", "base")
 HEAD = 20_000  # samples of the start of a log from which noise, rate and rest are taken
 KEPT = 5_000  # samples of the log, evenly spread, from which warnings are derived
 HEAD_VALUES = 3_000_000  # numbers, where a sample has many
-_LINE = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
 LogLike = str | PathLike[str] | DataFrame | Mapping[str, Any] | np.ndarray
 HEAD_FRAMES = 30  # images at the start of a camera's log, whatever the time
 
@@ -341,7 +340,7 @@ class Pipeline:
 
 
 @called_as(
-    _LINE,
+    ESTIMATE,
     rate='palpate.estimate({"time": np.arange(len(wrenches)) / rate, "force": wrenches[:, :3], '
     '"torque": wrenches[:, 3:]}, "rig.toml")',
     start='contacts = palpate.estimate("log.csv", "rig.toml"), then contacts[contacts.time >= start]',
@@ -383,7 +382,7 @@ def estimate(
     known = rig if isinstance(rig, Rig) or rig is None else load_rig(rig)
     known = known if mesh is None else with_mesh(known, mesh, unit)
     if known is None:
-        raise InputError("neither a rig nor a mesh is given.", hint=f"Write {_LINE}.")
+        raise InputError("neither a rig nor a mesh is given.", hint=f"Write {ESTIMATE}.")
     if mesh is None and unit is not None:
         raise InputError("unit belongs to a mesh, and no mesh is given.", hint='Write mesh="probe.stl", unit="mm".')
     name = log if isinstance(log, str | PathLike) else "the log"

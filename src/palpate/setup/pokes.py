@@ -86,9 +86,8 @@ class RigPokes:
         for name in ("urdf", "start", "layout"):
             require_path(name, getattr(self, name))
         if (self.sensor is None) != (self.link is None):
-            raise ValueError(
-                "sensor and link must be given together: the pose is that of the frame link in the frame sensor"
-            )
+            pose = "the pose is that of the frame link in the frame sensor"
+            raise ValueError(f"sensor and link must be given together: {pose}")
         if self.urdf is not None and self.link is None:
             raise ValueError("urdf needs sensor and link, the names of two of its links")
         if self.joints is not None and self.urdf is None:

@@ -194,10 +194,8 @@ class LogReader:
             while True:
                 yield self._receiver.get()
         except (EOFError, OSError) as problem:
-            raise InputError(
-                "the process that reads this log ended early: too little memory, or a crash in a library.",
-                where=str(path),
-            ) from problem
+            what = "the process that reads this log ended early: too little memory, or a crash in a library."
+            raise InputError(what, where=str(path)) from problem
 
 
 @contextmanager

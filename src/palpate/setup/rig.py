@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 from palpate.calls import called_as
 from palpate.contact.estimator import ContactEstimator
@@ -24,8 +24,10 @@ from palpate.setup.surface import OF_ANY_MESH, RigSurface
 from palpate.signals.recording import FORCE, Recording
 from palpate.spatial.pose import Pose
 
-__all__ = ["Rig", "check_rig", "load_rig", "with_mesh"]
+__all__ = ["ESTIMATE", "Rig", "check_rig", "load_rig", "with_mesh"]
 
+ESTIMATE = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
+"""Calls that find contacts in a log, for hints."""
 _NO_RIG = {
     "a mesh": (".stl", ".obj", ".ply", ".dae"),
     "a log": (".csv", ".parquet", ".npy", ".npz", ".mcap", ".bag", ".db3"),
@@ -86,12 +88,8 @@ class Rig(SharedTables):
         """
         kind = self.kind(sensor)
         if kind.parts:
-            tables = " and ".join(f"[{part}]" for part in kind.parts)
-            raise InputError(
-                f"names the topic of one sensor, and this is {kind.called}.",
-                where="--topic",
-                hint=f"Write topics in the rig's {tables}.",
-            )
+            hint = f"Write topics in the rig's {' and '.join(f'[{part}]' for part in kind.parts)}."
+            raise InputError(f"names the topic of one sensor, and this is {kind.called}.", where="--topic", hint=hint)
         return self.with_sensor(kind.name, replace(self.sensors.get(kind.name, kind.table()), topic=name))
 
     def kind(self, sensor: str | None = None) -> SensorKind:
@@ -196,10 +194,8 @@ def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> R
         raise InputError(f"{problem}.", where=str(mesh)) from problem
     if rig is None:
         return Rig(surface)
-    known = replace(surface, mesh=str(Path(mesh).resolve()))
-    if rig.surface is not None:
-        known = replace(known, **{name: getattr(rig.surface, name) for name in OF_ANY_MESH})
-    return replace(rig, surface=known)
+    kept = {} if rig.surface is None else {name: getattr(rig.surface, name) for name in OF_ANY_MESH}
+    return replace(rig, surface=replace(surface, mesh=str(Path(mesh).resolve()), **kept))
 
 
 @called_as('palpate.load_rig("rig.toml")')
@@ -213,8 +209,7 @@ def load_rig(path: str | PathLike[str]) -> Rig:
     path = Path(path)
     for what, suffixes in _NO_RIG.items():
         if path.suffix.lower() in suffixes:
-            line = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
-            raise InputError(f"is {what}, not a rig.", where=str(path), hint=f"Write {line}.")
+            raise InputError(f"is {what}, not a rig.", where=str(path), hint=f"Write {ESTIMATE}.")
     return check_rig(load_toml(path), path)
 
 
@@ -226,11 +221,12 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
             tables contradict each other.
     """
     common = [each.name for each in fields(Rig) if each.name not in ("sensors", "folder")]
-    for name in table:
-        if name not in common and name not in KINDS:
-            raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, [*common, *KINDS]))
     shared = {name: value for name, value in table.items() if name in common}
-    sensors = dict(_sensors({name: each for name, each in table.items() if name not in common}, path))
+    own = {name: value for name, value in table.items() if name not in common}
+    for name in own:
+        if name not in KINDS:
+            raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, [*common, *KINDS]))
+    sensors = {kind.name: _sensor(own[kind.name], kind, path) for kind in KINDS.among(own)}
     rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent)
     to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
     for kind in rig.kinds:
@@ -243,30 +239,24 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     return rig
 
 
-def _sensors(table: Mapping[str, Any], path: Path) -> Iterator[tuple[str, Any]]:
-    for kind in KINDS.among(table):
-        if not isinstance(table[kind.name], dict):
-            raise InputError(f"[{kind.name}] must be a table.", where=str(path))
-        yield kind.name, parse(table[kind.name], kind.table, file=str(path), key=kind.name)
+def _sensor(table: Any, kind: SensorKind, path: Path) -> Any:
+    if not isinstance(table, dict):
+        raise InputError(f"[{kind.name}] must be a table.", where=str(path))
+    return parse(cast("dict[str, Any]", table), kind.table, file=str(path), key=kind.name)
 
 
 def _check_drift(stated: RigDrift, kinds: Sequence[SensorKind], sensors: Mapping[str, Any], path: Path) -> None:
     """Raise InputError if no sensor can use the [drift], its units are another sensor's, or the sensor has its own."""
     first, followed = kinds[0].name, {FORCE in kind.channels: kind.name for kind in kinds if kind.drift}
     if not followed:
-        raise InputError(
-            f"a [drift] is for a force/torque sensor or for load cells, not for [{first}].",
-            where=str(path),
-            hint="".join(kind.drift_hint for kind in kinds),
-        )
+        what = f"a [drift] is for a force/torque sensor or for load cells, not for [{first}]."
+        raise InputError(what, where=str(path), hint="".join(kind.drift_hint for kind in kinds))
     wanted = followed.get(stated.of_wrench)
     if wanted is None:
         pair = "{ force = ..., torque = ... }"
         needs = pair if True in followed else "a number, or a list of them, in V/sqrt(s)"
         raise InputError(f"drift.walk of [{first}] must be {needs}.", where=str(path))
     if getattr(sensors.get(wanted), "drift", None) is not None:
-        raise InputError(
-            f"[{wanted}] drift and [drift] exclude each other: both state how the bias drifts.",
-            where=str(path),
-            hint=f"Remove drift from [{wanted}]; with [drift] the bias is tracked while nothing is touched.",
-        )
+        what = f"[{wanted}] drift and [drift] exclude each other: both state how the bias drifts."
+        hint = f"Remove drift from [{wanted}]; with [drift] the bias is tracked while nothing is touched."
+        raise InputError(what, where=str(path), hint=hint)

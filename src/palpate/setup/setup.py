@@ -189,11 +189,9 @@ class Setup(SharedTables):
             return RigFilter(), None
         steps = np.diff(head.time)
         if np.count_nonzero(steps > 0) <= len(steps) / 2:
-            raise InputError(
-                "most times repeat or are missing, so the rate that the filter needs is not known.",
-                where=head.source,
-                hint="Write rate [Hz] in the rig's [filter], or use --filter none.",
-            )
+            what = "most times repeat or are missing, so the rate that the filter needs is not known."
+            hint = "Write rate [Hz] in the rig's [filter], or use --filter none."
+            raise InputError(what, where=head.source, hint=hint)
         return stated, head.rate()
 
     def followed(self, channels: int) -> Drift | None:
