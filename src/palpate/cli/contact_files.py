@@ -15,10 +15,10 @@ __all__ = ["compared_blocks", "on_body", "written"]
 
 
 def written(path: Path) -> Contacts | None:
-    """Return the `Contacts` in a file; None where its first block holds none, as in a log.
+    """Return the `Contacts` in a file; None if it is no file of contacts.
 
     Raises:
-        InputError: a later row is invalid.
+        InputError: a row after the first block is invalid.
     """
     return read_contacts(path) if _holds_contacts(path) else None
 

@@ -24,6 +24,7 @@ from palpate.viewer.samples import median
 
 __all__ = ["judged", "run_of", "status_advice"]
 
+TITLE = "Against the ground truth"
 TOLERANCE = 0.02  # s: between a sample and the ground truth's instant
 FINE = "Nothing stands out: models are calibrated, and the samples are answered."
 _REMEDY = {  # of a status that is common: from which share on, of the loaded samples or of all, and what to do
@@ -79,7 +80,7 @@ def judged(run: Run, truth: TrueSamples | TrueTouches | None = None, *, mounted:
     Raises:
         InputError: matplotlib is not installed, for a `truth` that matches samples.
     """
-    found, section = None, Section("Against the ground truth")
+    found, section = None, Section(TITLE)
     if truth is not None:
         found = evaluate(run.kept.contacts[run.kept.even], truth, tolerance=TOLERANCE)
         section = _section(run, truth, found)
@@ -100,9 +101,8 @@ def _tiles(found: EvaluationReport | None) -> list[Tile]:
 
 
 def _section(run: Run, truth: TrueSamples | TrueTouches, found: EvaluationReport) -> Section:
-    title = "Against the ground truth"
     if not found.matched:
-        return Section(title, text=("No sample matches the ground truth: both must be on one clock.",))
+        return Section(TITLE, text=("No sample matches the ground truth: both must be on one clock.",))
     kept = run.kept
     errors = evaluate(kept.contacts, truth, tolerance=TOLERANCE).errors  # of the peaks too, which no figure counts
     drawn = plots.errors(kept.contacts.time, errors, kept.radius)
@@ -118,7 +118,7 @@ def _section(run: Run, truth: TrueSamples | TrueTouches, found: EvaluationReport
             f"the mean square is {found.coverage.mean_square:.2f}, which should be 2."
         )
     table = ReportTable(("error", *HEADER), tuple(summaries(found)))
-    return Section(title, text=(text,), pictures=tuple(shown), tables=(table,) if table.rows else ())
+    return Section(TITLE, text=(text,), pictures=tuple(shown), tables=(table,) if table.rows else ())
 
 
 def _touch_picture(kept: DownsampledRun, truth: TrueTouches, found: EvaluationReport) -> Picture:

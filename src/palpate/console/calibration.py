@@ -95,6 +95,7 @@ class Calibration(ABC):
 
         Raises:
             InputError: the inputs cannot be used, or the output is an input or cannot be written.
+            TypeError: no kind of model file is registered for the model.
         """
         files = [*self.reads.items(), *self.stated.files().items()]
         keep_inputs(self.output, [path for name, path in files if name != self.replaces])

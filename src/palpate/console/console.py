@@ -124,7 +124,7 @@ def _counted(wanted: bool) -> Generator[None]:
 
 @contextmanager
 def spoken(*, quiet: bool, json: bool) -> Generator[None]:
-    """Set the form of the output within the block; JSON is printed at its end, or at an exit with a code above 2."""
+    """Set the form of the output within the block; JSON is printed at its end, also by an exit with a code above 2."""
     _VOICES.append(_Voice(quiet=quiet, json=json))
     library = logging.getLogger("palpate")
     level = library.level
@@ -295,7 +295,7 @@ def _wipe() -> None:
 
 @contextmanager
 def counting() -> Generator[None]:
-    """Wipe the line of `progress` when the block ends, also by an error."""
+    """Open a context whose end, also by an error, wipes the line of `progress`."""
     try:
         yield
     finally:
