@@ -48,8 +48,8 @@ class GivenBody:
     Attributes:
         path: the mesh file or the URDF.
         unit: unit of the numbers in the file.
-        size: size across [m].
-        urdf, link: the URDF and the name of its link; None and "" for a mesh.
+        size: [m] across.
+        urdf, link: the URDF and its link; None and "" for a mesh.
         geometry: "visual" or "collision"; "" for a mesh.
         folder: where relative paths start.
     """
@@ -68,12 +68,12 @@ class GivenBody:
 
         Args:
             path: a mesh, or a URDF.
-            link: name of the URDF's link.
-            packages: name -> folder, for packages of the URDF's meshes that are not found otherwise.
+            link: the URDF's link.
+            packages: name -> folder, for packages of the URDF that are not found otherwise.
 
         Raises:
-            InputError: the file or a mesh of the URDF cannot be read, no link of a URDF is named or it has no geometry,
-                or a link of a mesh is named.
+            InputError: the file or a mesh of the URDF cannot be read, a URDF's link is not named or has no geometry, or
+                a mesh's is named.
             GeometryError: the mesh file has no usable surface.
         """
         if path.suffix.lower() not in (".urdf", ".xacro", ".xml"):

@@ -44,8 +44,8 @@ def update_pose(
     lead to the same files.
 
     Args:
-        source: the rig to read.
-        target: the rig to write, even the same file.
+        source: the rig.
+        target: the copy; it may be the same file.
         pose: T_sensor_surface.
         covariance: (6, 6) of (rotation vector [rad], translation [m]), perturbed on the left.
         placement: [m] standard deviation of a touch's place beyond what its wrench explains; None: it stays as it is.
@@ -72,8 +72,8 @@ def update_offset(source: Path, target: Path, offset: float, *, comment: str = "
     Relative paths lead to the same files. A table in dotted keys moves to the end, without its comments.
 
     Args:
-        source: the rig to read.
-        target: the rig to write, even the same file.
+        source: the rig.
+        target: the copy; it may be the same file.
         offset: [s] added to the stamps of the poses.
         comment: comment on the offset's line.
 
@@ -91,8 +91,8 @@ def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments:
     Relative paths lead to the same files. A table in dotted keys moves to the end, without its comments.
 
     Args:
-        source: the rig to read.
-        target: the rig to write, even the same file.
+        source: the rig.
+        target: the copy; it may be the same file.
         drift: key of the table -> value; keys that no fit determines stay without one.
         comments: key -> comment on its line.
 
@@ -105,7 +105,7 @@ def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments:
 
 
 def _table(rig: dict[str, Any], name: str, source: Path) -> dict[str, Any]:
-    """Return a table of a rig, added to it if it is missing; raise InputError if it is no table."""
+    """Return a table of a rig, added if it is missing; raise InputError if it is no table."""
     if not isinstance(table := rig.setdefault(name, {}), dict):
         raise InputError(f"[{name}] must be a table.", where=str(source))
     return cast("dict[str, Any]", table)
@@ -133,7 +133,7 @@ def _write(source: Path, target: Path, wanted: dict[str, Any], name: str, commen
 
 
 def _in_place(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str]) -> str:
-    """Return the text with the changed values of the table replaced; "" if its form does not allow that."""
+    """Return the text with the table's changed values replaced; "" if its form does not allow that."""
     document: Any = tomlkit.parse(text)
     if name not in document:
         document[name] = tomlkit.table()
@@ -151,7 +151,7 @@ def _in_place(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping
 
 
 def _anew(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str]) -> str:
-    """Return the text with the table moved to its end, for a table in dotted keys or an inline table."""
+    """Return the text with the table moved to its end, whatever its form."""
     document: Any = tomlkit.parse(text)
     document.remove(name)
     _move_paths(document, wanted)

@@ -28,7 +28,7 @@ _FRAMES = """\
 
 @dataclass(frozen=True)
 class PoseGuess:
-    """A guess at the source of the sensor's pose: how to read the log, [orientation] as TOML, and remarks to check."""
+    """A guess at the source of the sensor's pose: layout of the log, [orientation] as TOML, and remarks to check."""
 
     layout: LogLayout
     text: str
@@ -36,12 +36,12 @@ class PoseGuess:
 
 
 def guess_pose(survey: Survey, layout: LogLayout, body: GivenBody | None) -> PoseGuess:
-    """Return a `PoseGuess`: the tree of /tf if it has the wrench's frame, else joint states, else a topic of poses.
+    """Guess the tree of /tf if it has the wrench's frame, else joint states, else a topic of poses.
 
     Args:
-        survey: the frames, joints and poses found in the log.
+        survey: the frames, joints and poses in the log.
         layout: the layout that names the wrench's topic.
-        body: the body that is touched; its URDF is moved by the joint states. None: no body was given.
+        body: the body that is touched, whose URDF the joint states move; None: not known.
     """
     frame, _ = survey.named.get(str(layout.wrench_topic), ("", ""))
     joints = _joints(survey, frame, body)
@@ -61,7 +61,7 @@ def guess_pose(survey: Survey, layout: LogLayout, body: GivenBody | None) -> Pos
 
 
 def _tree(survey: Survey, frame: str) -> tuple[tuple[str, str] | None, list[str]]:
-    """Return the frames (base, sensor) in the tree of /tf, or None if it cannot be used, and remarks on them."""
+    """Return the frames (base, sensor) in the tree of /tf, None if it cannot be used, and remarks."""
     if not survey.frames.edges:
         return None, []
     tree, wrench = survey.frames.tree(), f"the wrench's frame {frame!r}"

@@ -31,11 +31,11 @@ class TimeGuess:
     """A guess at the time of a table's samples.
 
     Attributes:
-        column: name of the time's column; "" if there is none.
-        unit: unit of the times, as `palpate.files.units` spells it; "": `judged` finds it from the numbers.
+        column: the time's column; "" if there is none.
+        unit: unit of the times, as `palpate.files.units` spells it; "": `judged` finds it.
         rate: [Hz] if the samples are counted, or have no column of time.
         lacking: what must be known before the log can be read in seconds, or "".
-        remarks: what the reader should check.
+        remarks: what the reader should check, one sentence each.
         stated: [Hz] that the log or --rate states in addition to the column.
     """
 
@@ -47,7 +47,7 @@ class TimeGuess:
     stated: float | None = None
 
     def judged(self, time: Float[np.ndarray, " n"]) -> TimeGuess:
-        """Return a `TimeGuess` with a unit, judged by the times if none is stated; without finite times, no column."""
+        """Return the guess with a unit, by the times if none is stated; without a column if no time is finite."""
         if len(time) and not np.isfinite(time).any():  # as LabVIEW leaves its X_Value
             lacking = "" if self.stated else f"there are no times in column {self.column!r}"
             return replace(self, column="", unit="s", rate=self.stated or 1.0, lacking=lacking, remarks=())
@@ -64,7 +64,7 @@ class TimeGuess:
 
 
 def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
-    """Return a `TimeGuess` from the names of columns that are not the wrench's, and from the rate that the log states.
+    """Guess the time from the columns that are not the wrench's, and from the rate that the log states.
 
     Raises:
         InputError: the unit that the log states for the time is unknown.
@@ -94,9 +94,9 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
 
 @takes_arrays
 def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
-    """Return the unit of times that state none, "s", "ms", "us" or "ns", and a remark, "" if the unit is clear.
+    """Return the likely unit of times, "s", "ms", "us" or "ns", and a remark, "" if the unit is clear.
 
-    The unit follows from the size of times since 1970, and for other times from the rate that results.
+    Times since 1970 are told by their size, others by the rate that results.
     """
     known = time[np.isfinite(time)]
     largest = np.abs(known).max(initial=0.0)

@@ -64,13 +64,13 @@ def guess_sensor(
     Args:
         log: a log of any sensor.
         body: the body that is touched.
-        sensor: name of the only kind that is tried; None: all are.
-        topic: the only topic of its role that is read; None: all are.
+        sensor: name of the only kind to try; None: all.
+        topic: the only topic of its role to read; None: all.
         rate: [Hz] of the samples of a table.
 
     Raises:
         InputError: the file is no log, the topic does not exist or has no readings, a rate is given for messages, or
-            units contradict each other.
+            units are unknown or contradict each other.
     """
     there = _only(contents(log), topic)
     if rate is not None:
@@ -85,7 +85,7 @@ def guess_sensor(
 
 
 def _only(there: LogContents, name: str | None) -> LogContents:
-    """Return the contents without other topics of the named topic's role; raise InputError if there is none."""
+    """Return the contents without other topics of the named topic's role; raise InputError without it."""
     if name is None:
         return there
     if not there.topics:
@@ -116,13 +116,13 @@ def propose_rig(
     Args:
         log: a log of any sensor.
         body: the body that is touched; None: the rig gets a sphere to be replaced.
-        folder: the folder of the rig, where relative paths start.
-        sensor: name of the only kind of sensor that is tried; None: all are.
-        topic: the only topic of its role that is read; None: all are.
+        folder: where relative paths start.
+        sensor: name of the only kind to try; None: all.
+        topic: the only topic of its role to read; None: all.
         rate: [Hz] of the samples of a table.
 
     Raises:
-        InputError: the log cannot be read, nothing in it looks like a sensor, its times are not known, or the rig would
+        InputError: as `guess_sensor`; nothing in the log looks like a sensor, its times are not known, or the rig would
             not load.
     """
     body = None if body is None else replace(body, folder=folder)

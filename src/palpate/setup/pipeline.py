@@ -177,8 +177,8 @@ def open_log(
         topic: topic of the sensor's readings, in place of the one that the rig names.
 
     Raises:
-        InputError: the log or the rig cannot be read, the log has nothing for a sensor of the rig, or fits several and
-            none is named, or a topic is named and the log has none.
+        InputError: the log or the rig cannot be read, the log fits no sensor of the rig, or several and none is named,
+            or a topic is named and the log has none.
     """
     source = Path(log) if isinstance(log, str | PathLike) else arrays_of(log)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
@@ -259,10 +259,10 @@ class Pipeline:
     Attributes:
         log: the log.
         frame: frame of the contacts: "surface", "sensor" or "base".
-        estimator: the estimator that turns samples into contacts.
-        initial_notes, initial_warnings: on what was done before the first sample, one sentence each.
+        estimator: the estimator.
+        initial_notes, initial_warnings: those from before the first sample, one sentence each.
         settings: settings in force, name -> value.
-        seconds: time [s] spent on "prepare", "compile" and "locate"; the log's own `seconds` are those of reading.
+        seconds: time [s] spent on "prepare", "compile" and "locate"; without that of reading, `log.seconds`.
     """
 
     log: OpenedLog

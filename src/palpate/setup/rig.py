@@ -56,8 +56,7 @@ class Rig(SharedTables):
         source: source of live samples; None: the rig is for logs.
         folder: where relative paths start.
         time, orientation, acceleration, filter, estimate, contacts: the other tables.
-        drift: drift of the bias of a sensor of wrenches; None: it is not followed.
-        pokes: pokes of a skin, from which its taxels are located; None: there are none.
+        drift, pokes: tables that may be missing, which are None then.
     """
 
     surface: RigSurface | None = None
@@ -68,8 +67,7 @@ class Rig(SharedTables):
     @property
     def kinds(self) -> tuple[SensorKind, ...]:
         """Kinds of the rig's sensors and of their combinations; a six-axis force/torque sensor without any."""
-        several = len(self.sensors) > 1  # they may form a combined sensor
-        possible = KINDS.values() if several else KINDS.among(self.sensors)
+        possible = KINDS.values() if len(self.sensors) > 1 else KINDS.among(self.sensors)  # several may be combined
         return tuple(kind for kind in possible if self._has(kind)) or (KINDS[ASSUMED],)
 
     def _has(self, kind: SensorKind) -> bool:
@@ -138,7 +136,7 @@ class Rig(SharedTables):
             head: the start of the log; None: a live loop.
 
         Raises:
-            InputError: the rig has no sensor of this name.
+            InputError: the rig has no such sensor.
         """
         kinds, link = self.kinds, Link(self.surface, self.folder)
         kind = kinds[0] if sensor is None else self.kind(sensor if isinstance(sensor, str) else sensor.name)
@@ -168,7 +166,7 @@ class Rig(SharedTables):
         Args:
             log: a log of `palpate.open_log`, from whose start come noise, rate, tare and rest that the rig does not
                 state. None: a live loop.
-            sensor: name of the sensor's table, if there are several; a log's own sensor comes first.
+            sensor: name of the sensor's table, if there are several and no log.
             rate: [Hz] of the samples of a live loop, which a filter needs; None: as the rig states.
 
         Raises:

@@ -218,21 +218,21 @@ class SensorKind:
     """A kind of sensor: its table in a rig, and the functions that read, build, guess and check it.
 
     Args:
-        name: name of its table in a rig.
+        name: name of its table.
         called: words for the sensor in a sentence.
         table: dataclass of its table.
         channels: channels of a Recording that it reads, the main one first.
-        layout: returns the layout of a log that has these channels.
+        layout: returns the layout of a log with these channels.
         build: returns the estimator.
         section: class of the sensor as a value; None: the table is enough.
-        guess: `(path, contents, body)` -> how to read a log that looks like this sensor's; None: it does not look so.
+        guess: `(path, contents, body)` -> how to read a log that looks like this sensor's, else None.
         paths: keys of its table that name files.
         refused: option of the command line -> why it means nothing to this sensor.
         needs_surface: whether contacts are located on the rig's [surface].
         check: checks the table further; raises InputError.
         parts: names of the sensors that it combines; a rig with all their tables is of this kind.
-        start: time [s] of a stream that `build` needs before the first answer; 0: none.
-        view: module and class of the `SensorView` that shows the sensor.
+        start: time [s] of a stream that `build` needs; 0: none.
+        view: module and class of its `SensorView`.
         options: options of the command line that replace values in its table under the same names.
         drift: module and name of the function of `palpate calibrate drift`,
             `(setup, recording, temperature, window) -> SensorDrift`; "": it has no [drift].

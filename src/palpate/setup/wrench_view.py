@@ -101,7 +101,8 @@ def wrench_settings(
     """
     surface = locator.surface
     facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""
-    facts = [
+    tare = setup.estimate.tare
+    return (
         ("method", setup.estimate.method.replace("_", " ")),
         ("friction, at most", f"{setup.estimate.friction:g} (tangent of the angle between force and normal)"),
         ("torsion, at most", f"{1e3 * setup.estimate.torsion:g} mm (torque about the normal over normal force)"),
@@ -109,10 +110,8 @@ def wrench_settings(
         ("noise of a reading", "not known" if noise is None else _noise(np.sqrt(np.diag(noise)))),
         ("filter", filtered),
         ("surface", f"{setup.link.name}{facets}, {1e3 * surface.size:.4g} mm across"),
-    ]
-    if setup.estimate.tare is not None:
-        facts.append(("tare", f"over the first {setup.estimate.tare:g} s"))
-    return tuple(facts)
+        *([] if tare is None else [("tare", f"over the first {tare:g} s")]),
+    )
 
 
 def _noise(deviation: np.ndarray) -> str:
