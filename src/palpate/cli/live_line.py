@@ -47,7 +47,8 @@ class FigureLine:
         """Print rate, contacts, latency and losses: in place on a terminal, else one below the other."""
         ring, now = self._ring, time.monotonic()
         count = ring["answered"]
-        rate, since = (count - self._count) / max(now - self._at, 1e-9), max(self._count, count - LOOKED_AT)
+        rate = (count - self._count) / max(now - self._at, 1e-9)
+        since = max(self._count, count - LOOKED_AT)
         slots, first = ring.read(since, LOOKED_AT)
         self._lost += int(slots["lost"].sum()) + first - since
         self._count, self._at = count, now
