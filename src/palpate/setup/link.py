@@ -31,12 +31,12 @@ class Link:
 
     @property
     def mount(self) -> Pose:
-        """T_sensor_surface, the surface's `Pose` in the sensor's frame; the identity without a surface."""
+        """T_sensor_surface; the identity without a surface."""
         return Pose.identity() if self.stated is None else self.stated.pose.pose()
 
     @property
     def mount_covariance(self) -> Float[np.ndarray, "6 6"] | None:
-        """Covariance of the mounting, (6, 6), of (rotation vector [rad], translation [m]); None if it is not known."""
+        """Covariance (6, 6) of `mount`, of (rotation vector [rad], translation [m]); None: not known."""
         stated = None if self.stated is None else self.stated.pose_covariance
         return None if stated is None else np.asarray(stated, dtype=np.float64)
 
@@ -80,5 +80,5 @@ class Link:
 
 @lru_cache(maxsize=1)
 def _read(stated: RigSurface, folder: Path, stamps: tuple[tuple[int, int], ...]) -> Surface:
-    """Read a surface; `stamps`, (mtime [ns], size) of its files, make the cache notice that a file has changed."""
+    """Read a surface, anew if `stamps`, (mtime [ns], size) of its files, have changed."""
     return stated.load(folder)

@@ -192,7 +192,7 @@ def open_log(
 
 
 def _fitting(there: LogContents, rig: Rig, topic: str | None) -> Setup:
-    """Return the setup of the sensor whose channels a log has; of the combined sensor if it has those of all parts."""
+    """Return the setup of the sensor whose channels a log has, of the combined one first."""
     path, setup = there.path, rig.resolve()
     lacking = {kind.name: missing(there, setup.answering(kind).layout()) for kind in rig.kinds}
     fitting = [kind for kind in rig.kinds if not lacking[kind.name]]

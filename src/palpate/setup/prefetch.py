@@ -144,7 +144,7 @@ def sendable(problem: Exception) -> Exception:
 
 @dataclass(frozen=True)
 class _Read:
-    """A block and the progress of the reader; `block` is None at the end, and `failed` the error that ended it."""
+    """A block, None at the end, and the progress of the reader; `failed` is the error that ended it."""
 
     block: Recording | None
     position: int

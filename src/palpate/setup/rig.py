@@ -244,7 +244,7 @@ def _sensor(table: Any, kind: SensorKind, path: Path) -> Any:
 
 
 def _check_drift(stated: RigDrift, kinds: Sequence[SensorKind], sensors: Mapping[str, Any], path: Path) -> None:
-    """Raise InputError if no sensor can use the [drift], its units are another sensor's, or the sensor has its own."""
+    """Raise InputError if no sensor can use the [drift], or the sensor states its own."""
     first, followed = kinds[0].name, {FORCE in kind.channels: kind.name for kind in kinds if kind.drift}
     if not followed:
         what = f"a [drift] is for a force/torque sensor or for load cells, not for [{first}]."

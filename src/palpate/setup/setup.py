@@ -177,7 +177,7 @@ class Setup(SharedTables):
         return self.kind.start(self)
 
     def smoothing(self) -> tuple[RigFilter, float | None]:
-        """Return the filter's table and the rate [Hz], None if not known; no filter for fewer than two samples.
+        """Return the filter's table and the rate [Hz] or None; no filter for fewer than two samples.
 
         Raises:
             InputError: the filter needs the rate, and most times of the log repeat or are missing.

@@ -78,8 +78,8 @@ class RigRegion:
 class RigSurface:
     """The surface that is touched: a `mesh` with its `unit`, a `link` of a `urdf`, or another `kind` with lengths [m].
 
-    A link has all its meshes and primitives, in its frame: `geometry` is "visual" if it has one, else "collision".
-    `packages`: name -> folder, for packages (package://) of the URDF that are not found otherwise.
+    `geometry` of a link is "visual" or "collision"; None: the first of these that it has. `packages`: name -> folder,
+    for packages of the URDF that are not found otherwise.
 
     Facets that meet at less than `crease` [degrees] are smooth across their edge. With `covered` = true, facets that
     cannot be reached from outside give contacts too.
@@ -159,10 +159,7 @@ class RigSurface:
         return Urdf(folder / str(self.urdf), packages).body(str(self.link), self.geometry)
 
     def files(self, folder: Path) -> dict[str, Path]:
-        """Return a dict, key -> path, of the surface's files: "mesh", or "urdf" and its meshes "mesh", "mesh_2", ...
-
-        Meshes of a URDF that cannot be read are left out.
-        """
+        """Return a dict, key -> path: "mesh", or "urdf" and, if it can be read, its meshes "mesh", "mesh_2", ..."""
         if self.urdf is None:
             return {} if self.mesh is None else {"mesh": folder / self.mesh}
         found = {"urdf": folder / self.urdf}

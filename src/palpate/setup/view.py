@@ -78,22 +78,13 @@ class SensorView:
         return None if setup.link.stated is None else setup.link.surface()
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return the layers that are drawn in addition to the contacts; here ().
-
-        Args:
-            setup: the link and its sensors.
-            kept: data of the log that is shown.
-            live: shape of a reading of the stream that is shown; None: no stream is.
-        """
+        """Return the layers that are drawn in addition to the contacts; here (). Arguments are those of `layers_of`."""
         return ()
 
     def feed(self, setup: Setup, tares: Callable[[], int], layers: tuple[Layer, ...]) -> Feed:
-        """Return the function that passes readings of a stream to its layers; here it does nothing.
+        """Return the function that passes a stream's readings to its layers; here it does nothing.
 
-        Args:
-            setup: the link and its sensors.
-            tares: returns the number of tares so far.
-            layers: the layers that are drawn.
+        `tares` returns the number of tares so far.
         """
         return lambda slots, watched: None
 
