@@ -34,7 +34,7 @@ class _Numbers:
 
 
 def by_name(dotted: str) -> Any:
-    """Return an object that a module defines, imported now, for values to save or draw and for tables of classes.
+    """Import and return an object of a module, for values to save or draw and for tables of classes.
 
     Args:
         dotted: module and name, "palpate.files.contacts.read_contacts".
@@ -42,25 +42,22 @@ def by_name(dotted: str) -> Any:
     Raises:
         ImportError: there is no such module.
         AttributeError: the module has no such name.
+        ValueError: `dotted` has no dot.
     """
     module, _, name = dotted.rpartition(".")
     return getattr(import_module(module), name)
 
 
 def called_as(line: str, **lines: str) -> Callable[[_Made], _Made]:
-    """Decorate a function, or a class for its constructor, so that a call with a wrong argument says what to write.
+    """Return a decorator of a function or class, whose calls with a wrong argument then say what to write.
 
-    Arguments are checked only after a call has failed: a call that works costs nothing more. A failure with arguments
-    of the right kinds is raised as it was. An attribute that a class does not have is answered with the line, or with
-    the attributes that the class has.
+    Arguments are checked only after a call has failed. If an argument is missing, unknown or of another kind than its
+    annotation, or the error is about its shape, the call raises `InputError` with the line; else the error as it was.
+    An attribute that a class does not have raises `AttributeError` with its line, or with the attributes that exist.
 
     Args:
         line: a call as a user writes it.
-        lines: the same of methods of the class, by their names; and the right call for arguments of the function, or
-            attributes of the class, that do not exist.
-
-    Raises:
-        InputError: by the call, where an argument is missing, unknown or of another kind than its annotation says.
+        lines: name -> call, for methods of the class, and for arguments and attributes that do not exist.
     """
 
     def decorated(made: Any) -> Any:
@@ -124,14 +121,14 @@ def _wrong(function: Any, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> s
 
 
 def _unfit(function: Any, problem: Exception) -> str:
-    """Return the sentence of an error about an argument without a hint yet, such as about its shape, or ""."""
+    """Return the sentence of an error about an argument, such as its shape, that has no hint yet, or ""."""
     if not isinstance(problem, InputError) or problem.where or problem.hint:
         return ""
     return problem.what if problem.what.split()[0] in signature(function).parameters else ""
 
 
 def _taken(function: Any, stated: Signature) -> dict[str, tuple[Any, ...]]:
-    """Return by argument the kinds that its annotation names; none for names that only type checkers import."""
+    """Return name of an argument -> kinds of its annotation, without names that only type checkers import."""
     found: dict[str, tuple[Any, ...]] = {}
     names = {**getattr(unwrap(function), "__globals__", {}), "ArrayLike": _Numbers}
     for name, parameter in stated.parameters.items():

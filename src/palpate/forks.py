@@ -15,9 +15,7 @@ _threads = {"started": False, "missing": False}
 
 
 def require_polars_threads() -> None:
-    """Refuse to read or write a table in a process that was forked from one in which polars had started its threads.
-
-    A fork copies the locks of these threads and not the threads: polars would wait for them for ever.
+    """Refuse tables in a process that was forked after polars had started its threads: it would wait for ever.
 
     Raises:
         InputError: this is such a process.
@@ -42,7 +40,7 @@ def _look() -> None:
 
 
 def _forked() -> None:
-    """Note in a forked process that its threads are missing; a process that it forks lacks them just as well."""
+    """Note in a forked process that its threads are missing; a process that it forks lacks them too."""
     _threads["missing"] = _threads["missing"] or _threads["started"]
 
 

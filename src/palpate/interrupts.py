@@ -14,9 +14,12 @@ __all__ = ["import_mesh_reader", "importing", "uninterrupted"]
 
 @contextmanager
 def uninterrupted() -> Generator[None]:
-    """Return a context that holds Ctrl-C back until its block has ended; if it was pressed, raise `KeyboardInterrupt`.
+    """Return a context that holds Ctrl-C back until its block has ended, in the main thread with Python's own handler.
 
     Libraries guard optional imports by `except BaseException`, which swallows a `KeyboardInterrupt` raised within.
+
+    Raises:
+        KeyboardInterrupt: at the end of the block, if Ctrl-C was pressed.
     """
     usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if not usual or threading.current_thread() is not threading.main_thread():  # somebody else hears Ctrl-C
@@ -34,10 +37,7 @@ def uninterrupted() -> Generator[None]:
 
 @contextmanager
 def importing() -> Generator[None]:
-    """Return a context that holds back Ctrl-C and the garbage collector during imports.
-
-    The collector finds nothing in new modules and takes a tenth of the time.
-    """
+    """Return a context that holds back Ctrl-C, and the garbage collector: it takes a tenth of the time of imports."""
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -49,6 +49,10 @@ def importing() -> Generator[None]:
 
 
 def import_mesh_reader() -> None:
-    """Import trimesh, which takes a while and must not be broken off halfway."""
+    """Import trimesh, without an interruption by Ctrl-C halfway.
+
+    Raises:
+        ImportError: it is not installed or does not load.
+    """
     with importing():
         import_module("trimesh")

@@ -15,7 +15,7 @@ def opencv() -> ModuleType:
     """Load OpenCV and return its module, `cv2`; its FFmpeg prints nothing on the terminal.
 
     Raises:
-        InputError: it is not installed.
+        InputError: it is not installed or does not load.
     """
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when the first video is opened
     try:

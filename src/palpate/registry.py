@@ -15,15 +15,12 @@ Row = TypeVar("Row")
 
 
 class Registry(Mapping[str, Row]):
-    """A mapping from names to objects, in a fixed order.
-
-    Rows of other packages are searched when a requested name is not in the rows, or when all are requested.
+    """A mapping from names to objects, in a fixed order; `registry[name]` imports an object on first use.
 
     Args:
-        rows: by name, the dotted name of the object ("palpate.sensors.taxels.section.SKIN"); it is imported on first
-            use.
+        rows: name -> dotted name of the object ("palpate.sensors.taxels.section.SKIN").
         kind: class of the objects.
-        group: of entry points of other packages: `name = "module:THING"`.
+        group: entry points of other packages, `name = "module:THING"`; searched for names that are not in the rows.
         first: put the rows of other packages before the others.
     """
 
@@ -32,7 +29,7 @@ class Registry(Mapping[str, Row]):
         self._kind, self._group, self._first, self._complete = kind, group, first, False
 
     def among(self, names: Collection[str]) -> Iterator[Row]:
-        """Yield the objects of these names, in the order of the registry; names that it does not have are left out.
+        """Return an iterator over the objects of those of the names that exist, in the order of the registry.
 
         Raises:
             InputError: an object of another package cannot be imported, or is of another class.

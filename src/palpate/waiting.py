@@ -17,10 +17,7 @@ _ANNOUNCED: set[str] = set()
 
 @contextmanager
 def waiting(what: str) -> Generator[None]:
-    """Return a context that logs the warning `what` if its block takes longer than two seconds.
-
-    The logger is "palpate"; the same words are logged once a process.
-    """
+    """Return a context that logs the warning `what`, once a process, if its block takes longer than two seconds."""
     if what in _ANNOUNCED:
         yield
         return

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.cli.report import judged
-from palpate.cli.report_advice import status_advice
+from palpate.cli.report import judged, status_advice
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.ground_truth import TrueSamples, TrueTouches

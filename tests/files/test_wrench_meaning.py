@@ -152,5 +152,5 @@ def test_a_rig_with_another_meaning_is_refused(tmp_path: Path, keys: str, said: 
 def test_a_live_stream_is_taken_as_it_comes() -> None:
     LogLayout(acts_on="environment").require_live()
     for layout in (LogLayout(reference="base"), replace(LogLayout(), inverse=True)):
-        with pytest.raises(InputError, match="are for logs, not live streams"):
+        with pytest.raises(InputError, match="of the rig are for logs, not live streams"):
             layout.require_live()

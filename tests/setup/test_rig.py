@@ -16,6 +16,7 @@ from palpate.errors import InputError
 from palpate.files.atomic import write_text
 from palpate.sensors.force_torque.compensation import Compensation
 from palpate.setup import check_rig, load_rig
+from palpate.setup.body import GivenBody
 from palpate.setup.edit import update_pose
 from palpate.setup.names import orientation_columns, position_columns, time_column, wrench_columns
 from palpate.setup.new import propose_rig
@@ -230,7 +231,7 @@ def test_a_proposed_rig_loads_and_knows_its_units(tmp_path: Path, unit: str, mes
     rows = np.column_stack([1.7e9 * 1e9 + np.arange(200) * 1e7, force, torque])
     lines = ["stamp,f_x,f_y,f_z,m_x,m_y,m_z", *(",".join(map(repr, row)) for row in rows.tolist())]
     (tmp_path / "log.csv").write_text("\n".join(lines))
-    proposal = propose_rig(tmp_path / "log.csv", tmp_path / "probe.stl", tmp_path)
+    proposal = propose_rig(tmp_path / "log.csv", GivenBody.of(tmp_path / "probe.stl"), tmp_path)
     (tmp_path / "rig.toml").write_text(proposal.text)
     rig = load_rig(tmp_path / "rig.toml")
     assert (rig.surface.unit, rig.sensors["force_torque"].units.torque, rig.time.unit) == (mesh_unit, unit, "ns")
@@ -343,11 +344,12 @@ def test_a_proposed_rig_loads_whatever_the_names_or_is_not_proposed(tmp_path: Pa
     log = tmp_path / 'a "b\n.csv'
     log.write_text("\n".join([header, *rows]))
     write_octahedron(tmp_path / 'm "x".stl')
-    text = propose_rig(log, tmp_path / 'm "x".stl', tmp_path).text
+    text = propose_rig(log, GivenBody.of(tmp_path / 'm "x".stl'), tmp_path).text
     assert check_rig(tomllib.loads(text), tmp_path / "rig.toml").time.column == "time\x7f"
     write_octahedron(tmp_path / os.fsdecode(b"bad\xff.stl"))
+    body = GivenBody.of(tmp_path / os.fsdecode(b"bad\xff.stl"))
     with pytest.raises(InputError, match=r"(?i)utf-8"):
-        write_text(tmp_path / "r.toml", propose_rig(log, tmp_path / os.fsdecode(b"bad\xff.stl"), tmp_path).text)
+        write_text(tmp_path / "r.toml", propose_rig(log, body, tmp_path).text)
 
 
 @pytest.fixture

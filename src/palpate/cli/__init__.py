@@ -15,11 +15,11 @@ FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code.
+    """Run one command; `argv` defaults to the program's arguments.
 
     Returns:
-        0; 1 when the input cannot be used or the output not be written (one sentence on stderr); 2 for a wrong call;
-        130 after Ctrl-C; the command's code where it states another.
+        Exit code: 0; 1 if an input cannot be used or an output not be written (one sentence on stderr); 2 for a wrong
+        call; 130 after Ctrl-C; or the command's own.
     """
     try:
         code = _run(argv)
@@ -72,7 +72,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
 
 def _drop_output() -> None:
-    """Redirect stdout to nowhere, as Python writes the remaining output once more at exit."""
+    """Redirect stdout to nowhere, as Python flushes it again at exit."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError:  # an output that is no file

@@ -23,7 +23,7 @@ USAGE = 2  # the exit code of a call that the parser refuses
 
 @dataclass(frozen=True)
 class _Command:
-    """A function of a module, or a calibration, and the first paragraph of its docstring."""
+    """A function or calibration of a module, and its docstring's first paragraph."""
 
     module: str
     function: str
@@ -37,7 +37,7 @@ class _Command:
 
 @dataclass(frozen=True)
 class _Group:
-    """Commands of two words with the same first word, and a description of them all."""
+    """Commands with the same first word, and a description of them."""
 
     about: str
     commands: dict[str, _Command] = field(default_factory=dict[str, _Command])
@@ -50,70 +50,45 @@ _GROUPS = {
     "plan": "Plan measurements",
     "rig": "Write a rig",
 }
-_EACH = {
-    "estimate": _Command(".estimate", "estimate", "Estimate contacts in a log, with a rig or with a mesh alone."),
-    "batch": _Command(".batch", "batch", "Estimate contacts in many logs, and write one page about them."),
-    "calibrate camera": _Command(
-        "palpate.sensors.marker_ring.commands",
-        "CalibrateCamera",
-        "Calibrate a fisheye lens from pictures of a chessboard.",
-    ),
-    "calibrate clock": _Command(
-        "palpate.sensors.force_torque.commands",
-        "CalibrateClock",
-        "Find the clock offset of the poses, and write it into the rig.",
-    ),
-    "calibrate drift": _Command(
-        ".calibrate_drift", "CalibrateDrift", "Find how the bias drifts, and write it into the rig."
-    ),
-    "calibrate intensity": _Command(
-        "palpate.sensors.taxels.commands", "CalibrateIntensity", "Fit the curve from a taxel's reading to its force."
-    ),
-    "calibrate load-cells": _Command(
-        "palpate.sensors.load_cells.commands",
+_FORCE_TORQUE = "palpate.sensors.force_torque.commands"
+_LOAD_CELLS = "palpate.sensors.load_cells.commands"
+_MARKER_RING = "palpate.sensors.marker_ring.commands"
+_MOUNTING = "palpate.sensors.force_torque.mounting_command"
+_POKING = "palpate.sensors.taxels.poking.commands"
+_SKIN_MAP = "palpate.sensors.taxels.skin_map.commands"
+_TAXELS = "palpate.sensors.taxels.commands"
+_CALIBRATIONS = {  # name -> module, class, and the first paragraph of its docstring
+    "camera": (_MARKER_RING, "CalibrateCamera", "Calibrate a fisheye lens from pictures of a chessboard."),
+    "clock": (_FORCE_TORQUE, "CalibrateClock", "Find the clock offset of the poses, and write it into the rig."),
+    "drift": (".calibrate_drift", "CalibrateDrift", "Find how the bias drifts, and write it into the rig."),
+    "intensity": (_TAXELS, "CalibrateIntensity", "Fit the curve from a taxel's reading to its force."),
+    "load-cells": (
+        _LOAD_CELLS,
         "CalibrateLoadCells",
         "Calibrate 3-axis load cells under a fingertip on a test bench.",
     ),
-    "calibrate marker-ring": _Command(
-        "palpate.sensors.marker_ring.commands",
-        "CalibrateMarkerRing",
-        "Calibrate a soft ring of markers from known presses.",
-    ),
-    "calibrate payload": _Command(
-        "palpate.sensors.force_torque.commands",
-        "CalibratePayload",
-        "Identify mass, center of mass and bias: gravity compensation.",
-    ),
-    "calibrate mounting": _Command(
-        "palpate.sensors.force_torque.mounting_command",
-        "CalibrateMounting",
-        "Find the surface's pose in the sensor's frame from touches.",
-    ),
-    "calibrate taxels": _Command(
-        "palpate.sensors.taxels.poking.commands",
-        "CalibrateTaxels",
-        "Find where each taxel sits, from the wrenches of pokes.",
-    ),
-    "design load-cells": _Command(
-        "palpate.sensors.load_cells.commands",
-        "design_load_cells",
-        "Draw what a layout of load cells can resolve.",
-    ),
-    "evaluate": _Command(".evaluate", "evaluate", "Compare contacts with the ground truth."),
-    "events": _Command(".events", "events", "List touches: start, end, peak force, contact point."),
-    "inspect": _Command(".inspect", "inspect", "Show what is in a log, mesh, rig, model or result."),
-    "live": _Command(".live", "live", "Estimate contacts in the samples of a device, live."),
-    "map skin": _Command(
-        "palpate.sensors.taxels.skin_map.commands", "map_skin", "Lay a flexible taxel sheet on a link's mesh."
-    ),
-    "plan pokes": _Command(
-        "palpate.sensors.taxels.poking.commands", "plan_pokes_command", "Propose where to poke a skin next."
-    ),
-    "recover": _Command(".recover", "recover", "Recover a live record after its recorder was killed."),
-    "replay": _Command(".replay", "replay", "Play a log as a device, to try a set-up without one."),
-    "view": _Command(".view", "view", "Show contacts on the body in a browser."),
-    "rig new": _Command(".rig_new", "rig_new", "Guess a rig from a log and a mesh."),
+    "marker-ring": (_MARKER_RING, "CalibrateMarkerRing", "Calibrate a soft ring of markers from known presses."),
+    "payload": (_FORCE_TORQUE, "CalibratePayload", "Identify mass, center of mass and bias: gravity compensation."),
+    "mounting": (_MOUNTING, "CalibrateMounting", "Find the surface's pose in the sensor's frame from touches."),
+    "taxels": (_POKING, "CalibrateTaxels", "Find where each taxel sits, from the wrenches of pokes."),
 }
+_ROWS = {  # name of a command -> module, function, and the first paragraph of its docstring
+    "estimate": (".estimate", "estimate", "Estimate contacts in a log, with a rig or with a mesh alone."),
+    "batch": (".batch", "batch", "Estimate contacts in many logs, and write one page about them."),
+    **{f"calibrate {name}": row for name, row in _CALIBRATIONS.items()},
+    "design load-cells": (_LOAD_CELLS, "design_load_cells", "Draw what a layout of load cells can resolve."),
+    "evaluate": (".evaluate", "evaluate", "Compare contacts with the ground truth."),
+    "events": (".events", "events", "List touches: start, end, peak force, contact point."),
+    "inspect": (".inspect", "inspect", "Show what is in a log, mesh, rig, model or result."),
+    "live": (".live", "live", "Estimate contacts in the samples of a device, live."),
+    "map skin": (_SKIN_MAP, "map_skin", "Lay a flexible taxel sheet on a link's mesh."),
+    "plan pokes": (_POKING, "plan_pokes_command", "Propose where to poke a skin next."),
+    "recover": (".recover", "recover", "Recover a live record after its recorder was killed."),
+    "replay": (".replay", "replay", "Play a log as a device, to try a set-up without one."),
+    "view": (".view", "view", "Show contacts on the body in a browser."),
+    "rig new": (".rig_new", "rig_new", "Guess a rig from a log and a mesh."),
+}
+_EACH = {name: _Command(*row) for name, row in _ROWS.items()}
 
 
 def _tree() -> dict[str, _Command | _Group]:
@@ -128,16 +103,13 @@ def _tree() -> dict[str, _Command | _Group]:
 
 
 COMMANDS = _tree()
-
-
 BROKEN: list[str] = []  # what is wrong with other packages
 
 
 def join_others() -> None:
     """Add commands of other packages to `COMMANDS`: entry points `palpate.commands` and `palpate.calibrations`.
 
-    Those that cannot be imported, or are no such table, are skipped; `BROKEN` keeps the reasons, which are printed
-    where a call names an unknown command.
+    Those that cannot be used are skipped; `BROKEN` keeps the reasons, printed when a call names an unknown command.
     """
     from palpate.registry import Registry
 
@@ -169,9 +141,11 @@ def _noted() -> Generator[None]:
 
 
 def run(argv: Sequence[str]) -> None:
-    """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call.
+    """Parse and run one command; `argv` has no program name.
 
-    A misspelt word is reported in one sentence, as the exit code; other errors in the call are reported by the parser.
+    Raises:
+        SystemExit: after --help, with 0 or None; for a misspelt word, with a sentence; for another wrong call, with 2.
+        BaseException: what the command raises.
     """
     words = list(argv)
     named = [word for word in words if not word.startswith("-")]
@@ -180,24 +154,24 @@ def run(argv: Sequence[str]) -> None:
     names = {name: tuple(each.commands) if isinstance(each, _Group) else () for name, each in COMMANDS.items()}
     if sentence := unknown_command(words, names):
         raise SystemExit(" ".join([sentence, *BROKEN]))
-    asked = bool({"-h", "--help"} & set(words))
+    helps = bool({"-h", "--help"} & set(words))
     called = command_of(words, names)
     if any(word.startswith("--tyro-") for word in words):
         _complete(words)
     elif " ".join(called) in _EACH:
-        _call(called, words, asked)
-    elif asked:
+        _call(called, words, helps)
+    elif helps:
         print(_listed(called))
     else:
         missing = f"a command is missing; `{' '.join(['palpate', *called, '--help'])}` lists them."
         raise SystemExit(unknown_option(words, called, _options(called)) or missing)
 
 
-def _call(called: tuple[str, ...], words: list[str], asked: bool) -> None:
+def _call(called: tuple[str, ...], words: list[str], helps: bool) -> None:
     with importing():
         import tyro  # here: lists of commands do without it
     command, prog = _EACH[" ".join(called)].load(), " ".join(["palpate", *called])
-    for speaks in (asked, True):  # first silent: no command runs where the parser refuses the call
+    for speaks in (helps, True):  # first silent: no command runs where the parser refuses the call
         try:
             made = tyro.cli(command, prog=prog, args=words[len(called) :], console_outputs=speaks)
         except SystemExit as leaving:
@@ -228,7 +202,7 @@ def _complete(words: list[str]) -> None:
 
 
 def _listed(called: tuple[str, ...]) -> str:
-    """Return the help of `palpate`, or of a group: its commands, a paragraph each."""
+    """Return the help of `palpate` or of a group."""
     group = COMMANDS[called[0]] if called else None
     if isinstance(group, _Group):
         about, commands = f"{group.about}.", {name: command.about for name, command in group.commands.items()}
@@ -247,22 +221,21 @@ def _listed(called: tuple[str, ...]) -> str:
 
 
 def _few(names: Collection[str]) -> str:
-    """Return the names of a group's commands, or how many there are where a line is too short for them."""
+    """Return the names of a group's commands, or their number if it is large."""
     return f"{len(names)} commands" if len(names) > 3 else ", ".join(names)
 
 
 def _options(called: Sequence[str]) -> set[str]:
     """Return the options of a command, as its help lists them."""
-    every = {"--help", *_EVERYWHERE[bool(called)]}
+    every = {"--help", *(("--json", "--quiet") if called else ("--version",))}
     if " ".join(called) not in _EACH:
         return every
     text = io.StringIO()
     with redirect_stdout(text), suppress(SystemExit):
-        _call(tuple(called), [*called, "--help"], asked=True)
+        _call(tuple(called), [*called, "--help"], helps=True)
     return every | set(re.findall(r"--[a-z][\w-]*", text.getvalue()))
 
 
-_EVERYWHERE = (("--version",), ("--json", "--quiet"))  # without a command, and with one
 _DESCRIPTION = """Where, how hard and in which direction a robot is being touched.
 
 Every command takes --quiet (only warnings and errors, on stderr) and --json (the output as JSON)."""

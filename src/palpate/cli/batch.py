@@ -33,24 +33,22 @@ __all__ = ["batch"]
 TORN, UNBELIEVABLE, SOME_FAILED = 3, 4, 5
 PAGE, KEPT = "batch.html", "batch.jsonl"
 PATHS = ("rig", "mesh", "payload")  # of a set-up
-SAID = 5  # failures that are printed
+SHOWN = 5  # failures that are printed
 RESULTS, WORKERS = "results of a batch of logs", "--workers"
 
 
 @dataclass(frozen=True)
 class _Job:
-    """A log to be done, with all that a worker needs.
-
-    Paths are absolute: a worker may have another working directory.
+    """A log to be done; paths are absolute.
 
     Attributes:
-        setup: rig and options of all logs.
-        made: digest of version, rig and options, so that a process reads the rig once.
+        setup: rig and options.
+        made: digest of version, rig and options.
         called: the log, as the user gave it.
-        log: path of the log.
+        log: the log.
         output: file of contacts to write.
         frame: coordinate frame of the result.
-        parent: id of the process whose child must do it; 0: any process.
+        parent: process whose child must do it; 0: any.
     """
 
     setup: RigOptions
@@ -63,7 +61,7 @@ class _Job:
 
     @property
     def key(self) -> str:
-        """Resolved path of the log, the same whatever name it is given by."""
+        """Resolved path of the log."""
         return str(self.log.resolve())
 
 
@@ -74,8 +72,8 @@ class _Kept:
     Attributes:
         log: resolved path.
         output: name of the file of contacts.
-        made: digest of version, rig and options.
-        digest: digest of the log; "" where the log failed.
+        made: as in `_Job`.
+        digest: `log_digest`; "" where it failed.
         size: bytes of the output.
         result: summary for the page.
     """
@@ -115,13 +113,18 @@ def batch(
         frame: coordinate frame of the results; base needs the sensor's orientation and position in the logs.
         workers: number of logs at a time; by default one per core.
         backend: what runs them: processes on this machine, or a dask or ray cluster that sees the same files.
+
+    Raises:
+        InputError: there is no log, an option, the rig or the folder cannot be used, or an output is an input.
+        OSError: a file of the rig cannot be read for its digest.
+        KeyboardInterrupt: Ctrl-C; what is done stays.
+        SystemExit: 5: some logs failed; 3: one was cut off; 4: nothing in one can be believed.
     """
     count = require_backend(backend, workers, WORKERS)
     require_report()
     files, found = setup.load().files(), logs_of(logs, output)
     _require_folder(output)
     made = _digest(setup, files, frame)
-    done = dict[str, _Kept]()
     kept = {each.log: each for each in _read(output / KEPT)}
     known = {Path(each.log): each.output.removesuffix(f".{form}") for each in kept.values()}
     anywhere, folder = _absolute(setup), output.absolute()
@@ -130,11 +133,12 @@ def batch(
         _Job(anywhere, made, _printable(log), log.absolute(), folder / f"{name}.{form}", frame, parent)
         for log, name in names_of(found, known).items()
     ]
-    _require_apart(jobs, setup, files)
+    _require_separate(jobs, setup, files)
+    done = dict[str, _Kept]()
     for job in jobs:
         overwrite(f"checking which logs are done: {job.called}")
-        if (there := kept.get(job.key)) is not None and _holds(there, job):
-            done[there.log] = there
+        if _is_done(kept.get(job.key), job):
+            done[job.key] = kept[job.key]
     begin_results(output / KEPT, {"command": "batch"}, map(asdict, kept.values()))
     if done:
         announce(f"{len(done)} of {len(jobs)} logs are in {output} already; the others follow")
@@ -151,8 +155,7 @@ def batch(
 
 
 def _one(job: _Job) -> _Kept:
-    """Estimate one log, in any process; return its result, which holds the error if there was one."""
-    log, output = job.key, job.output.name
+    """Estimate one log; an error becomes its result."""
     try:
         digest = log_digest(job.log)  # before: a log that grows meanwhile is another log
         rig = _rig(job.setup, job.made)
@@ -160,24 +163,23 @@ def _one(job: _Job) -> _Kept:
         files = {"log": job.log, "rig": job.setup.rig, **opened.setup.files()}
         done = estimate_log(opened, job.output, job.frame, files, partial(_watch, job.parent), keep_short=False)
     except PalpateError as problem:
-        return _failed(job, str(problem).removeprefix(f"{job.log}: "))  # which stands beside it
+        return _failed(job, str(problem).removeprefix(f"{job.log}: "))  # the page names the log
     except Exception as problem:  # of one log in a thousand: the others shall not wait for it to be mended
         return _failed(job, f"{type(problem).__name__}: {' '.join(str(problem).split())}")
     summary, touches = done.summary, done.summary.finder.touches()
-    warnings = (*([done.nothing] if done.nothing else []), *done.warnings, *done.short)
     result = LogResult(
         job.called,
-        output,
+        job.output.name,
         samples=summary.samples,
         contacts=int(summary.statuses[[Status.CONTACT, Status.AMBIGUOUS]].sum()),
         touches=len(touches),
         peak=float(touches.peak_force.max()) if len(touches) else nan,
         statuses=tuple(summary.statuses.tolist()),
-        warnings=warnings,
+        warnings=(*([done.nothing] if done.nothing else []), *done.warnings, *done.short),
         ended=done.ended,
         believed=not done.nothing,
     )
-    return _Kept(log, output, job.made, digest, job.output.stat().st_size, result)
+    return _Kept(job.key, job.output.name, job.made, digest, job.output.stat().st_size, result)
 
 
 def _failed(job: _Job, why: str) -> _Kept:
@@ -196,34 +198,37 @@ def _rig(setup: RigOptions, made: str) -> Rig:
 
 
 def _watch(parent: int, done: int, share: float) -> None:
-    """Raise KeyboardInterrupt in a worker whose command was killed, before the command is started again."""
+    """Raise KeyboardInterrupt in a worker whose command was killed."""
     if parent and os.getppid() != parent:
         raise KeyboardInterrupt
 
 
 def log_digest(log: Path) -> str:
-    """Return the SHA-256 (hexadecimal text) of a log's bytes; of a folder, of its files' names, sizes and times.
+    """Return the SHA-256 (hexadecimal) of a log's bytes; of a folder, of the names, sizes and times in it.
 
     Raises:
-        InputError: the log cannot be read.
+        InputError: the file cannot be read.
+        OSError: the folder cannot be read.
     """
     if not log.is_dir():
         with open_input(log) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     stats = [(path.name, path.stat()) for path in sorted(log.iterdir())]
-    said = repr([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats])
-    return hashlib.sha256(said.encode()).hexdigest()
+    return _sha256([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats])
+
+
+def _sha256(value: object) -> str:
+    return hashlib.sha256(repr(value).encode()).hexdigest()
 
 
 def _digest(setup: RigOptions, files: Mapping[str, Path], frame: str) -> str:
     """Return the SHA-256 of version, files of the rig and options."""
     options = {each.name: getattr(setup, each.name) for each in fields(setup) if each.name not in PATHS}
-    record = provenance({"rig": setup.rig, **files}, {**options, "frame": frame})
-    return hashlib.sha256(repr(record).encode()).hexdigest()
+    return _sha256(provenance({"rig": setup.rig, **files}, {**options, "frame": frame}))
 
 
 def _printable(log: Path) -> str:
-    """Return the path as text that a page can hold: a name need not be UTF-8."""
+    """Return the path as text; a name need not be UTF-8."""
     return str(log).encode(errors="backslashreplace").decode()
 
 
@@ -241,8 +246,8 @@ def _require_folder(output: Path) -> None:
     reserve_output(output / KEPT)
 
 
-def _require_apart(jobs: Sequence[_Job], setup: RigOptions, files: Mapping[str, Path]) -> None:
-    """Raise an InputError where an output is an input of any log."""
+def _require_separate(jobs: Sequence[_Job], setup: RigOptions, files: Mapping[str, Path]) -> None:
+    """Raise an InputError if an output is an input of any log."""
     inputs = [setup.rig, *files.values(), *(job.log for job in jobs)]
     read = {path.resolve() for path in inputs if path is not None}
     for path in (path for job in jobs for path in (job.output, record_of(job.output))):
@@ -251,7 +256,7 @@ def _require_apart(jobs: Sequence[_Job], setup: RigOptions, files: Mapping[str, 
 
 
 def _read(path: Path) -> Iterator[_Kept]:
-    """Yield the results of earlier runs; of a log that was done several times the last one counts."""
+    """Yield the results of earlier runs; the last one of a log counts."""
     if not path.exists():
         return
     _, rows = read_rows(path, RESULTS)
@@ -262,13 +267,13 @@ def _read(path: Path) -> Iterator[_Kept]:
         raise InputError(f"does not hold {RESULTS}.", where=str(path), hint="Name another folder.") from problem
 
 
-def _holds(there: _Kept, job: _Job) -> bool:
-    """Return whether a log is done from the same log, rig, options and version, and its output is unchanged."""
+def _is_done(kept: _Kept | None, job: _Job) -> bool:
+    """Return whether a log is done from the same inputs, and its output is unchanged."""
     output = job.output
-    if there.result.failure or there.made != job.made or there.output != output.name:
+    if kept is None or kept.result.failure or (kept.made, kept.output) != (job.made, output.name):
         return False
-    whole = output.is_file() and output.stat().st_size == there.size and record_of(output).is_file()
-    return whole and log_digest(job.log) == there.digest
+    unchanged = output.is_file() and output.stat().st_size == kept.size and record_of(output).is_file()
+    return unchanged and log_digest(job.log) == kept.digest
 
 
 def _so_far(done: dict[str, _Kept], total: int) -> str:
@@ -279,13 +284,13 @@ def _so_far(done: dict[str, _Kept], total: int) -> str:
 
 def _end(results: Sequence[LogResult], output: Path, setup: RigOptions, files: Mapping[str, Path]) -> None:
     page = output / PAGE
-    said = [("rig", str(setup.rig or setup.mesh)), *((name, str(path)) for name, path in files.items())]
-    write_text(page, render(compose(results, tuple(said))))
+    inputs = (("rig", str(setup.rig or setup.mesh)), *((name, str(path)) for name, path in files.items()))
+    write_text(page, render(compose(results, inputs)))
     title(f"{len(results)} logs -> {page}")
     lines((name, Quantity(text, value)) for name, text, value in figures(results))
     failed = [each for each in results if each.failure]
-    note((f"{each.log}: {each.failure}" for each in failed[:SAID]), kind="warning")
-    note([f"{len(failed) - SAID} more logs failed, see {page}"] if len(failed) > SAID else [], kind="warning")
+    note((f"{each.log}: {each.failure}" for each in failed[:SHOWN]), kind="warning")
+    note([f"{len(failed) - SHOWN} more logs failed, see {page}"] if len(failed) > SHOWN else [], kind="warning")
     torn, nothing = any(each.ended == "torn" for each in results), any(not each.believed for each in results)
     if failed or torn or nothing:
         raise SystemExit(SOME_FAILED if failed else TORN if torn else UNBELIEVABLE)

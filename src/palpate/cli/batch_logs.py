@@ -18,16 +18,17 @@ LOGS = (".csv", ".tsv", ".txt", ".parquet", ".npy", ".npz", ".mcap", ".bag", ".d
 
 
 def logs_of(given: Sequence[Path], output: Path) -> list[Path]:
-    """Return every log once, in the order in which they are given; those in and below a folder by name.
+    """Return every log once, in the given order; those in and below a folder by name.
 
     A folder that is a ROS 2 bag or holds frames is one log.
 
     Args:
-        given: files, folders, and patterns (`*`, `?`, `[...]`, `**`) that the shell did not expand.
+        given: files, folders and patterns (`*`, `?`, `[...]`, `**`).
         output: folder of the results, which is skipped.
 
     Raises:
-        InputError: there is no such file, or no log in a folder or by a pattern.
+        InputError: a file does not exist, or a folder or pattern gives no log.
+        OSError: a folder cannot be read.
     """
     found = dict[Path, Path]()
     for path in given:
@@ -40,27 +41,25 @@ def logs_of(given: Sequence[Path], output: Path) -> list[Path]:
 
 
 def names_of(logs: Sequence[Path], known: Mapping[Path, str]) -> dict[Path, str]:
-    """Return the name of each log's output, without a suffix: the log's name, after its folders where two are alike.
+    """Return log -> name of its output without a suffix: the log's name, after its folders where two are alike.
 
     Args:
         logs: logs of this batch.
-        known: output names of earlier runs by the resolved path of the log; they stay, and the others are named as if
-            all were new, so that a continued batch uses the names that it would have had.
+        known: resolved path of a log -> name of its output in earlier runs. These stay; the others are named as if all
+            were new.
     """
     names = {log: known[log.resolve()] for log in logs if log.resolve() in known}
-    taken, left = {name.lower() for name in known.values()}, [log for log in logs if log not in names]
-    others = [
-        log for log in known if log not in {each.resolve() for each in left}
-    ]  # count as if they were not named yet
-    for depth in range(max((len(log.resolve().parts) for log in left), default=0)):
-        called = {log: _called(log.resolve(), depth) for log in [*left, *others]}
+    taken, unnamed = {name.lower() for name in known.values()}, [log for log in logs if log not in names]
+    others = set(known) - {log.resolve() for log in unnamed}  # count as if they were not named yet
+    for depth in range(max((len(log.resolve().parts) for log in unnamed), default=0)):
+        called = {log: _called(log.resolve(), depth) for log in [*unnamed, *others]}
         count = Counter(name.lower() for name in called.values())
-        settled = {log: called[log] for log in left if count[called[log].lower()] == 1}
-        settled = {log: name for log, name in settled.items() if name.lower() not in taken}
+        unique = {log: called[log] for log in unnamed if count[called[log].lower()] == 1}
+        settled = {log: name for log, name in unique.items() if name.lower() not in taken}
         names |= settled
         taken |= {name.lower() for name in settled.values()}
-        left = [log for log in left if log not in settled]
-    for log in left:  # the same but for the suffix, or for its letters' case
+        unnamed = [log for log in unnamed if log not in settled]
+    for log in unnamed:  # the same but for the suffix, or for its letters' case
         name = next(name for k in range(1, len(logs) + 2) if (name := f"{log.stem}-{k}").lower() not in taken)
         names[log] = name
         taken.add(name.lower())
@@ -75,14 +74,14 @@ def _called(log: Path, depth: int) -> str:
 def _expanded(path: Path, output: Path) -> Iterator[Path]:
     if path.is_dir():
         yield from [path] if _is_log(path) else _below(path, output)
-    elif path.exists() or not has_magic(str(path)):
-        if not path.exists():
-            raise InputError("the file does not exist.", where=str(path))
+    elif path.exists():
         yield path
+    elif not has_magic(str(path)):
+        raise InputError("the file does not exist.", where=str(path))
     else:
-        for each in sorted(glob(str(path), recursive=True)):
-            if Path(each).resolve() != output and output not in Path(each).resolve().parents:
-                yield from _expanded(Path(each), output) if Path(each).is_dir() else [Path(each)]
+        for each in map(Path, sorted(glob(str(path), recursive=True))):
+            if output not in (each.resolve(), *each.resolve().parents):
+                yield from _expanded(each, output) if each.is_dir() else [each]
 
 
 def _below(folder: Path, output: Path) -> Iterator[Path]:

@@ -25,7 +25,7 @@ from palpate.signals.recording import TEMPERATURE, Recording
 
 __all__ = ["CalibrateDrift"]
 
-LONGEST_CONTACT = 60.0  # s, of which it is said how unsure the force becomes
+LONGEST_CONTACT = 60.0  # s, after which the uncertainty of the force is printed
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ class CalibrateDrift(Calibration):
     window: Annotated[float, arg(metavar="X")] = 0.1
 
     def identify(self) -> CalibrationResult:
-        """Fit random walk, warm-up and temperature dependence of the bias; return a `CalibrationResult`.
+        """Return a `CalibrationResult` with the random walk, warm-up and temperature dependence of the bias.
 
         Raises:
-            InputError: the log or the rig cannot be used, the sensor has no [drift] or states one already, or the
-                readings are not those of an untouched sensor.
+            InputError: `window` is not positive, the log or the rig cannot be used, the sensor cannot have [drift] or
+                states its own, or the readings are not those of an untouched sensor.
         """
         require_positive(self.window, "--window")
         with open_log(self.log, self.stated) as opened:
@@ -89,7 +89,7 @@ def _read(log: Path, opened: OpenedLog) -> tuple[Setup, Recording, tuple[str, ..
             hint=kind.drift_hint,
         )
     blocks = list(opened)
-    if not sum(map(len, blocks)):
+    if not any(map(len, blocks)):
         raise InputError("holds no samples.", where=str(log))
     return opened.setup, join(blocks), opened.notes()
 
@@ -98,42 +98,35 @@ def _require_one(setup: Setup, rig: Path) -> None:
     """Raise an InputError where the sensor's table states a drift already."""
     kind = setup.kind.name
     if getattr(setup.sensors[kind].table, "drift", None) is not None:
-        raise InputError(
-            f"[{kind}] already states a drift, which would contradict [drift].",
-            where=str(rig),
-            hint=f"Remove drift from [{kind}], then run this again.",
-        )
+        hint = f"Remove drift from [{kind}], then run this again."
+        raise InputError(f"[{kind}] already states a drift, which would contradict [drift].", where=str(rig), hint=hint)
 
 
 def _figures(of: SensorDrift, weight: float) -> list[tuple[str, object]]:
     """Return names and values of the figures to print."""
     found = of.found
-    drift, walks, rates = found.drift, list[str](), list[str]()
-    kelvin, noises = list[str](), list[str]()
+    drift, walks, rates, slopes, noises = found.drift, list[str](), list[str](), list[str](), list[str]()
     for name, part, small, tiny, large, unit in of.groups:
         walk, spread = small * _rms(drift.walk[part]), small * _rms(found.walk_deviation[part])
         least = "" if found.seen[part].all() else "at most "
         walks.append(f"{name} {least}{walk:.3g} +- {spread:.2g} {tiny}")
         rates.append(f"{name} {large * MINUTE * _rms(drift.warm_up[part]):.2g} {unit}/min")
         slope = f"{large * _rms(drift.thermal[part]):.2g} +- {large * _rms(drift.thermal_deviation[part]):.1g}"
-        kelvin.append(f"{name} {slope} {unit}/K")
+        slopes.append(f"{name} {slope} {unit}/K")
         noises.append(f"{name} {small * _rms(found.noise[part]):.3g} {tiny}")
     settles = "at a steady rate" if np.isinf(drift.settling) else f"falling to a third in {drift.settling:.0f} s"
     warm = f"{', '.join(rates)} at the start, {settles}" if found.warm else f"none seen: at most {', '.join(rates)}"
-    left = f"; {found.touched:.1%} left out" if found.touched else ""
-    unsure = of.unsure(found.unsure(LONGEST_CONTACT))
+    touched = f"; {found.touched:.1%} left out" if found.touched else ""
+    walked = f"{', '.join(walks)} in one second, growing with the square root of time"
     return [
-        ("samples", f"{found.samples:,} over {found.seconds:.0f} s{left}"),
-        (
-            "walk",
-            Quantity(f"{', '.join(walks)} in one second, growing with the square root of time", drift.walk.tolist()),
-        ),
+        ("samples", f"{found.samples:,} over {found.seconds:.0f} s{touched}"),
+        ("walk", Quantity(walked, drift.walk.tolist())),
         ("warm-up", Quantity(warm, (MINUTE * drift.warm_up).tolist())),
-        *([("temperature", ", ".join(kelvin))] if drift.thermal.any() else []),
+        *([("temperature", ", ".join(slopes))] if drift.thermal.any() else []),
         *([("weight", f"of the payload: +- {weight:.2g} N, by its calibration or the rig")] if weight else []),
         ("noise", f"{', '.join(noises)} of a mean over {found.window:.2g} s"),
         ("left out", str(found.validation)),
-        ("in contact", f"after {LONGEST_CONTACT:.0f} s unsure (95 %): {unsure}"),
+        ("in contact", f"after {LONGEST_CONTACT:.0f} s unsure (95 %): {of.unsure(found.unsure(LONGEST_CONTACT))}"),
     ]
 
 

@@ -15,45 +15,39 @@ __all__ = ["compared_blocks", "on_body", "written"]
 
 
 def written(path: Path) -> Contacts | None:
-    """Return the `Contacts` in a file; None where the file is a log.
+    """Return the `Contacts` in a file; None if it is no file of contacts.
 
     Raises:
-        InputError: a row is invalid.
+        InputError: a row after the first block is invalid.
     """
     return read_contacts(path) if _holds_contacts(path) else None
 
 
 def compared_blocks(path: Path, link: Link) -> Iterator[Contacts]:
-    """Return an iterator over the `Contacts` to compare, block by block, in the frame that the body is drawn in.
+    """Return an iterator over blocks of a file's `Contacts` in the frame that the body is drawn in.
 
     Raises:
-        InputError: there is no such file, it holds none, or they are in a frame in which the body moves.
+        InputError: the file exists but holds no contacts. While iterating: as for `on_body`, the file does not exist,
+            or a row is invalid.
     """
     if path.exists() and not _holds_contacts(path):
-        raise InputError(
-            "holds no contacts to compare.",
-            where=str(path),
-            hint="Estimate it first: palpate estimate LOG --rig RIG -o CONTACTS.",
-        )
+        hint = "Estimate it first: palpate estimate LOG --rig RIG -o CONTACTS."
+        raise InputError("holds no contacts to compare.", where=str(path), hint=hint)
     return (on_body(block, path, link) for block in contact_blocks(path))
 
 
 def on_body(contacts: Contacts, path: Path, link: Link) -> Contacts:
-    """Return the `Contacts` of a file in the frame that the body is drawn in.
+    """Transform the `Contacts` of a file at `path` into the frame that the body is drawn in.
 
     Raises:
-        InputError: they are in the base frame.
+        InputError: they are in the base frame, in which the body moves.
     """
     frame = read_provenance(path).get("frame", "surface")
     if frame == "base":
-        raise InputError(
-            "these contacts are in the base frame, in which the body moves.",
-            where=str(path),
-            hint="Estimate without --frame base, or view the log itself.",
-        )
-    if frame == "sensor" and link.stated is not None:
-        contacts = contacts.in_frame(link.mount.inverse())
-    return contacts
+        hint = "Estimate without --frame base, or view the log itself."
+        raise InputError("these contacts are in the base frame, in which the body moves.", where=str(path), hint=hint)
+    moved = frame == "sensor" and link.stated is not None
+    return contacts.in_frame(link.mount.inverse()) if moved else contacts
 
 
 def _holds_contacts(path: Path) -> bool:

@@ -14,9 +14,8 @@ from tyro.conf import arg
 from palpate.cli.contact_files import compared_blocks
 from palpate.cli.estimate_log import Estimated, estimate_log, record_of
 from palpate.cli.events import say_touches
-from palpate.cli.report import judged
+from palpate.cli.report import judged, run_of
 from palpate.cli.rig_options import RigOptions
-from palpate.cli.run_report import run_of
 from palpate.console.console import counting, lines, note, progress, shares, title, wait
 from palpate.console.options import FileOption, Log
 from palpate.contact.estimate import Status
@@ -68,6 +67,12 @@ def estimate(
         compare: other contacts, such as of the same log by other settings, to compare with these in the report.
         workers: 1: one process does everything; 2 or more: other processes read and write, and this many threads
             locate, with identical results. By default 1; for logs of 100 MB and more, one thread per core.
+
+    Raises:
+        InputError: a file or an option cannot be used, or an output is an input.
+        OSError: an input file cannot be read for its digest.
+        KeyboardInterrupt: Ctrl-C before the first row.
+        SystemExit: 130: interrupted; 3: the log was cut off; 4: nothing in it can be believed.
     """
     if workers is not None and workers < 1:
         raise InputError(f"must be at least 1, not {workers}.", where="--workers")
@@ -91,7 +96,7 @@ def estimate(
         warnings = (*([done.nothing] if done.nothing else []), *done.warnings, *done.short)
         run = run_of(done.pipeline, done.summary, done.record, output.name, warnings)
         run = judged(run, known, mounted=opened.setup.link.mount_covariance is not None)
-        write_text(report, render(compose(run if other is None else compared(run, other[0], other[1]))))
+        write_text(report, render(compose(run if other is None else compared(run, *other))))
     note(done.short, kind="warning")
     note([done.nothing] if done.nothing else [], kind="warning")
     note(_next(log, setup, done.summary.statuses))
@@ -100,7 +105,7 @@ def estimate(
 
 
 def _next(log: Path, setup: RigOptions, statuses: Int[np.ndarray, " s"]) -> list[str]:
-    """Return the command to try next for a log that comes out implausible with a mesh alone; [] otherwise."""
+    """Return the command to try if a mesh alone gives implausible contacts, else []."""
     answered = statuses[Status.CONTACT] + statuses[Status.AMBIGUOUS]
     if setup.rig is not None or setup.mesh is None or statuses[Status.IMPLAUSIBLE] <= answered:
         return []
@@ -108,9 +113,9 @@ def _next(log: Path, setup: RigOptions, statuses: Int[np.ndarray, " s"]) -> list
     return [f"next: `{made}`; then state in that rig the payload, the tare and the pose of the mesh"]
 
 
-def _workers(opened: OpenedLog, asked: int | None) -> int:
-    """Return the number of threads that locate; 1: nothing runs in parallel, as for a pipe, which has one reader."""
-    count = asked if asked is not None else (cpu_count() or 1) if opened.size >= LONG else 1
+def _workers(opened: OpenedLog, requested: int | None) -> int:
+    """Return the number of threads that locate; 1, as for a pipe: nothing runs in parallel."""
+    count = requested or ((cpu_count() or 1) if opened.size >= LONG else 1)
     return count if opened.path.is_file() or opened.path.is_dir() else 1
 
 
@@ -120,16 +125,13 @@ def _ground_truth(truth: Path | None, report: Path | None) -> TrueSamples | True
             raise InputError("the report must end in .html.", where=str(report), hint="Use another name.")
         require_report()
     elif truth is not None:
-        raise InputError(
-            "is used only in the report, but --report is missing.",
-            where="--truth",
-            hint="Add --report FILE, or compare with palpate evaluate.",
-        )
+        hint = "Add --report FILE, or compare with palpate evaluate."
+        raise InputError("is used only in the report, but --report is missing.", where="--truth", hint=hint)
     return None if truth is None else read_ground_truth(truth)
 
 
 def _compared(path: Path | None, report: Path | None, link: Link) -> tuple[str, RunSummary] | None:
-    """Return name and summary of the contacts to compare with these; None without any."""
+    """Return name and summary of the contacts to compare."""
     if path is None:
         return None
     if report is None:
@@ -147,8 +149,7 @@ def _say(heading: str, done: Estimated) -> None:
     lines([("samples", f"{summary.samples:,} in, {summary.rows:,} rows out{several}")])
     lines(shares(summary.statuses))
     spent = {"read": pipeline.log.seconds, **pipeline.seconds}
-    busy = sum(spent.values()) - spent["prepare"] - spent["compile"]
-    busy = min(busy, done.took)  # processes work at the same time
+    busy = min(sum(spent.values()) - spent["prepare"] - spent["compile"], done.took)  # processes work at the same time
     rate = summary.samples / max(busy, 1e-9)
     parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in spent.items())
     lines([("time", f"{parts}; {rate:,.0f} samples/s once prepared and compiled")])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from threading import Thread
 from time import perf_counter
 from typing import NamedTuple
 
-from palpate.cli.summarising_writer import SummedWriter, WriterProcess, writer_process, writing_here, writing_in_process
+from palpate.cli.summarising_writer import ProcessWriter, SummedWriter, writer_process, writing_here
 from palpate.files.memory import keep_memory
 from palpate.files.models import provenance, write_provenance
 from palpate.interrupts import uninterrupted
@@ -22,7 +22,7 @@ from palpate.viewer.run_summary import RunSummary
 __all__ = ["Estimated", "estimate_log", "record_of"]
 
 Watch = Callable[[int, float], None]
-"""Function called with the samples done, and the share of the file that was read."""
+"""Called with the number of samples done, and the share (0 to 1) of the file that was read."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class Estimated:
         summary: summary of its contacts.
         record: contents of OUTPUT.toml.
         ended: "whole"; "torn": the log is cut off; "interrupted": by Ctrl-C.
-        warnings: what may be wrong.
+        warnings: what may be wrong, one sentence each.
         short: why not all of the log is in the output, one sentence each.
         nothing: why nothing in it can be believed; "": something can.
-        took: seconds from the first sample to the last.
+        took: duration of estimating [s].
     """
 
     pipeline: Pipeline
@@ -51,11 +51,11 @@ class Estimated:
 
 
 class _Stopped(Exception):
-    """Ctrl-C was pressed where an incomplete file must not take its name."""
+    """Ctrl-C was pressed; the incomplete file must not take its name."""
 
 
 def record_of(output: Path) -> Path:
-    """Return the path of OUTPUT.toml, which records how OUTPUT was made."""
+    """Return the path of OUTPUT.toml, which records how OUTPUT was made; without a file name, `output` itself."""
     return output.with_name(f"{output.name}.toml") if output.name else output
 
 
@@ -73,54 +73,58 @@ def estimate_log(
 
     Args:
         opened: the log.
-        output: file of contacts; OUTPUT.toml is written when it is complete. None: contacts are only summarised.
+        output: file of contacts; OUTPUT.toml follows when it is complete. None: contacts are only summarised.
         frame: coordinate frame of the result.
-        files: input files by their roles, for OUTPUT.toml.
-        watch: called with the progress.
-        keep_short: after Ctrl-C the contacts found so far take the name of OUTPUT; otherwise they stay OUTPUT.part.
+        files: role -> input file, for OUTPUT.toml.
+        watch: called after every block.
+        keep_short: after Ctrl-C the contacts found so far take the name of OUTPUT; False: they stay OUTPUT.part.
         workers: if more than one, that many threads locate, a process reads and one writes, with identical results.
 
     Raises:
-        InputError: the log or a file of the rig cannot be used.
-        KeyboardInterrupt: there is no row yet, or they must not be kept.
+        InputError: the log or a file of the rig cannot be used, or the output cannot be written.
+        OSError: an input file cannot be read for its digest.
+        KeyboardInterrupt: Ctrl-C before the first row, or without `keep_short`.
     """
     keep_memory()
     with ExitStack() as stack:
-        beside = stack.enter_context(_beside(opened, files)) if workers > 1 and output is not None else None
+        parallel = stack.enter_context(_start(opened, files)) if workers > 1 and output is not None else None
         pipeline = Pipeline.of(opened, frame)
         features = pipeline.estimator.features
         begin = perf_counter()
-        if beside is None or output is None:
+        if parallel is None or output is None:
             writing = writing_here(output, frame, features)
         else:
-            opened.prefetch(beside.reader, pipeline.estimator, workers)
-            writing = writing_in_process(beside.writer, output, frame, features)
+            opened.prefetch(parallel.reader, pipeline.estimator, workers)
+            writing = parallel.writer.writing(output, frame, features)
 
         def made_from(*, interrupted: bool) -> dict[str, str]:
             ended = "interrupted" if interrupted else "torn" if opened.torn else "whole"
             options = {**pipeline.settings, "frame": frame, "sensor": opened.kind.name, "ended": ended}
-            inputs = provenance(files, {}) if beside is None else beside.inputs.result()
+            inputs = provenance(files, {}) if parallel is None else parallel.inputs.result()
             return inputs | provenance({}, options)
 
         writer, record = _written(pipeline, writing, watch, output, made_from, keep_short=keep_short)
     summary, ended = writer.summary, record["ended"]
     pipeline.seconds["write"] = writer.seconds
-    doubts, short = pipeline.warnings(), list(_short(output, opened, summary, interrupted=ended == "interrupted"))
+    warnings, short = pipeline.warnings(), [opened.torn] if opened.torn else []
+    if ended == "interrupted":
+        holds = "this covers" if output is None else f"{output.name} holds"
+        short.insert(0, f"interrupted: {holds} the {summary.samples:,} samples done until then")
     took = perf_counter() - begin
-    return Estimated(pipeline, summary, record, ended, doubts, short, pipeline.unbelievable(), took)
+    return Estimated(pipeline, summary, record, ended, warnings, short, pipeline.unbelievable(), took)
 
 
-class _Beside(NamedTuple):
-    """Work in parallel to this process: reading, writing, and hashing the inputs."""
+class _Parallel(NamedTuple):
+    """Processes that read and write, and the digests of the inputs."""
 
     reader: LogReader
-    writer: WriterProcess
+    writer: ProcessWriter
     inputs: Future[dict[str, str]]
 
 
 @contextmanager
-def _beside(opened: OpenedLog, files: Mapping[str, Path | None]) -> Generator[_Beside]:
-    """Start all of them now, while the rest is prepared."""
+def _start(opened: OpenedLog, files: Mapping[str, Path | None]) -> Generator[_Parallel]:
+    """Start reader, writer and hashing, while the rest is prepared."""
     inputs: Future[dict[str, str]] = Future()
 
     def hashed() -> None:
@@ -131,7 +135,7 @@ def _beside(opened: OpenedLog, files: Mapping[str, Path | None]) -> Generator[_B
 
     with opened.prefetching() as reader, writer_process() as writer:
         Thread(target=hashed, daemon=True).start()  # nobody waits for it when the command is ended
-        yield _Beside(reader, writer, inputs)
+        yield _Parallel(reader, writer, inputs)
 
 
 def _written(
@@ -143,7 +147,7 @@ def _written(
     *,
     keep_short: bool,
 ) -> tuple[SummedWriter, dict[str, str]]:
-    """Write every sample of the log into OUTPUT, and OUTPUT.toml: both, or after a further Ctrl-C neither."""
+    """Write OUTPUT and OUTPUT.toml: both, or after a further Ctrl-C neither."""
     try:
         with ExitStack() as stack:
             writer = stack.enter_context(writing)
@@ -164,7 +168,7 @@ def _written(
 
 
 def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool:
-    """Estimate every sample, block by block; return whether Ctrl-C ended it, and raise it if there is no row yet."""
+    """Estimate all blocks; return whether Ctrl-C ended it, and raise it if there is no row yet."""
     samples = 0
     try:
         for block, found, placed in pipeline.stream():
@@ -177,12 +181,3 @@ def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool
             raise
         return True
     return False
-
-
-def _short(output: Path | None, log: OpenedLog, summary: RunSummary, *, interrupted: bool) -> Iterator[str]:
-    """Yield the reasons why not all of the log is in the output."""
-    if interrupted:
-        holds = "this covers" if output is None else f"{output.name} holds"
-        yield f"interrupted: {holds} the {summary.samples:,} samples done until then"
-    if log.torn:
-        yield log.torn

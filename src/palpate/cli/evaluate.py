@@ -54,6 +54,9 @@ def evaluate(
         wand: mesh of the tracked wand.
         wand_unit: unit of that mesh.
         output: page to write as well (.html), of contacts against a wrench or a wand, or of taxels.
+
+    Raises:
+        InputError: a file or an option cannot be used or is missing, or nothing can be compared.
     """
     if is_taxel_file(contacts):
         for option, given in (("rig", rig), ("wand", wand)):
@@ -62,7 +65,8 @@ def evaluate(
         evaluate_taxels(contacts, truth, output)
         return
     found = read_contacts(contacts)
-    if _is_instrument(truth):
+    names = set(read_table(truth).names)
+    if set(WRENCH) <= names or set(WAND) <= names:
         if rig is None:
             raise InputError("comparing with a wrench or a wand needs the body of a rig.", hint="Add --rig FILE.")
         tool = None if wand is None else (wand, wand_unit)
@@ -70,20 +74,14 @@ def evaluate(
         return
     for option, given in (("rig", rig), ("wand", wand), ("output", output)):
         if given is not None:
-            raise InputError(
-                "works only where the truth is a wrench or a wand.",
-                where=f"--{option}",
-                hint="For other contacts, palpate estimate --report FILE --truth FILE writes the page.",
-            )
+            hint = "For other contacts, palpate estimate --report FILE --truth FILE writes the page."
+            raise InputError("works only where the truth is a wrench or a wand.", where=f"--{option}", hint=hint)
     known = read_ground_truth(truth)
     report = compare(found, known, tolerance=tolerance)
     if not report.matched:
-        raise InputError(
-            f"no sample matches the truth; times of the contacts [s]: {span(found.time)}, of the truth: "
-            f"{span(truth_times(known))}.",
-            where=str(truth),
-            hint="Use one clock for both, or widen the match with --tolerance.",
-        )
+        times = f"times of the contacts [s]: {span(found.time)}, of the truth: {span(truth_times(known))}"
+        hint = "Use one clock for both, or widen the match with --tolerance."
+        raise InputError(f"no sample matches the truth; {times}.", where=str(truth), hint=hint)
     title(f"{contacts} against {truth}")
     _say(report)
     note([*_unanswered(report), *_unpaired(report), *found.notes])
@@ -97,26 +95,32 @@ def _say(report: EvaluationReport) -> None:
     counts = {name: getattr(report, name) for name in ("samples", "matched", "answered", "unmatched", "missed")}
     lines([("contacts", Quantity(matched, counts))])
     lines(shares(report.statuses))
-    _touches(report)
+    if report.touches:
+        table(
+            ("touch", "error [mm]", "scatter [mm]", "answered", "samples"),
+            [
+                (
+                    touch.label,
+                    *(f"{1e3 * value:.3f}" if touch.answered else "-" for value in (touch.error, touch.scatter)),
+                    f"{touch.answered}",
+                    f"{touch.samples}",
+                )
+                for touch in report.touches
+            ],
+        )
     if rows := summaries(report):
         table(("", *HEADER), rows)
     else:
         note(["no contact with a truth was answered, so there are no errors to average"])
     seen = report.coverage
     if seen.count:
-        lines(
-            [
-                (
-                    "95 % ellipses",
-                    Quantity(f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)", seen.inside),
-                ),
-                ("mean square", Quantity(f"{seen.mean_square:.2f} (should be 2)", seen.mean_square)),
-            ]
-        )
+        inside = Quantity(f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)", seen.inside)
+        square = Quantity(f"{seen.mean_square:.2f} (should be 2)", seen.mean_square)
+        lines([("95 % ellipses", inside), ("mean square", square)])
 
 
 def _unpaired(report: EvaluationReport) -> list[str]:
-    """Return sentences on unmatched contacts and truths where there are several at once."""
+    """Return sentences on unmatched contacts and truths."""
     counted = (
         (report.unmatched, "contacts have no truth of their own, because other contacts are nearer"),
         (report.missed, "truths have no contact, although others at the same time have one"),
@@ -124,58 +128,31 @@ def _unpaired(report: EvaluationReport) -> list[str]:
     return [f"{count:,} {what}" for count, what in counted if count]
 
 
-def _is_instrument(truth: Path) -> bool:
-    """Return whether the columns are those of a wrench or of a wand."""
-    names = set(read_table(truth).names)
-    return set(WRENCH) <= names or set(WAND) <= names
-
-
 def truth_times(truth: TrueSamples | TrueTouches) -> np.ndarray:
-    """Return the times [s] of instants, (k,), or of all starts and then all ends of touches, (2 k,)."""
+    """Return times [s]: of k instants (k,), or of k touches all starts, then all ends (2 k,)."""
     return np.concatenate([truth.start, truth.end]) if isinstance(truth, TrueTouches) else truth.time
 
 
 def summaries(report: EvaluationReport) -> list[tuple[str, ...]]:
-    """Return a list of rows of texts: name with unit, mean, median, 95 %, worst, count; [] if nothing was compared."""
-    what = "location of touches [mm]" if report.touches else "location [mm]"
-    degrees = 180 / np.pi
+    """Return a row of texts per compared quantity: name with unit, mean, median, 95 %, worst, count."""
     rows = (
-        (what, report.location, 1e3),
-        ("normal [deg]", report.normal, degrees),
+        ("location of touches [mm]" if report.touches else "location [mm]", report.location, 1e3),
+        ("normal [deg]", report.normal, 180 / np.pi),
         ("force [N]", report.force, 1.0),
-        ("force direction [deg]", report.force_angle, degrees),
+        ("force direction [deg]", report.force_angle, 180 / np.pi),
     )
     return [(name, *summary.row(scale)) for name, summary, scale in rows if summary is not None]
 
 
-def _touches(report: EvaluationReport) -> None:
-    if report.touches:
-        table(
-            ("touch", "error [mm]", "scatter [mm]", "answered", "samples"),
-            [
-                (
-                    touch.label,
-                    f"{1e3 * touch.error:.3f}" if touch.answered else "-",
-                    f"{1e3 * touch.scatter:.3f}" if touch.answered else "-",
-                    f"{touch.answered}",
-                    f"{touch.samples}",
-                )
-                for touch in report.touches
-            ],
-        )
-
-
 def _unanswered(report: EvaluationReport) -> list[str]:
-    """Return sentences on touches without an error, which the averages omit."""
+    """Return sentences on touches that the averages omit."""
+    omitted = (
+        ("have no sample", [touch.label for touch in report.touches if not touch.samples]),
+        ("have samples, but no answer,", [t.label for t in report.touches if t.samples and not t.answered]),
+    )
     return [
-        f"{len(labels)} of {len(report.touches)} touches {why} and are left out of the averages: {_listed(labels)}"
-        for why, labels in (
-            ("have no sample", [touch.label for touch in report.touches if not touch.samples]),
-            ("have samples, but no answer,", [t.label for t in report.touches if t.samples and not t.answered]),
-        )
+        f"{len(labels)} of {len(report.touches)} touches {why} and are left out of the averages: "
+        f"{', '.join(labels[:5])}{', ...' if len(labels) > 5 else ''}"
+        for why, labels in omitted
         if labels
     ]
-
-
-def _listed(labels: list[str]) -> str:
-    return ", ".join(labels[:5]) + (", ..." if len(labels) > 5 else "")

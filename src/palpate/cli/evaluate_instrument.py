@@ -48,18 +48,19 @@ def evaluate_instrument(
     tolerance: float,
     output: Path | None,
 ) -> None:
-    """Compare touches, as medians, with the wrench or the wand's poses in the columns of `truth`; print the result.
+    """Compare the median of each touch with a table of wrenches or of a wand's poses, and print the result.
 
     Args:
         contacts: the file, and its contacts.
-        truth: table of the instrument.
+        truth: table of the instrument: columns time and `WRENCH` or `WAND`.
         rig_path: rig of the body.
         wand: its mesh and the mesh's unit.
-        tolerance: [s] around the time of a touch.
-        output: page to write.
+        tolerance: rows of the truth so close to a touch's time count [s].
+        output: page to write (.html).
 
     Raises:
-        InputError: the rig cannot be used, `wand` is missing, no touch lasts three samples, or none can be compared.
+        InputError: a file cannot be used or written, `wand` is missing, no touch lasts three samples, or none can be
+            compared.
     """
     path, found = contacts
     setup = load_rig(rig_path).resolve()
@@ -72,10 +73,8 @@ def evaluate_instrument(
     surface, of = _surface(setup)
     reference = _reference(read_table(truth), (touches, alone), (surface, setup.link), wand, tolerance)
     if all(reference.refused):
-        raise InputError(
-            f"none of {len(touches)} touches can be compared; reason for the first: {reference.refused[0]}.",
-            where=str(truth),
-        )
+        why = f"none of {len(touches)} touches can be compared; reason for the first: {reference.refused[0]}."
+        raise InputError(why, where=str(truth))
     judged = judge(touches, reference)
     sheet = SkinSection.name in setup.sensors and setup.of(SkinSection).table.map is not None
     pitch = setup.of(SkinSection).map.pitch if sheet else None
@@ -89,10 +88,10 @@ def evaluate_instrument(
 
 
 def _surface(setup: Setup) -> tuple[Mesh, str]:
-    """Return the mesh of the body, from the rig or else the map of its sheet, and a sentence on which of them it is."""
+    """Return the body's mesh, from the rig or else its sheet's map, and a sentence on that."""
     if setup.link.stated is None:
-        said = "the rig has no [surface], so the sensing layer of the map is used as the body"
-        return setup.of(SkinSection).map.mesh(), said
+        layer = setup.of(SkinSection).map.mesh()
+        return layer, "the rig has no [surface], so the sensing layer of the map is used as the body"
     return setup.link.surface().drawn(), "lines and wand are intersected with the rig's [surface]"
 
 
@@ -103,7 +102,7 @@ def _reference(
     wand: tuple[Path, str] | None,
     tolerance: float,
 ) -> Reference:
-    """Return the instrument's measurements from the columns of the truth."""
+    """Return the instrument's measurements."""
     (found, alone), (surface, link) = touches, body
     if set(WRENCH) <= set(known.names):
         values = _at(known, WRENCH, found.time, tolerance)
@@ -111,11 +110,8 @@ def _reference(
         wrenches = values if turn is None else values @ turn.inverse().wrench_matrix().T
         return wrench_points(surface, wrenches, alone=alone)
     if wand is None:
-        raise InputError(
-            "has poses of a wand, but its shape is not given.",
-            where=str(known.path),
-            hint="Add --wand wand.stl --wand-unit mm.",
-        )
+        hint = "Add --wand wand.stl --wand-unit mm."
+        raise InputError("has poses of a wand, but its shape is not given.", where=str(known.path), hint=hint)
     poses = _at(known, WAND, found.time, tolerance)
     lost = np.asarray(np.isnan(poses).any(axis=1))
     rotation = rotation_from_quaternion(np.where(lost[:, None], [0, 0, 0, 1.0], poses[:, 3:]))
@@ -124,14 +120,11 @@ def _reference(
 
 
 def _at(known: TextTable, columns: tuple[str, ...], times: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return medians of the rows within the tolerance of each time, (n, columns); NaN where there is none."""
+    """Return medians (n, columns) of the rows around each time; NaN without any."""
     values, _ = known.numbers(("time", *columns))
     if not (nearest_in_time(times, values[:, 0], tolerance) >= 0).any():
-        raise InputError(
-            "no row matches the time of a touch.",
-            where=str(known.path),
-            hint="Use one clock for both, or widen the match with --tolerance.",
-        )
+        hint = "Use one clock for both, or widen the match with --tolerance."
+        raise InputError("no row matches the time of a touch.", where=str(known.path), hint=hint)
     found = np.full((len(times), len(columns)), np.nan)
     for k, time in enumerate(times):
         near = values[np.abs(values[:, 0] - time) <= tolerance, 1:]
@@ -144,22 +137,18 @@ def _at(known: TextTable, columns: tuple[str, ...], times: np.ndarray, tolerance
 def _facts(judged: InstrumentReport, touches: Contacts, pitch: tuple[float, float] | None) -> list[tuple[str, str]]:
     along = ", ".join(f"{1e3 * error:.2f}" for error in judged.along)
     compared = len(touches) - sum(map(bool, judged.reference.refused))
-    said = [
-        ("touches", f"{len(touches)}, {compared} of them compared"),
-        ("along x, y, z", f"{along} mm on average"),
-    ]
+    facts = [("touches", f"{len(touches)}, {compared} of them compared"), ("along x, y, z", f"{along} mm on average")]
     if pitch is not None:
-        distance, axis = perfect(pitch)
-        what = (
-            f"has an error of {1e3 * distance:.2f} mm, {1e3 * axis:.2f} mm per axis, if touches are smaller than a cell"
+        distance, axis = (f"{1e3 * error:.2f} mm" for error in perfect(pitch))
+        facts.append(
+            ("a perfect map", f"has an error of {distance}, {axis} per axis, if touches are smaller than a cell")
         )
-        said.append(("a perfect map", what))
     if (paper := judged.paper_position) is not None:
         share = judged.paper_direction
         directions = f"; directions {100 * share:.1f} %, x and y of unit vectors (the paper: 2.9 %)"
         distance = f"{1e3 * paper.mean:.2f} mm, worst {1e3 * paper.worst:.2f} mm, z set to zero (the paper: 4.2 mm)"
-        said.append(("as the paper measures", distance + (directions if np.isfinite(share) else "")))
-    return said
+        facts.append(("as the paper measures", distance + (directions if np.isfinite(share) else "")))
+    return facts
 
 
 def _named(judged: InstrumentReport) -> list[tuple[str, str, ErrorSummary, float]]:
@@ -176,7 +165,7 @@ def _refusals(judged: InstrumentReport, touches: Contacts) -> list[str]:
 def _page(
     names: str, judged: InstrumentReport, touches: Contacts, pitch: tuple[float, float] | None, of: str
 ) -> Report:
-    """Return the page: figures, every touch, and the errors over the unrolled sheet."""
+    """Return the page of figures, touches and pictures."""
     tiles = tuple(
         Tile(name, f"{scale * s.mean:.2f} {unit}", f"mean in space; worst {scale * s.worst:.2f} {unit}")
         for name, unit, s, scale in _named(judged)
@@ -193,12 +182,12 @@ def _page(
         )
         for k in range(len(touches))
     )
-    cells = () if places is None else ("row", "column")
-    header = ("touch", "time [s]", *cells, "position [mm]", "direction [deg]", "left out because")
-    pictures = ()
+    cells, pictures = (), ()
     if places is not None:
         drawn = sheet_map(places, 1e3 * judged.report.errors, "error [mm]")
+        cells = ("row", "column")
         pictures = (picture(drawn, "Where the touches were on the unrolled sheet, and their errors."),)
+    header = ("touch", "time [s]", *cells, "position [mm]", "direction [deg]", "left out because")
     facts = (("against", judged.reference.name), *_facts(judged, touches, pitch))
     sections = (Section("Errors", text=(of,), pictures=pictures, settings=facts, tables=(Cells(header, rows),)),)
     return Report(names, f"{names}: each touch as the median of its samples.", tiles, sections=sections)

@@ -37,6 +37,9 @@ def events(
         output: touches.csv to write, as `palpate evaluate` reads it: start,end,px,py,pz,label and more, SI.
         gap: seconds; an interruption that is shorter does not end a touch.
         shortest: seconds that a touch lasts at least.
+
+    Raises:
+        InputError: an option is negative, or a file cannot be read or written.
     """
     if not (gap >= 0 and shortest >= 0):
         raise InputError("seconds must not be negative.", where="--gap, --shortest")
@@ -59,7 +62,7 @@ def events(
 
 
 def say_touches(found: Events, otherwise: str) -> None:
-    """Print the table of touches; where there are too many for a screen, `otherwise` tells how to get them all."""
+    """Print a table of touches, in text of the first 40, and then `otherwise`: how to get them all."""
     start, after = since(found.start)
     lines([("time [s]", Quantity(after, start))] if after else [])
     shown = len(found) if in_full() else _SHOWN

@@ -60,40 +60,43 @@ def inspect(
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
         topic: topic of the sensor's readings, where the log has several; without it, all that have wrenches.
         spectrum: .html, .svg or .png to draw spectra into; the filter cut-off that they propose is printed.
+
+    Raises:
+        InputError: the file cannot be read, an option does not fit it, or it has no spectrum.
+        OSError: the rest of a live record cannot be read.
+        SystemExit: 3: the log was torn.
     """
-    suffix, whole = file.suffix.lower(), unfinished(file)
-    cut = cut_short(file)
-    if (not file.exists() and whole is None) or suffix == RING:
+    suffix, incomplete, cut = file.suffix.lower(), unfinished(file), cut_short(file)
+    if (not file.exists() and incomplete is None) or suffix == RING:
         raise InputError(cut or "the file does not exist.", where=str(file))
     note([cut] if cut else [], kind="warning")
     if spectrum is not None:  # before the work, not after it
         if spectrum.suffix.lower() not in KINDS:
-            ends = f"a picture cannot end in {spectrum.suffix!r}."
-            raise InputError(ends, where=str(spectrum), hint=f"Use {', '.join(KINDS)}.")
+            hint = f"Use {', '.join(KINDS)}."
+            raise InputError(f"a picture cannot end in {spectrum.suffix!r}.", where=str(spectrum), hint=hint)
         keep_inputs(spectrum, (file, rig))
-    if spectrum is None and rig is None and whole is None and suffix in _TAXELS and holds_taxels(file):
+    if spectrum is None and rig is None and incomplete is None and suffix in _TAXELS and holds_taxels(file):
         _taxels(file)
     elif suffix in (*_MESHES, ".toml", ".urdf", ".xacro"):
         if spectrum is not None:
             raise InputError("has no spectrum, because it is neither a log nor a result.", where=str(file))
         (_toml if suffix == ".toml" else _mesh if suffix in _MESHES else _urdf)(file)
     else:
-        _data(whole or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
+        _data(incomplete or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
 
 
 def _data(file: Path, rig: Rig | None, sensor: str | None, topic: str | None, output: Path | None) -> None:
     """Inspect a log, contacts, or a truth."""
     there = None if file.suffix == PART else contents(file)  # a folder of any other name is a bag
-    torn = False
+    torn, recording = False, None
     live = there is not None and any(each.name.startswith(LIVE) for each in there.topics)
-    asked = live and (rig is not None or sensor is not None or topic is not None)  # for what contacts were made of
-    if there is None or (_holds_contacts(there) and not asked):
+    readings = live and (rig, sensor, topic) != (None, None, None)  # what contacts were made of
+    if there is None or (_holds_contacts(there) and not readings):
         recording = inspect_contacts(file)
         if there is not None and live:
             say_contents(there)
     elif {"px", "py", "pz"} <= set(there.names) and set(there.names) & {"time", "start"}:
         _ground_truth(file)
-        recording = None
     else:
         recording, torn = inspect_log(file, rig, sensor, topic)
         if output is not None and recording is not None and rig is not None:
@@ -114,11 +117,12 @@ def _holds_contacts(there: LogContents) -> bool:
 def _mesh(file: Path) -> None:
     mesh = Mesh.load(file, unit="m")
     extent = mesh.bounds[1] - mesh.bounds[0]
+    closed = f"{mesh.open_edges:,} open edges" if mesh.open_edges else "watertight"
     title(f"{file}: a mesh")
     lines(
         [
             ("facets", Quantity(f"{len(mesh.faces):,}, of {len(mesh.vertices):,} vertices", len(mesh.faces))),
-            ("bodies", Quantity(f"{mesh.bodies:,}, {_closed(mesh)}", mesh.bodies)),
+            ("bodies", Quantity(f"{mesh.bodies:,}, {closed}", mesh.bodies)),
             *([("open edges", mesh.open_edges)] if in_full() else []),
             ("covered", mesh.coverage or "none: every facet can be reached from outside"),
             ("extent", Quantity(f"{_numbers(extent)} in the file's unit", extent)),
@@ -134,10 +138,6 @@ def _mesh(file: Path) -> None:
     note(text for text in mesh.notes if " as m" not in text)
     if mesh.coverage:
         note(["covered facets cannot have contacts, unless the rig's [surface] has `covered = true`"])
-
-
-def _closed(mesh: Mesh) -> str:
-    return f"{mesh.open_edges:,} open edges" if mesh.open_edges else "watertight"
 
 
 def _taxels(file: Path) -> None:
@@ -190,29 +190,27 @@ _IDLE = {  # keys of a table that mean nothing to what its kind is
 
 
 def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
-    """Return every setting in force, defaults included, by its dotted key."""
+    """Return (dotted key, value) of every setting in force, defaults included."""
     found: list[tuple[str, object]] = []
-    hidden = ("folder", "pose_covariance", *_IDLE.get(getattr(values, "kind", ""), ()))
+    hidden = {"folder", "pose_covariance", *_IDLE.get(getattr(values, "kind", ""), ())}
+    if isinstance(values, Rig) and not any(CELLS in each.channels for each in values.kinds):
+        hidden.add("contacts")  # a rig's are of taxels
     for field in fields(values):
         value: object = getattr(values, field.name)
-        if (
-            field.name == "contacts"
-            and isinstance(values, Rig)
-            and not any(CELLS in each.channels for each in values.kinds)
-        ):
-            continue  # a rig's are of taxels
+        if value is None or field.name in hidden:
+            continue
         if field.name == "sensors":
             for name, table in values.sensors.items():
                 found += _settings(table, f"{name}.")
         elif is_dataclass(value):
             found += _settings(value, f"{prefix}{field.name}.")
-        elif value is not None and field.name not in hidden:
+        else:
             found.append((f"{prefix}{field.name}", _listed(value)))
     return found
 
 
 def _listed(value: object) -> Quantity:
-    """Return a value as text, a tuple as a rig would write it."""
+    """Return a value with its text, a tuple as in a rig."""
     text = str(value)
     return Quantity(text.replace("(", "[").replace(")", "]") if text.startswith("(") else text, value)
 

@@ -20,12 +20,12 @@ _DARK = 5.0  # of 255: a mean below it is a black frame, whatever the noise
 
 
 def image_topics(there: LogContents) -> list[str]:
-    """Return a list of the names of topics with images."""
+    """Return the names of the topics that have images."""
     return [topic.name for topic in there.topics if topic.count and topic.kind in IMAGES]
 
 
 def image_layouts(there: LogContents, topic: str | None) -> list[LogLayout]:
-    """Return the `LogLayout` of each series of images in a log; of the topic alone where one is named."""
+    """Return a `LogLayout` for each series of images in a log; where it has topics, for each, or for `topic` alone."""
     alone = LogLayout(wrench=None, images=ImageChannel())
     if there.images is not None:
         return [alone]
@@ -34,15 +34,7 @@ def image_layouts(there: LogContents, topic: str | None) -> list[LogLayout]:
 
 
 def inspect_images(file: Path, there: LogContents, layouts: list[LogLayout]) -> bool:
-    """Print figures of each series of images.
-
-    Args:
-        file: the log.
-        there: its contents.
-        layouts: layouts of the series.
-
-    Returns:
-        True where the log is torn.
+    """Print figures of each series of images in a log; return whether the log is torn.
 
     Raises:
         InputError: the only series cannot be read.
@@ -66,16 +58,15 @@ def _inspect_one(file: Path, there: LogContents, layout: LogLayout) -> bool:
         for block in log.blocks():
             frames.add(block)
             progress(frames.count, log.position / max(log.size, 1))
-    rate, said = frames.rate(), there.images
+    rate, ends, lost = frames.rate(), span(frames.ends), log.lost if isinstance(log, ImageLog) else 0
     speed = "" if rate is None else f", {rate:.4g} Hz"
-    lost = log.lost if isinstance(log, ImageLog) else 0
     height, width = frames.size
     lines(
         [
             ("frames", Quantity(f"{frames.count:,}", frames.count)),
             ("size", Quantity(f"{width} x {height}", [width, height])),
-            ("time", Quantity(f"{span(frames.ends)}{speed}", {"from_to": span(frames.ends).value, "rate": rate})),
-            *([("codec", said.codec)] if said is not None else []),
+            ("time", Quantity(f"{ends}{speed}", {"from_to": ends.value, "rate": rate})),
+            *([] if there.images is None else [("codec", there.images.codec)]),
             ("brightness", frames.brightness()),
             ("black", _share(frames.black - lost, frames.count)),
             ("repeated", _share(frames.repeated, frames.count)),
@@ -83,13 +74,13 @@ def _inspect_one(file: Path, there: LogContents, layout: LogLayout) -> bool:
         ]
     )
     note(frames.warnings(lost), kind="warning")
-    note(([f"torn: {log.torn}"] if log.torn else []), kind="warning")
+    note([f"torn: {log.torn}"] if log.torn else [], kind="warning")
     note(log.notes())
     return bool(log.torn)
 
 
 class _Frames:
-    """Figures of all frames: count, times, brightness, and how many are black or the same as the one before."""
+    """Figures of all frames."""
 
     def __init__(self) -> None:
         self.count = self.black = self.repeated = self._run = self._longest = 0
@@ -125,15 +116,14 @@ class _Frames:
         return Recording(np.concatenate(self._times), {}).rate()
 
     def brightness(self) -> Quantity:
-        """Return the mean of all pixels, and of the darkest and the brightest frame that is not black."""
+        """Return the mean of all frames, of the darkest and of the brightest one that is not black."""
         means = np.concatenate(self._means)
         means = means[means >= _DARK]
         if not len(means):
             return Quantity("none", None)
         mean, least, most = float(means.mean()), float(means.min()), float(means.max())
-        return Quantity(
-            f"{mean:.1f} of 255, from {least:.1f} to {most:.1f}", {"mean": mean, "least": least, "most": most}
-        )
+        value = {"mean": mean, "least": least, "most": most}
+        return Quantity(f"{mean:.1f} of 255, from {least:.1f} to {most:.1f}", value)
 
     def warnings(self, lost: int) -> list[str]:
         """Return sentences on black and repeated frames."""

@@ -46,11 +46,11 @@ def inspect_log(
         topic: topic of the sensor's readings.
 
     Returns:
-        Kept samples of the first wrench, a `Recording` (None where no sensor was recognised), and True if the log is
-        torn.
+        (kept, torn): an excerpt of the first sensor's readings, None for images or no recognised sensor; whether the
+        log is cut off.
 
     Raises:
-        InputError: the log cannot be read, or `topic` or `sensor` does not fit it.
+        InputError: the log cannot be read, or the rig, `topic` or `sensor` does not fit it.
     """
     title(f"{file}: a log")
     there = contents(file)
@@ -59,8 +59,8 @@ def inspect_log(
     say_contents(there)
     of_wrenches = sensor is None or (sensor in KINDS and KINDS[sensor].channels == (FORCE, TORQUE))
     wrenches = topics_of(there, "wrench") if rig is None and topic is None and of_wrenches else []
-    beside = image_topics(there) if wrenches else []
-    note([f"there are images on {', '.join(beside)}: inspect them with --topic NAME"] if beside else [])
+    images = image_topics(there) if wrenches else []
+    note([f"there are images on {', '.join(images)}: inspect them with --topic NAME"] if images else [])
     if len(wrenches) < 2:
         return _inspect_one(file, there, rig, sensor, topic)
     found: list[tuple[Recording | None, bool]] = []
@@ -115,18 +115,18 @@ def _inspect_one(
     _say_samples(kept, ranges, there)
     _say_ranges(kept, ranges)
     note(() if setup is None else kind.warnings(setup, kept), kind="warning")
-    if rig is not None and rig.surface is not None and (asked := _asked(file, rig, sensor)):
-        lines([("bounds", asked)])
+    if rig is not None and rig.surface is not None and (bounds := _proposed_bounds(file, rig, sensor)):
+        lines([("bounds", bounds)])
     if excerpt.stride > 1:
         note([f"step, medians and noise are from one sample in {excerpt.stride}, all other figures from every sample"])
-    note(([f"torn: {log.torn}"] if log.torn else []), kind="warning")
+    note([f"torn: {log.torn}"] if log.torn else [], kind="warning")
     note(remarks, kind="check")
     note(log.notes())
     return kept, bool(log.torn)
 
 
-def _asked(file: Path, rig: Rig, sensor: str | None) -> str:
-    """Return the bounds of friction and torsion that the start of a log suggests, as text; "" for none."""
+def _proposed_bounds(file: Path, rig: Rig, sensor: str | None) -> str:
+    """Return bounds of friction and torsion that the start of a log suggests, or ""."""
     from palpate.setup.pipeline import HEAD, Pipeline
     from palpate.setup.pipeline import open_log as open_rig_log
 
@@ -140,7 +140,7 @@ def _asked(file: Path, rig: Rig, sensor: str | None) -> str:
 
 
 class _Ranges:
-    """Figures of all samples: count, first and last time, smallest and largest of each number, missing numbers."""
+    """Count, first and last time, and of each number the extremes and how often it is missing."""
 
     def __init__(self, channels: tuple[str, ...]) -> None:
         self.channels = channels
@@ -182,11 +182,12 @@ def say_contents(there: LogContents) -> None:
     elif there.images is None:
         names = list(there.names)
         shown = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
-        lines([("columns", f"{len(names)}: {shown}"), *([("written", there.written)] if there.written else [])])
+        lines([("columns", f"{len(names)}: {shown}")])
+        lines([("written", there.written)] if there.written else [])
 
 
 def _rate(count: int, duration: float) -> str:
-    """Return the rate of a topic as text, assuming that its messages are spread over the entire log."""
+    """Return the mean rate of a topic as text."""
     return f"{(count - 1) / duration:.4g}" if count > 1 and duration > 0 else "-"
 
 
@@ -214,30 +215,25 @@ def _orientation(kept: Recording, there: LogContents) -> str:
 def _say_ranges(kept: Recording, ranges: _Ranges) -> None:
     values = _flat(kept, ranges.channels)
     noise = estimate_noise(values)
-    middles = [median(column) for column in values.T]
-    figures = np.stack([ranges.least, middles, ranges.most], axis=1)
-    figures[ranges.least > ranges.most] = np.nan
-    steps = [""] * len(middles) if noise is None else [f"{step:.3g}" for step in noise]
-    names = _labels(kept, ranges.channels)
-    rows = [
-        [name, *(f"{value:.4g}" for value in three), step, f"{missing}"]
-        for name, three, step, missing in zip(names, figures, steps, ranges.missing, strict=True)
-    ]
+    medians = [median(column) for column in values.T]
     header = ("", "least", "median", "most", "noise", "missing")
-    if len(rows) <= _MOST:
-        table(header, rows)
+    if len(medians) <= _MOST:
+        figures = np.stack([ranges.least, medians, ranges.most], axis=1)
+        figures[ranges.least > ranges.most] = np.nan
+        steps = [""] * len(medians) if noise is None else [f"{step:.3g}" for step in noise]
+        rows = zip(_labels(kept, ranges.channels), figures, steps, ranges.missing, strict=True)
+        table(header, [[name, *(f"{x:.4g}" for x in three), step, f"{missing}"] for name, three, step, missing in rows])
         return
-    shape = " x ".join(map(str, kept.channels[ranges.channels[0]].shape[1:]))
-    usual = "" if noise is None else f"{np.median(noise):.3g}"
-    three = (ranges.least.min(), np.median(middles), ranges.most.max())
-    whole = [f"{shape} {ranges.channels[0]}", *(f"{value:.4g}" for value in three), usual, f"{ranges.missing.sum()}"]
-    table(header, [whole])
+    channel, step = ranges.channels[0], "" if noise is None else f"{np.median(noise):.3g}"
+    name = f"{' x '.join(map(str, kept.channels[channel].shape[1:]))} {channel}"
+    three = (ranges.least.min(), np.median(medians), ranges.most.max())
+    table(header, [[name, *(f"{x:.4g}" for x in three), step, f"{ranges.missing.sum()}"]])
     never = int(np.count_nonzero(ranges.least == ranges.most))
-    note([f"{never} of {len(rows)} {ranges.channels[0]} never change"] if never else [])
+    note([f"{never} of {len(medians)} {channel} never change"] if never else [])
 
 
 def _reached(ends: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the first and the last of the earlier ends and the new times."""
+    """Return the first and the last of all times."""
     known = np.concatenate([ends, time[np.isfinite(time)]])
     return known[[known.argmin(), known.argmax()]] if len(known) else known
 
@@ -246,11 +242,10 @@ def inspect_contacts(file: Path) -> Recording:
     """Print figures of a file of contacts, finished or not.
 
     Returns:
-        Kept samples, a `Recording`: FORCE [N], and PLACE [m], of the strongest contact of each sample, NaN where not
-        answered.
+        An excerpt with the strongest contact of each sample, see `force_and_place`; without rows, FORCE alone.
 
     Raises:
-        InputError: the file holds no contacts, or a row is invalid.
+        InputError: the file cannot be read, holds no contacts, or a row is invalid.
     """
     excerpt, counts = Excerpt(), np.zeros(len(Status), dtype=np.int64)
     ends, notes, features = np.empty(0), dict[str, None](), dict[str, None]()
@@ -267,19 +262,15 @@ def inspect_contacts(file: Path) -> Recording:
         excerpt.add(force_and_place(strongest))
     title(f"{file}: contacts")
     total = int(counts.sum())
-    several = (
-        f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
-    )
-    lines([("rows", Quantity(f"{total:,}{several}", total)), ("time", span(ends))])
+    of = f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
+    lines([("rows", Quantity(f"{total:,}{of}", total)), ("time", span(ends))])
     lines([("features", ", ".join(features))] if features else [])
     lines(shares(counts))
-    beside, cut = read_provenance(file), unfinished(file) is not None
-    lines([("frame", beside["frame"])] if "frame" in beside else [])
-    ended = beside.get("ended", "whole")
-    if ended != "whole":
-        note(
-            [f"not all contacts are in it: {'the log was torn' if ended == 'torn' else 'estimating was interrupted'}"],
-            kind="warning",
-        )
-    note([*(["writing was interrupted: these are only the complete blocks"] if cut else []), *notes])
+    record = read_provenance(file)
+    lines([("frame", record["frame"])] if "frame" in record else [])
+    if (ended := record.get("ended", "whole")) != "whole":
+        why = "the log was torn" if ended == "torn" else "estimating was interrupted"
+        note([f"not all contacts are in it: {why}"], kind="warning")
+    note([] if unfinished(file) is None else ["writing was interrupted: these are only the complete blocks"])
+    note(notes)
     return excerpt.recording() if excerpt.count else Recording(np.empty(0), {FORCE: np.empty((0, 3))})

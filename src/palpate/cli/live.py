@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
-import tempfile
 import time
 from collections.abc import Generator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from secrets import token_urlsafe
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
@@ -73,6 +72,11 @@ def live(
         sensor: name of the sensor's table, where the rig has several.
         seconds: duration; without it until Ctrl-C, or the end of a log that is replayed without a page.
         realtime: ask the system for real-time priority.
+
+    Raises:
+        InputError: the rig or an option cannot be used, an earlier recording was interrupted, or the device cannot be
+            opened.
+        KeyboardInterrupt: Ctrl-C before the receiver is ready.
     """
     stated = load_rig(rig)
     source = stated.stream()
@@ -84,20 +88,20 @@ def live(
     with ExitStack() as stack:
         came = stack.enter_context(signals())  # from here on: a tare may be asked for before anything runs
         path = stack.enter_context(_ring(record))
-        heard, trouble = Pipe(duplex=False)
-        arguments = (rig, path, sensor, os.getpid(), trouble, realtime, record is not None)
+        problems, sender = Pipe(duplex=False)
+        arguments = (rig, path, sensor, os.getpid(), sender, realtime, record is not None)
         receiver, token = Worker("receiver", receive, arguments), token_urlsafe(16)
         supervisor = WorkerSupervisor([receiver])
         receiver.start()
         ring = None
         try:
-            ring = _made(path, receiver, heard, came)
+            ring = _ready_ring(path, receiver, problems, came)
             supervisor.workers += _readers(path, rig, record, split, publish)
             if view:
                 supervisor.workers.append(Worker("page", show, (path, rig, host, port, token, os.getpid())))
             for worker in supervisor.workers[1:]:
                 worker.start()
-            _watch(supervisor, ring, heard, came, seconds, token, stays=view)
+            _watch(supervisor, ring, problems, came, seconds, token, stays=view)
         finally:
             note(supervisor.stop(ring), kind="warning")
         if ring is not None:
@@ -107,7 +111,7 @@ def live(
 
 
 def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ...], split: float) -> None:
-    """Refuse unusable files and addresses before anything is started."""
+    """Refuse unusable files and addresses."""
     if record is not None:
         keep_inputs(record, (rig, *stated.files().values()))
         require_record(record)
@@ -117,65 +121,52 @@ def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ..
 
 
 def _readers(ring: Path, rig: Path, record: Path | None, split: float, publish_to: tuple[str, ...]) -> list[Worker]:
-    """Return the processes that read the ring: the recorder and the publishers."""
+    """Return recorder and publishers."""
     parent = os.getpid()
-    made: list[Worker] = []
-    if record is not None:
-        made.append(Worker("recorder", record_ring, (ring, record, split * MEGA, parent)))
-    made += [Worker(f"publisher to {to}", publish, (ring, to, rig, parent)) for to in publish_to]
-    return made
+    publishers = [Worker(f"publisher to {to}", publish, (ring, to, rig, parent)) for to in publish_to]
+    if record is None:
+        return publishers
+    return [Worker("recorder", record_ring, (ring, record, split * MEGA, parent)), *publishers]
 
 
 @contextmanager
 def _ring(record: Path | None) -> Generator[Path]:
-    """Give the path of the ring: next to the record, removed once the record is complete, or in memory."""
+    """Open a context with the ring's path: next to the record, removed once that is complete, or in memory."""
     if record is not None:
         ring = ring_of(record)
         if ring.exists():
-            raise InputError(
-                "an earlier recording was interrupted.",
-                where=str(record),
-                hint=f"Run `palpate recover {record}` to save it, then start the new one again.",
-            )
+            hint = f"Run `palpate recover {record}` to save it, then start the new one again."
+            raise InputError("an earlier recording was interrupted.", where=str(record), hint=hint)
         try:
             yield ring
         finally:
-            if ring.exists() and _whole(record, ring):
+            if ring.exists() and _is_complete(record, ring):
                 ring.unlink()
         return
-    memory = Path("/dev/shm")
-    folder = Path(tempfile.mkdtemp(prefix="palpate-", dir=memory if os.access(memory, os.W_OK) else None))
-    try:
-        yield folder / "live.ring"
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    with TemporaryDirectory(prefix="palpate-", dir=memory, ignore_cleanup_errors=True) as folder:
+        yield Path(folder) / "live.ring"
 
 
-def _whole(record: Path, path: Path) -> bool:
-    """Return whether all of a ring is in its record, whatever ended the run; if not, print how to recover it."""
-    ring = StreamBuffer(path)
-    received, recorded = ring["received"], ring["recorded"]
-    ring.close()
-    if recorded >= received and not grown(record):
+def _is_complete(record: Path, path: Path) -> bool:
+    """Return whether all of a ring is in its record; if not, print how to recover it."""
+    with closing(StreamBuffer(path)) as ring:
+        recorded = ring["recorded"] >= ring["received"]
+    if recorded and not grown(record):
         return True
     note([f"{record.name} is not complete; run `palpate recover {record}` to complete it"], kind="warning")
     return False
 
 
-def _made(path: Path, receiver: Worker, trouble: Connection, came: Came) -> StreamBuffer:
-    """Return the ring, once the receiver has made it.
-
-    Raises:
-        InputError: the receiver could not make it, with the receiver's message, or was too slow.
-        KeyboardInterrupt: a signal requested the end.
-    """
+def _ready_ring(path: Path, receiver: Worker, problems: Connection, came: Came) -> StreamBuffer:
+    """Return the ring once the receiver has made it; a signal raises KeyboardInterrupt."""
     end = time.monotonic() + START
     while not path.exists():
-        _heard(trouble)
+        _raise_problem(problems)
         if came.stop:
             raise KeyboardInterrupt
         if not receiver.alive:
-            _heard(trouble, 1.0)
+            _raise_problem(problems, 1.0)
             raise InputError("the receiver ended before it was ready.", where="palpate live")
         if time.monotonic() > end:
             raise InputError(f"the receiver is not ready after {START:g} s.", where="palpate live")
@@ -183,30 +174,26 @@ def _made(path: Path, receiver: Worker, trouble: Connection, came: Came) -> Stre
     return StreamBuffer(path)
 
 
-def _heard(trouble: Connection, timeout: float = 0.0) -> None:
+def _raise_problem(problems: Connection, timeout: float = 0.0) -> None:
     """Raise an InputError with the receiver's message if it ended with one."""
     with suppress(EOFError):
-        if trouble.poll(timeout):
-            raise InputError(trouble.recv_bytes().decode(errors="replace"))
+        if problems.poll(timeout):
+            raise InputError(problems.recv_bytes().decode(errors="replace"))
 
 
 def _watch(
     supervisor: WorkerSupervisor,
     ring: StreamBuffer,
-    trouble: Connection,
+    problems: Connection,
     came: Came,
     seconds: float | None,
     token: str,
     *,
     stays: bool,
 ) -> None:
-    """Run until Ctrl-C, or for some seconds: restart processes, print events and a line of figures, take tares.
-
-    The end of a replayed log ends it too, unless it `stays` for a person at the page.
-    """
+    """Supervise, print and take tares until Ctrl-C, for some seconds, or, unless it `stays`, until a log's end."""
     figures, end = FigureLine(ring, token), time.monotonic() + (seconds or float("inf"))
-    every, then = LINE if sys.stderr.isatty() else SELDOM, 0.0
-    done = 0
+    every, then, done = LINE if sys.stderr.isatty() else SELDOM, 0.0, 0
     with counting(), pressed() as key:
         while not came.stop and time.monotonic() < end and (stays or not ring["ended"]):
             if key(0.1) == "t":
@@ -214,7 +201,7 @@ def _watch(
             if (tares := came.tares) > done:  # counted, not reset: a signal may fall between any two steps
                 ring.ask_tare("a signal (SIGUSR1)")
                 done = tares
-            _heard(trouble)
+            _raise_problem(problems)
             supervisor.watch(ring)
             figures.sentences()
             if time.monotonic() >= then:

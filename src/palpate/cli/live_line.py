@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from datetime import datetime
@@ -18,41 +19,38 @@ LOOKED_AT = 1 << 14  # samples from which latencies are taken
 
 
 class FigureLine:
-    """A line of figures since the last one, and the messages of the meantime.
+    """A line of figures since the last one, and new messages.
 
     Args:
         ring: ring of the stream.
-        token: secret that opens the page: it is shown on the terminal alone, and is in no record.
+        token: secret that opens the page; it is printed, but is in no record.
     """
 
-    def __init__(self, ring: StreamBuffer, token: str = "") -> None:
-        self._ring, self._said, self._token = ring, 0, token
+    def __init__(self, ring: StreamBuffer, token: str) -> None:
+        self._ring, self._event, self._token = ring, 0, token
         self._count, self._at, self._lost = ring["answered"], time.monotonic(), 0
 
     def sentences(self) -> None:
         """Print new messages, each with its time."""
-        said, self._said = self._ring.events(self._said)
-        for stamp, sentence in said:
+        events, self._event = self._ring.events(self._event)
+        for stamp, sentence in events:
             when = datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S")
             if sys.stderr.isatty():
                 print("\r\x1b[K", end="", file=sys.stderr, flush=True)
             announce(f"{when} {self._opened(sentence)}")
 
     def _opened(self, sentence: str) -> str:
-        """Return the message, with the token added where it holds the page's address."""
-        begin = "the page is at "
-        if not sentence.startswith(begin):
-            return sentence
-        address, blank, rest = sentence.removeprefix(begin).partition(" ")
-        return f"{begin}{address}/?token={self._token}{blank}{rest}"
+        """Return the message, with the token added to the page's address."""
+        return re.sub(r"^(the page is at [^ ]*)", rf"\1/?token={self._token}", sentence)
 
     def line(self) -> None:
         """Print rate, contacts, latency and losses: in place on a terminal, else one below the other."""
         ring, now = self._ring, time.monotonic()
         count = ring["answered"]
         rate = (count - self._count) / max(now - self._at, 1e-9)
-        slots, first = ring.read(max(self._count, count - LOOKED_AT), LOOKED_AT)
-        self._lost += int(slots["lost"].sum()) + first - max(self._count, count - LOOKED_AT)
+        since = max(self._count, count - LOOKED_AT)
+        slots, first = ring.read(since, LOOKED_AT)
+        self._lost += int(slots["lost"].sum()) + first - since
         self._count, self._at = count, now
         words = [f"{rate:7,.0f} Hz", contacts(slots), latency(slots), f"{self._lost:,} lost"]
         if recorded := ring["recorded"]:
@@ -65,7 +63,7 @@ class FigureLine:
 
 
 def contacts(slots: np.ndarray) -> str:
-    """Return text on the last sample: number of contacts, largest force and its place; or the status."""
+    """Return text on the last of some slots: number of contacts, largest force and its place; or the status."""
     if not len(slots):
         return "no samples"
     rows = slots["contacts"][-1][: int(slots["rows"][-1])]
@@ -80,7 +78,7 @@ def contacts(slots: np.ndarray) -> str:
 
 
 def latency(slots: np.ndarray) -> str:
-    """Return text on the latency from a sample's arrival to its contacts; "" where the clocks are unrelated."""
+    """Return text on the latencies from arrival to contacts of some slots; "" if the clocks are unrelated."""
     waited = latencies(slots)
     if not len(waited):
         return ""
@@ -89,11 +87,11 @@ def latency(slots: np.ndarray) -> str:
 
 
 def summary(ring: StreamBuffer) -> None:
-    """Print the figures of the entire stream, once it has ended."""
+    """Print the figures of a stream that has ended."""
     received, answered, recorded = ring["received"], ring["answered"], ring["recorded"]
     lines([("samples", Quantity(f"{received:,} received, {answered:,} answered", received))])
     if recorded:
         lines([("recorded", Quantity(f"{recorded:,} samples, {ring['bytes'] / 1e6:,.1f} MB", recorded))])
     slots, _ = ring.read(answered - LOOKED_AT, LOOKED_AT)
-    if said := latency(slots):
-        lines([("at the end", said)])
+    if text := latency(slots):
+        lines([("at the end", text)])

@@ -25,7 +25,7 @@ TICK = 1 / 30  # s between two pictures
 IDLE = 0.25  # s between two looks at the ring while nobody watches
 SHARE = 0.1  # of a core, at most
 SAVED = 0.05  # s of a core that may be taken at once
-TOLD = 0.25  # s between two figures
+REPORTED = 0.25  # s between two figures
 COUNTED = 0.5  # s between two counts of latencies
 MOST = 1 << 13  # slots that are read at once
 IMAGES = 1 << 24  # bytes of images that are read at once
@@ -35,18 +35,20 @@ _GATHERED = ["number", "stamp", "arrived", "ready", "lost", "rows", "contacts"] 
 
 
 def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -> None:
-    """Serve the page until the ring requests the stop, or the parent is gone; runs in a separate process.
+    """Serve the page, in a separate process, until the ring requests the stop or the parent is gone.
+
+    An error of the rig or the page is written into the ring as a sentence; then the process waits for the end.
 
     Args:
         ring: file of the stream.
         rig: rig of the stream.
         host: address to serve at.
-        port: the first to try; if it is taken, the next free one is used and reported.
-        token: secret that opens the page; the ring, which is recorded, does not have it.
+        port: the first to try; if it is taken, the next free one is used.
+        token: secret that opens the page; it is not written into the ring.
         parent: id of the parent process.
 
     Raises:
-        InputError: the ring cannot be opened; for other errors the ring gets a sentence, and the process waits.
+        InputError: the ring cannot be opened.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     read = StreamBuffer(ring)
@@ -68,14 +70,14 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
 
 
 def _wait(ring: StreamBuffer, parent: int) -> None:
-    """Wait until the end: started again, the page would meet the same error."""
+    """Wait until the end, as a new process would meet the same error."""
     while not ring["stop"] and not orphaned(parent):
         time.sleep(IDLE)
 
 
 def _serve(page: LivePage, stream: Stream, parent: int) -> None:
-    """Read the ring, and draw new contacts while a browser is connected; fewer pictures rather than more of a core."""
-    told, drawn, saved = -np.inf, -1, SAVED
+    """Read the ring, and draw new contacts while a browser is connected, with a limited share of a core."""
+    reported, drawn, saved = -np.inf, -1, SAVED
     due = last = time.monotonic()
     spent = time.process_time()
     while not stream.ring["stop"] and not orphaned(parent):
@@ -85,9 +87,9 @@ def _serve(page: LivePage, stream: Stream, parent: int) -> None:
             if watched and stream.next_one != drawn and (newest := stream.newest) is not None:
                 page.show(newest)
                 drawn = stream.next_one
-            if begun - told >= TOLD:
+            if begun - reported >= REPORTED:
                 stream.gather()
-                told = begun
+                reported = begun
                 if watched:
                     page.tell(stream.window, stream.figures())
         now = time.process_time()
@@ -104,7 +106,11 @@ class Stream:
 
     Args:
         ring: ring of the stream.
-        feed: passes slots to the sensor's layer, and whether a browser is connected.
+        feed: called with new slots, and whether a browser is connected.
+
+    Attributes:
+        next_one: number of the first sample that was not read yet.
+        window: contacts of the last seconds; None before the first.
     """
 
     def __init__(self, ring: StreamBuffer, feed: Feed) -> None:
@@ -121,15 +127,15 @@ class Stream:
         self._fed = True  # the layers have what somebody who watches is to see of it
         self._latency: tuple[float, tuple[float, float, float] | None] = -np.inf, None
         self._received, self._at = -1, time.monotonic()
-        self._said = deque[tuple[str, str]](maxlen=SENTENCES)
+        self._events = deque[tuple[str, str]](maxlen=SENTENCES)
         self._tare = ""
 
     def tare(self, browser: str) -> None:
-        """Request a tare from the receiver, for a browser at that address."""
+        """Request a tare, for a browser at that address."""
         self.ring.ask_tare(f"the page ({browser})")
 
     def look(self, watched: bool) -> None:
-        """Read new slots from the ring and pass them to the feed; `watched`: a browser is connected."""
+        """Read new slots and pass them to the feed; `watched`: a browser is connected."""
         now = time.monotonic()
         received, answered = self.ring["received"], self.ring["answered"]
         if received != self._received:
@@ -158,7 +164,7 @@ class Stream:
         return found if len(found) else None
 
     def gather(self) -> None:
-        """Add slots read since the last call to the window and the figures."""
+        """Add the slots read since the last call to the window and the figures."""
         now = time.monotonic()
         while self._waited and self._waited[0][0] < now - SECONDS:
             self._waited.popleft()
@@ -174,9 +180,9 @@ class Stream:
     def figures(self) -> StreamFigures:
         """Return the current `StreamFigures`: rate, latency, losses, events."""
         ring, now = self.ring, time.monotonic()
-        said, self._sentence = ring.events(self._sentence)
-        for stamp, sentence in said:
-            self._said.append((datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S"), sentence))
+        events, self._sentence = ring.events(self._sentence)
+        for stamp, sentence in events:
+            self._events.append((datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S"), sentence))
             self._tare = sentence if "tare" in sentence else self._tare
         (begun, before), (end, count) = self._counts[0], self._counts[-1]
         return StreamFigures(
@@ -188,11 +194,11 @@ class Stream:
             samples=ring["received"],
             taring=ring["asked"] > ring["done"],
             tare=self._tare,
-            events=tuple(self._said),
+            events=tuple(self._events),
         )
 
     def _waiting(self, now: float) -> tuple[float, float, float] | None:
-        """Return latencies [s], updated now and then; None where the stamps are unrelated to this machine's clock."""
+        """Return median, 99 % and worst latency [s]; None if the stamps are unrelated to this machine's clock."""
         if now - self._latency[0] > COUNTED:
             waited = np.concatenate([np.zeros(0), *(part for _, part in self._waited)])
             middle, most, worst = np.percentile(waited, (50.0, 99.0, 100.0)).tolist() if len(waited) else [0.0] * 3

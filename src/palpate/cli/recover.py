@@ -19,9 +19,12 @@ def recover(output: SomeFile, /) -> None:
 
     Args:
         output: file that was recorded to.
+
+    Raises:
+        InputError: its name does not end in .mcap, or nothing can be recovered.
     """
     if output.suffix.lower() != ".mcap":
         raise InputError("is not a record of `palpate live`.", where=str(output), hint="Name its .mcap file.")
-    said = put_together(output)
+    samples = put_together(output)
     title(f"{output}: recovered")
-    lines([("samples", said)])
+    lines([("samples", samples)])

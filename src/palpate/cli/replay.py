@@ -55,6 +55,9 @@ def replay(
         speed: 2 is twice as fast as it was recorded.
         seconds: duration; without it to the end of the log.
         loop: begin again at the end.
+
+    Raises:
+        InputError: an option, the log or the rig cannot be used, or the device cannot be opened.
     """
     require_positive(speed, "--speed")
     require_positive(seconds, "--seconds")
@@ -75,19 +78,18 @@ def replay(
 
 
 def _layout(log: Path, rig: Path | None) -> LogLayout:
-    """Return the layout of the log: in SI units, along the axes that it was recorded in."""
+    """Return the layout of the log, along the axes that it was recorded in."""
     if rig is not None:
         return load_rig(rig).layout().as_recorded()
-    guessed = guess_sensor(log)
-    if guessed is None:
+    if (guessed := guess_sensor(log)) is None:
         raise InputError("is not recognised as a log.", where=str(log), hint="Add --rig, to state how it is read.")
     return guessed[1].layout
 
 
 def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, topic: str, domain: int) -> Device:
-    if kind == "netft" and source.shape != (6,):
-        raise InputError("has no wrenches, and a Net F/T sends nothing else.", where=str(source.path))
     if kind == "netft":
+        if source.shape != (6,):
+            raise InputError("has no wrenches, and a Net F/T sends nothing else.", where=str(source.path))
         from palpate.live.netft_device import NetFtDevice
 
         return NetFtDevice(port=port, web=web)
@@ -101,13 +103,12 @@ def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, top
 
 
 def _played(source: Replay, device: Device, seconds: float | None) -> int:
-    """Send every sample at its time, until the end, or Ctrl-C; return the number sent."""
+    """Send every sample at its time; return their number."""
     batch, sent = Batch(source.shape, BLOCK, source.dtype), 0
     end = time.monotonic() + (seconds or float("inf"))
     source.open()
     with signals() as came, pressed() as _:
         while not (came.stop or source.ended) and time.monotonic() < end:
-            count = source.receive(batch, 0.1)
-            if count:
+            if count := source.receive(batch, 0.1):
                 sent += device.send(batch.stamp[:count], batch.values[:count].reshape(count, -1))
     return sent

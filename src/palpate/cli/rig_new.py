@@ -18,7 +18,6 @@ from palpate.live.capture import listen, stated_source
 from palpate.setup import load_rig
 from palpate.setup.body import GivenBody
 from palpate.setup.new import propose_rig
-from palpate.setup.source import RigSource
 
 __all__ = ["rig_new"]
 
@@ -66,6 +65,11 @@ def rig_new(
         source: live samples: netft:NAME, serial:/dev/ttyUSB0, ros2, camera:0 or replay:LOG; `palpate live` uses it.
         robot: touched part of the URDF.
         force: overwrite a rig that is there already.
+
+    Raises:
+        InputError: a file or an option cannot be used, the log is not recognised, the output exists and `force` is not
+            set, or neither log nor source is given.
+        OSError: the device cannot be read.
     """
     live = None if source is None else stated_source(source)
     if live is not None and mesh is None and log is not None and log.suffix.lower() in _BODIES:
@@ -77,7 +81,9 @@ def rig_new(
         raise InputError("must be positive.", where="--rate")
     body = None if mesh is None else GivenBody.of(mesh, robot.link, _packages(robot.package))
     with TemporaryDirectory() as scratch:
-        seen = log or listen(_known(live), Path(scratch))
+        seen = log if log is not None or live is None else listen(live, Path(scratch))
+        if seen is None:
+            raise InputError("is missing: give a log, or a device to listen to.", where="LOG or --source")
         proposal = propose_rig(seen, body, output.parent, sensor=sensor, topic=topic, rate=rate)
     write_text(output, proposal.text + ("" if live is None else live.text()))
     load_rig(output)
@@ -87,14 +93,8 @@ def rig_new(
     note(["every line is a guess: check each one; the comments name the commands that find missing values"])
 
 
-def _known(source: RigSource | None) -> RigSource:
-    if source is None:
-        raise InputError("is missing: give a log, or a device to listen to.", where="LOG or --source")
-    return source
-
-
-def _packages(said: tuple[str, ...]) -> dict[str, Path]:
-    pairs = [text.partition("=") for text in said]
+def _packages(options: tuple[str, ...]) -> dict[str, Path]:
+    pairs = [text.partition("=") for text in options]
     for name, equals, folder in pairs:
         if not (name and equals and folder):
             raise InputError("must state where a package is, as NAME=FOLDER.", where="--package")

@@ -67,7 +67,8 @@ class RigOptions:
         """Return the `Rig` with all options applied.
 
         Raises:
-            InputError: neither rig nor mesh is given, a file cannot be read, or an option is out of bounds.
+            InputError: neither rig nor mesh is given, a file cannot be read, an option is out of bounds or does not fit
+                the rig, or `mesh` is given without `unit` or `unit` without `mesh`.
         """
         rig = self._base()
         if self.crease is not None and rig.surface is not None:
@@ -75,18 +76,18 @@ class RigOptions:
                 raise InputError(f"applies only to a mesh, but the surface is a {rig.surface.kind}.", where="--crease")
             rig = replace(rig, surface=_over(rig.surface, crease=self.crease))
         for kind in rig.kinds:  # `open` refuses them for sensors to which they mean nothing
-            told = {name: value for name in kind.options if (value := getattr(self, name)) is not None}
-            told = {name: str(value.resolve()) if isinstance(value, Path) else value for name, value in told.items()}
-            if told:
-                rig = rig.with_sensor(kind.name, _over(rig.sensors.get(kind.name) or kind.table(), **told))
-        said = {name: getattr(self, name) for name in ("method", "friction", "torsion", "contact", "tare")}
-        return replace(rig, filter=self._filter(rig.filter), estimate=_over(rig.estimate, **said))
+            given = {name: value for name in kind.options if (value := getattr(self, name)) is not None}
+            given = {name: str(value.resolve()) if isinstance(value, Path) else value for name, value in given.items()}
+            if given:
+                rig = rig.with_sensor(kind.name, _over(rig.sensors.get(kind.name) or kind.table(), **given))
+        estimate = {name: getattr(self, name) for name in ("method", "friction", "torsion", "contact", "tare")}
+        return replace(rig, filter=self._filter(rig.filter), estimate=_over(rig.estimate, **estimate))
 
     def open(self, log: Path, rig: Rig) -> OpenedLog:
-        """Open the log and return an `OpenedLog`.
+        """Open a log, and return it as an `OpenedLog`.
 
         Raises:
-            InputError: the log cannot be read or fits no sensor of the rig, or an option means nothing to its sensor.
+            InputError: the log cannot be read or fits no sensor of the rig, or an option has no effect on its sensor.
         """
         if self.sensor is not None or len(rig.kinds) == 1:
             self._require_meant(rig.kind(self.sensor))  # before the log is looked at
@@ -100,7 +101,7 @@ class RigOptions:
                 raise InputError(f"has no effect on {kind.called}: {why}.", where=f"--{option}")
 
     def _base(self) -> Rig:
-        """Return the rig, its mesh replaced where one is given; or the minimal rig of a mesh."""
+        """Return the rig with the mesh, or the minimal rig of the mesh alone."""
         known = None if self.rig is None else load_rig(self.rig)
         if self.mesh is None:
             if self.unit is not None:
@@ -109,25 +110,21 @@ class RigOptions:
                 raise InputError("the touched body is not given.", hint="Give --rig RIG, or --mesh MESH --unit UNIT.")
             return known
         if self.unit is None:
-            raise InputError(
-                "a mesh file does not state its unit.", where=str(self.mesh), hint="Add --unit mm (or m, cm, um, in)."
-            )
+            hint = "Add --unit mm (or m, cm, um, in)."
+            raise InputError("a mesh file does not state its unit.", where=str(self.mesh), hint=hint)
         return with_mesh(known, self.mesh, self.unit)
 
     def _filter(self, stated: RigFilter) -> RigFilter:
         filtered = _over(stated, filter=self.filter)
         if self.cutoff is not None and filtered.kind in ("none", "kalman"):
-            raise InputError(
-                f"the filter is {filtered.kind!r}, which has no cut-off.",
-                where="--cutoff",
-                hint="Add --filter butterworth or --filter zero_phase.",
-            )
+            hint = "Add --filter butterworth or --filter zero_phase."
+            raise InputError(f"the filter is {filtered.kind!r}, which has no cut-off.", where="--cutoff", hint=hint)
         return _over(filtered, cutoff=self.cutoff)
 
 
-def _over(table: Made, **said: object) -> Made:
-    """Return a table of the rig with these options set, checked like the rig's values; None changes nothing."""
-    for option, value in said.items():
+def _over(table: Made, **options: object) -> Made:
+    """Return a table of the rig with these options set; None changes nothing."""
+    for option, value in options.items():
         key = "kind" if option == "filter" else option
         if value is not None:
             try:

@@ -26,7 +26,7 @@ KINDS = (".html", ".svg", ".png")
 
 
 def located(recording: Recording, setup: Setup) -> Recording:
-    """Return a `Recording` of FORCE [N] and PLACE [m] of each sample's strongest contact, without the rig's filter.
+    """Return `force_and_place` of each sample's strongest contact in a recording, without the rig's filter.
 
     Raises:
         InputError: the rig or a file that it names cannot be used.
@@ -36,7 +36,7 @@ def located(recording: Recording, setup: Setup) -> Recording:
 
 
 def force_and_place(contacts: Contacts) -> Recording:
-    """Return a `Recording` of FORCE [N], and PLACE [m], NaN where not answered, of one contact per sample."""
+    """Return a `Recording` of FORCE (n, 3) [N] and PLACE (n, 3) [m], NaN where not answered, of n contacts."""
     point = np.where(contacts.answered[:, None], contacts.point, np.nan)
     return Recording(contacts.time, {FORCE: contacts.force, PLACE: point})
 
@@ -44,21 +44,26 @@ def force_and_place(contacts: Contacts) -> Recording:
 def draw_spectrum(recording: Recording, output: Path, name: str) -> None:
     """Draw the spectra of FORCE and, where there is one, of PLACE; print the filter that they suggest.
 
+    Args:
+        recording: from `located` or a log.
+        output: a file of one of `KINDS`.
+        name: of the log, for the page.
+
     Raises:
-        InputError: the log is too short, its rate varies or its values do not change, or OUTPUT cannot be written.
+        InputError: the log is too short, its rate varies, the force does not change, the output cannot be written, or
+            matplotlib or jinja2 is not installed.
     """
     force = _spectrum(recording, FORCE)
     proposal = propose_cutoff(force)
     panels = [plots.SpectrumPanel(force.frequency, force.density, "force", "N", proposal.floor, proposal.frequency)]
-    said = [("cut-off", proposal.sentence), *(("as a filter", setting) for setting in proposal.settings)]
-    place = _place(recording)
-    if place is not None:
+    facts = [("cut-off", proposal.sentence), *(("as a filter", setting) for setting in proposal.settings)]
+    if (place := _place(recording)) is not None:
         found, edge = place
         millimetres = (1e6 * found.density, "place", "mm", 1e6 * edge.floor)
         panels.append(plots.SpectrumPanel(found.frequency, *millimetres, edge.frequency))
-        said.append(("place", edge.sentence))
-    _write(output, panels, force, said, name)
-    lines([("spectrum", f"{output}, of {force.samples:,} samples in {force.stretches:,} stretches"), *said])
+        facts.append(("place", edge.sentence))
+    _write(output, panels, force, facts, name)
+    lines([("spectrum", f"{output}, of {force.samples:,} samples in {force.stretches:,} stretches"), *facts])
 
 
 def _spectrum(recording: Recording, channel: str) -> Spectrum:
@@ -69,7 +74,7 @@ def _spectrum(recording: Recording, channel: str) -> Spectrum:
 
 
 def _place(recording: Recording) -> tuple[Spectrum, Cutoff] | None:
-    """Return spectrum and cut-off of the answered stretches; None, with a note, where they are too short."""
+    """Return spectrum and cut-off of the place; None, with a note, where stretches are too short."""
     if PLACE not in recording.channels:
         return None
     try:
@@ -81,7 +86,7 @@ def _place(recording: Recording) -> tuple[Spectrum, Cutoff] | None:
 
 
 def _write(
-    output: Path, panels: list[plots.SpectrumPanel], force: Spectrum, said: list[tuple[str, str]], name: str
+    output: Path, panels: list[plots.SpectrumPanel], force: Spectrum, facts: list[tuple[str, str]], name: str
 ) -> None:
     if output.suffix.lower() != ".html":
         with replacing(output) as temporary:
@@ -95,6 +100,6 @@ def _write(
         Tile("rate", f"{force.rate:.4g} Hz", f"{force.samples:,} samples"),
         Tile("resolution", f"{force.frequency[0]:.3g} Hz", f"{force.segments:,} periodograms averaged"),
     )
-    section = Section("Spectra", settings=tuple(said), pictures=shown)
+    section = Section("Spectra", settings=tuple(facts), pictures=shown)
     summary = "How fast the force and the place of contact move, and from which frequency on there is noise only."
     write_text(output, render(Report(f"Spectrum of {name}", summary, tiles, sections=(section,))))

@@ -17,14 +17,14 @@ _COMMANDS = {  # what other programs call it, or an option that sounds like a co
     "show": "view",
     "tare": "estimate --tare SECONDS",
 }
-_OPTIONS = {  # what is said in another way
+_OPTIONS = {  # options that are no options here
     "--log": "a log is named without an option, as in `palpate estimate LOG`.",
     "--ip": "the address of a device is in a rig's [source]: `palpate rig new --source KIND:ADDRESS` writes one.",
 }
 
 
 def command_of(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """Return the known words of a call that name its command, a tuple; `groups`: first word -> commands below it."""
+    """Return the first words of a call that name a command or a group; `groups`: first word -> commands below it."""
     if not words or words[0] not in groups:
         return ()
     below = len(words) > 1 and words[1] in groups[words[0]]
@@ -32,12 +32,12 @@ def command_of(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tup
 
 
 def unknown_command(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> str | None:
-    """Return a sentence where a call names an unknown command; None where it names a known one, or none at all."""
+    """Return a sentence if a call names an unknown command, else None; `groups` as for `command_of`."""
     known = command_of(words, groups)
     rest = words[len(known) :]
     if not rest or rest[0].startswith("-") or (known and not groups[known[0]]) or len(known) > 1:
         return None
-    said = " ".join([*known, rest[0]])
+    called = " ".join([*known, rest[0]])
     if known:
         meant = {name: f"{known[0]} {name}" for name in groups[known[0]]}
     else:  # of a group's commands the last word is enough: `palpate clock`
@@ -49,13 +49,12 @@ def unknown_command(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -
         near, meant = rest[0], {rest[0]: _COMMANDS[rest[0].lower()]}
     listed = " ".join(["palpate", *known, "--help"])
     hint = f"`{listed}` lists them." if near is None else f"did you mean `palpate {meant[near]}`?"
-    return f"there is no command `{said}`; {hint}"
+    return f"there is no command `{called}`; {hint}"
 
 
 def unknown_option(words: Sequence[str], command: Sequence[str], options: Iterable[str]) -> str | None:
-    """Return a sentence on the first option of a call that its command does not have; None where it has them all."""
-    known = set(options)
-    name = " ".join(["palpate", *command])
+    """Return a sentence on the first option in `words` that is not among the command's `options`; None without any."""
+    known, name = set(options), " ".join(["palpate", *command])
     for word in words:
         option = word.partition("=")[0].replace("_", "-")
         if re.fullmatch(r"--[a-z][\w-]*", option) and option not in known:
@@ -67,7 +66,7 @@ def unknown_option(words: Sequence[str], command: Sequence[str], options: Iterab
 
 
 def _nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the most similar name, of several the first in the alphabet; None where nothing is alike."""
+    """Return the most similar name, or None if nothing is alike."""
     bare = word.lower().lstrip("-")
     ranked = [(SequenceMatcher(None, bare, name.lstrip("-")).ratio(), name) for name in sorted(known)]
     share, name = max(ranked, default=(0.0, ""), key=lambda each: each[0])

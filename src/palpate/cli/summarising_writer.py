@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any
 
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
@@ -19,14 +19,16 @@ from palpate.files.output_lock import inherited
 from palpate.setup.prefetch import Receiver, Sender, background_process, sendable, way
 from palpate.viewer.run_summary import RunSummary
 
-__all__ = ["SummedWriter", "WriterProcess", "writer_process", "writing_here", "writing_in_process"]
+__all__ = ["ProcessWriter", "SummedWriter", "writer_process", "writing_here"]
 
 _END, _ABANDON = "end", "abandon"
 
 
-@runtime_checkable
-class SummedWriter(Protocol):
-    """A writer that also summarises its blocks.
+class SummedWriter:
+    """Write contacts and summarise them, block by block.
+
+    Args:
+        writer: writes the file; None: contacts are only summarised.
 
     Attributes:
         rows: number of rows written so far.
@@ -34,20 +36,15 @@ class SummedWriter(Protocol):
         seconds: time spent on writing, likewise.
     """
 
-    rows: int
-    summary: RunSummary
-    seconds: float
-
-    def write(self, found: Contacts, placed: Contacts) -> None:
-        """Write a block: summarise `found`, in the surface's frame, and write `placed`, in that of the file."""
-        ...
-
-
-class _Here:
-    def __init__(self, writer: ContactsWriter | None) -> None:
+    def __init__(self, writer: ContactsWriter | None = None) -> None:
         self._writer, self.summary, self.seconds, self.rows = writer, RunSummary(), 0.0, 0
 
     def write(self, found: Contacts, placed: Contacts) -> None:
+        """Write a block: summarise `found`, in the surface's frame, and write `placed`, in that of the file.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
         begin = perf_counter()
         if self._writer is not None:
             self._writer.write(placed)
@@ -58,10 +55,10 @@ class _Here:
 
 @contextmanager
 def writing_here(output: Path | None, frame: str, features: tuple[str, ...]) -> Generator[SummedWriter]:
-    """Give a `SummedWriter` that writes in this process; without an output it only summarises.
+    """Open a context with a `SummedWriter` that writes in this process.
 
     Args:
-        output: file, as for `palpate.files.contacts.open_contacts`, or None.
+        output: file, as for `palpate.files.contacts.open_contacts`; None: contacts are only summarised.
         frame: coordinate frame of the contacts in it.
         features: names of the columns that the sensor adds.
 
@@ -69,83 +66,80 @@ def writing_here(output: Path | None, frame: str, features: tuple[str, ...]) -> 
         InputError: the suffix is unknown, or the file cannot be written.
     """
     if output is None:
-        yield _Here(None)
+        yield SummedWriter()
         return
     with open_contacts(output, frame_id=frame, features=features) as writer:
-        yield _Here(writer)
+        yield SummedWriter(writer)
 
 
-class WriterProcess(NamedTuple):
-    """A process that writes one file, made by `writer_process`, with the ways to send it blocks and get its answer."""
+class ProcessWriter(SummedWriter):
+    """A `SummedWriter` of one file in another process, made by `writer_process`.
 
-    process: BaseProcess
-    sender: Sender
-    answer: Connection
+    Args:
+        process: process that writes.
+        sender: sends it blocks.
+        answer: receives its summary and seconds, or its error.
+    """
 
+    def __init__(self, process: BaseProcess, sender: Sender, answer: Connection) -> None:
+        super().__init__()
+        self._process, self._sender, self._answer, self._output = process, sender, answer, Path()
 
-@contextmanager
-def writer_process() -> Generator[WriterProcess]:
-    """Start a `WriterProcess`, which writes once `writing_in_process` sends it blocks: it takes a second to start."""
-    sender, receiver = way()
-    answer, answers = get_context("spawn").Pipe(duplex=False)
-    with background_process("writer", _write, receiver, answers) as process:
-        yield WriterProcess(process, sender, answer)
+    @contextmanager
+    def writing(self, output: Path, frame: str, features: tuple[str, ...]) -> Generator[SummedWriter]:
+        """Open a context in which this writes to a file; arguments as for `writing_here`.
 
-
-class _Beside:
-    def __init__(self, process: WriterProcess, output: Path) -> None:
-        self._process, self._output = process, output
-        self.summary, self.seconds, self.rows = RunSummary(), 0.0, 0
+        Raises:
+            InputError: the suffix is unknown, the file cannot be written, or the process was ended.
+        """
+        self._output = output
+        self._put((output, frame, features))
+        try:
+            yield self
+        except BaseException:
+            with suppress(EOFError, OSError):
+                self._sender.put(_ABANDON)
+                self._process.join()  # what was done stays OUTPUT.part
+            raise
+        self._put(_END)
+        self._receive()
 
     def write(self, found: Contacts, placed: Contacts) -> None:
-        self.put((found, None if placed is found else placed))
-        self.rows += len(placed)
-
-    def put(self, value: object) -> None:
-        """Send a value to the writer; where the writer has failed, raise its error."""
-        try:
-            self._process.sender.put(value)
-        except (EOFError, OSError):
-            self.end()
-            raise
-
-    def end(self) -> None:
-        """Receive the writer's answer.
+        """Send a block to the process.
 
         Raises:
             InputError: the file cannot be written, or the process was ended.
         """
+        self._put((found, None if placed is found else placed))
+        self.rows += len(placed)
+
+    def _put(self, value: object) -> None:
+        """Send a value to the process; where it has failed, raise its error."""
         try:
-            answer: Any = self._process.answer.recv()
+            self._sender.put(value)
+        except (EOFError, OSError):
+            self._receive()
+            raise
+
+    def _receive(self) -> None:
+        """Take over summary and seconds, or raise the error of the process."""
+        try:
+            answer: Any = self._answer.recv()
         except (EOFError, OSError) as problem:
-            raise InputError(
-                "the process that wrote it ended early; run the command again.", where=str(self._output)
-            ) from problem
+            why = "the process that wrote it ended early; run the command again."
+            raise InputError(why, where=str(self._output)) from problem
         if isinstance(answer, Exception):
             raise answer
         self.summary, self.seconds = answer
 
 
 @contextmanager
-def writing_in_process(
-    process: WriterProcess, output: Path, frame: str, features: tuple[str, ...]
-) -> Generator[SummedWriter]:
-    """Give a `SummedWriter` that writes as that of `writing_here`, in another process.
-
-    Raises:
-        InputError: the suffix is unknown, the file cannot be written, or the process was ended.
-    """
-    writer = _Beside(process, output)
-    writer.put((output, frame, features))
-    try:
-        yield writer
-    except BaseException:
-        with suppress(EOFError, OSError):
-            process.sender.put(_ABANDON)
-            process.process.join()  # what was done stays OUTPUT.part
-        raise
-    writer.put(_END)
-    writer.end()
+def writer_process() -> Generator[ProcessWriter]:
+    """Open a context with a `ProcessWriter`; its process takes a second to start."""
+    sender, receiver = way()
+    answer, answers = get_context("spawn").Pipe(duplex=False)
+    with background_process("writer", _write, receiver, answers) as process:
+        yield ProcessWriter(process, sender, answer)
 
 
 def _write(receiver: Receiver, answers: Connection) -> None:
@@ -154,26 +148,19 @@ def _write(receiver: Receiver, answers: Connection) -> None:
     try:
         if isinstance(opening := _next(receiver), str):
             return
-        made: AbstractContextManager[SummedWriter] = writing_here(*opening)
-        with inherited(opening[0].resolve()), made as writer:
+        with inherited(opening[0].resolve()), writing_here(*opening) as writer:
             while not isinstance(value := _next(receiver), str):
                 found, placed = value
                 writer.write(found, found if placed is None else placed)
             if value == _ABANDON:
-                raise _Abandoned
+                raise SystemExit  # an error, so that the file does not take its name
         answers.send((writer.summary, writer.seconds))
-    except _Abandoned:
-        return
     except Exception as problem:  # raised where it is written from
         answers.send(sendable(problem))
 
 
-class _Abandoned(Exception):
-    """The file must not be finished."""
-
-
 def _next(receiver: Receiver) -> Any:
-    """Return the next block or command; where the sender was killed, the command to abandon the file."""
+    """Return the next block or command; if the sender was killed, `_ABANDON`."""
     try:
         return receiver.get()
     except EOFError:

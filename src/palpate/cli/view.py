@@ -55,6 +55,11 @@ def view(
         film: write a video instead of serving a page: at real speed, drawn without a screen or a browser.
         port: port to serve at; the next free one if it is taken.
         host: address to serve at; the default can be reached from this machine only.
+
+    Raises:
+        InputError: a file or an option cannot be used, the port or the host cannot be served at, the video exists, or
+            viser or OpenCV is not installed.
+        OSError: the folder for the video cannot be made.
     """
     if film is None:
         require_viser(host, port)  # before the work, not after it
@@ -66,9 +71,10 @@ def view(
     rig = setup.load()
     import_mesh_reader()
     contacts = written(log)
-    scene, notes = (
-        _estimated(log, setup.open(log, rig)) if contacts is None else _shown(contacts, log, rig, setup.sensor)
-    )
+    if contacts is None:
+        scene, notes = _estimated(log, setup.open(log, rig))
+    else:
+        scene, notes = _shown(contacts, log, rig, setup.sensor)
     if compare is not None:
         scene = scene.compared(Contacts.joined(list(compared_blocks(compare, rig.resolve().link))), compare.name)
     title(f"{log}: {len(scene):,} samples")
@@ -76,7 +82,11 @@ def view(
     if film is not None:
         _write_film(scene, film)
         return
-    serve(scene, host, port, up=lambda at: announce(f"open {at} in a browser; Ctrl-C ends it"))
+    serve(scene, host, port, up=_announce_address)
+
+
+def _announce_address(address: str) -> None:
+    announce(f"open {address} in a browser; Ctrl-C ends it")
 
 
 def _require_film(film: Path, log: Path) -> None:
@@ -92,7 +102,7 @@ def _require_film(film: Path, log: Path) -> None:
 
 
 def _write_film(scene: Scene, path: Path) -> None:
-    """Write every moment to the video; the file appears when it is complete."""
+    """Write the video; the file appears when it is complete."""
     pictures = ScenePicture(scene)
     with sibling_folder(path) as part:
         with counting(), Video(part / path.name, SIZE, RATE) as video:
@@ -106,7 +116,7 @@ def _write_film(scene: Scene, path: Path) -> None:
 
 
 def _view_taxels(path: Path, setup: RigOptions, host: str, port: int) -> None:
-    """Show the positions of taxels, on the link of the rig, if there is one."""
+    """Show taxels, on the link of the rig if there is one."""
     rig = None if setup.rig is None and setup.mesh is None else setup.load()
     import_mesh_reader()
     places = read_taxel_places(path)
@@ -115,15 +125,7 @@ def _view_taxels(path: Path, setup: RigOptions, host: str, port: int) -> None:
     lines(facts)
     note(places.notes)
     surface = None if rig is None else _body(rig.resolve())
-    serve_taxels(
-        places,
-        surface,
-        path.name,
-        facts,
-        host=host,
-        port=port,
-        up=lambda at: announce(f"open {at} in a browser; Ctrl-C ends it"),
-    )
+    serve_taxels(places, surface, path.name, facts, host=host, port=port, up=_announce_address)
 
 
 def _estimated(path: Path, log: OpenedLog) -> tuple[Scene, list[str]]:
@@ -145,15 +147,10 @@ def _body(setup: Setup) -> Surface | None:
     return view_of(setup.kind).body(setup)
 
 
-def _main(rig: Rig) -> str:
-    """Return the name of the sensor for contacts without that information."""
-    together = [kind.name for kind in rig.kinds if kind.parts]
-    return (together or [rig.kinds[0].name])[0]
-
-
 def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tuple[Scene, list[str]]:
-    """Return the scene of contacts from a file, in the frame that the body is drawn in, and their notes."""
-    name = sensor or str(read_provenance(path).get("sensor", _main(rig)))
+    """Return the scene of contacts from a file, and their notes."""
+    main = next((kind for kind in rig.kinds if kind.parts), rig.kinds[0])  # of a file that does not name its sensor
+    name = sensor or str(read_provenance(path).get("sensor", main.name))
     kind = next((each for each in rig.kinds if each.name == name), None)
     setup = rig.resolve(kind)
     contacts = on_body(contacts, path, setup.link)

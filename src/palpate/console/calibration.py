@@ -16,23 +16,21 @@ from palpate.setup import Rig, load_rig
 
 __all__ = ["Calibration", "CalibrationResult", "origin"]
 
-Lines = Iterable[tuple[str, object]]
-
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """The result of a calibration, with the messages for the user.
+    """The result of a calibration, with the messages for the user, a sentence each.
 
     Args:
-        figures: name and value of each.
-        model: the model that `Calibration.write` writes to the output.
-        notes: about the log and the model, a sentence each.
+        figures: (name, value) of each.
+        model: what `Calibration.write` writes.
+        notes: about the log and the model.
         warnings: what to check before the model is used.
         hints: what to change in the rig or the log to get a better result.
         next: what to do with the output.
     """
 
-    figures: Lines
+    figures: Iterable[tuple[str, object]]
     model: Any = None
     notes: Sequence[str] = ()
     warnings: Sequence[str] = ()
@@ -43,8 +41,8 @@ class CalibrationResult:
 class Calibration(ABC):
     """A command `palpate calibrate NAME`; a subclass is a dataclass whose fields are its arguments.
 
-    Paths other than `output` are inputs, a `rig` together with the files that it names; all other fields are settings.
-    Other packages add calibrations by an entry point `palpate.calibrations`, whose name is the command's.
+    Its paths other than `output` are inputs, a `rig` together with the files that it names. Other packages add
+    calibrations by an entry point `palpate.calibrations` called NAME.
     """
 
     log: Path
@@ -54,7 +52,7 @@ class Calibration(ABC):
 
     @abstractmethod
     def identify(self) -> CalibrationResult:
-        """Read the inputs, find the model, and return it in a `CalibrationResult`.
+        """Read the inputs and return a `CalibrationResult` with the model.
 
         Raises:
             InputError: the inputs cannot be used, or contradict what the calibration assumes.
@@ -65,12 +63,13 @@ class Calibration(ABC):
 
         Raises:
             InputError: the output cannot be written.
+            TypeError: no kind of model file is registered for the model.
         """
         write_model(self.output, found.model)
 
     @cached_property
     def stated(self) -> Rig:
-        """The `Rig` given as argument, or an empty one without it.
+        """`Rig` of the argument `rig`; an empty one without it.
 
         Raises:
             InputError: the rig cannot be read.
@@ -80,11 +79,15 @@ class Calibration(ABC):
 
     @cached_property
     def reads(self) -> dict[str, Path]:
-        """Input files: name of the argument -> path."""
+        """Name of the argument -> path, of each input file."""
         return {name: path for name, path in vars(self).items() if isinstance(path, Path) and name != "output"}
 
     def record(self, **settings: object) -> dict[str, str]:
-        """Return the provenance of a model, name -> text: version, input files with their digests, and `settings`."""
+        """Return provenance for a model, name -> text: version, name and digest of the inputs, `settings`.
+
+        Raises:
+            OSError: an input file cannot be read.
+        """
         return provenance(self.reads, settings)
 
     def run(self) -> None:
@@ -92,6 +95,7 @@ class Calibration(ABC):
 
         Raises:
             InputError: the inputs cannot be used, or the output is an input or cannot be written.
+            TypeError: no kind of model file is registered for the model.
         """
         files = [*self.reads.items(), *self.stated.files().items()]
         keep_inputs(self.output, [path for name, path in files if name != self.replaces])
@@ -107,6 +111,10 @@ class Calibration(ABC):
 
 
 def origin(record: dict[str, str], name: str) -> str:
-    """Return a short description of a file in a provenance record: its name, and the start of its digest."""
+    """Return "NAME (sha256:...)" of the input `name` in a provenance record, with the start of the digest.
+
+    Raises:
+        KeyError: the record has no such input.
+    """
     file, _, digest = record[name].partition(" ")
     return f"{file} ({digest[:19]})"

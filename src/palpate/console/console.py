@@ -1,18 +1,18 @@
 """Print a command's title, lines of name and value, and notes; show progress on stderr if it is a terminal.
 
-The output is text, one JSON object (`--json`), or only the warnings on stderr (`--quiet`). On a terminal no command
-is silent for more than two seconds: where nothing is printed, a line on stderr counts the seconds.
+The output is text, one JSON object (`--json`), or only the warnings on stderr (`--quiet`). On a terminal a line on
+stderr counts the seconds in which nothing is printed.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 import re
 import sys
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from json import dumps
 from math import isfinite
 from threading import Event, Thread
 from time import monotonic
@@ -62,25 +62,23 @@ class Quantity:
 
 @dataclass
 class _Voice:
-    """Settings of the output, and for JSON everything that was printed so far."""
+    """Settings of the output, and its JSON so far."""
 
     quiet: bool = False
     json: bool = False
-    said: dict[str, Any] = field(default_factory=lambda: _about(""))
-    part: dict[str, Any] | None = None
+    output: dict[str, Any] = field(default_factory=lambda: _titled(""))
+    part: dict[str, Any] = field(init=False)  # of `output`, or all of it: the next output is added to it
 
-    @property
-    def here(self) -> dict[str, Any]:
-        """Dictionary that the next output is added to: that of the current part, or of all."""
-        return self.said if self.part is None else self.part
+    def __post_init__(self) -> None:
+        self.part = self.output
 
 
-def _about(text: str) -> dict[str, Any]:
+def _titled(text: str) -> dict[str, Any]:
     return {"title": text, "facts": {}, "tables": []}
 
 
 class _Counter:
-    """A counter of seconds on one line of stderr, shown where nothing else is printed for a second."""
+    """Count the seconds in which nothing is printed, on a line of stderr."""
 
     def __init__(self) -> None:
         self.doing: str | None = None  # None: nobody waits
@@ -110,7 +108,7 @@ _VOICES = [_Voice()]  # the last one speaks
 
 @contextmanager
 def _counted(wanted: bool) -> Generator[None]:
-    """Count the seconds of silence within the block; commands within commands share one counter."""
+    """Count within the block; commands within commands share one counter."""
     if not (wanted and len(_VOICES) == 2 and sys.stderr.isatty()):
         yield
         return
@@ -126,7 +124,7 @@ def _counted(wanted: bool) -> Generator[None]:
 
 @contextmanager
 def spoken(*, quiet: bool, json: bool) -> Generator[None]:
-    """Print output within the block as text, or as one JSON object at its end or exit with a code of 3 or more."""
+    """Set the form of the output within the block; JSON is printed at its end, also by an exit with a code above 2."""
     _VOICES.append(_Voice(quiet=quiet, json=json))
     library = logging.getLogger("palpate")
     level = library.level
@@ -136,85 +134,88 @@ def spoken(*, quiet: bool, json: bool) -> Generator[None]:
             yield
     except SystemExit as leaving:
         if leaving.code not in (0, 1, 2) and not isinstance(leaving.code, str):  # a wrong call
-            _finish()
+            _print_json()
         raise
     else:
-        _finish()
+        _print_json()
     finally:
         library.setLevel(level)
         _VOICES.pop()
 
 
-def _finish() -> None:
-    voice = _VOICES[-1]
-    if voice.json:
-        print(json.dumps(voice.said, ensure_ascii=False, indent=2))
+def _print_json() -> None:
+    if _VOICES[-1].json:
+        print(dumps(_VOICES[-1].output, ensure_ascii=False, indent=2))
 
 
 def in_full() -> bool:
-    """Return whether the output is JSON for a program, for which no table is too long."""
+    """Return whether the output is JSON, so that no table is too long."""
     return _VOICES[-1].json
 
 
 def title(text: str) -> None:
     """Print the title of the output."""
-    _VOICES[-1].said["title"] = text
+    _VOICES[-1].output["title"] = text
     _print(text)
 
 
 def part(text: str) -> None:
-    """Begin a part, such as one of several topics; in JSON each is a separate object in `parts`."""
+    """Begin a part of the JSON output, such as one of several topics: an object in `parts`; text shows no title."""
     voice = _VOICES[-1]
-    voice.part = _about(text)
-    voice.said.setdefault("parts", []).append(voice.part)
+    voice.part = _titled(text)
+    voice.output.setdefault("parts", []).append(voice.part)
 
 
 def lines(pairs: Iterable[tuple[str, object]]) -> None:
-    """Print names and values, one pair per line; in JSON a `Quantity` is its value."""
+    """Print (name, value) pairs, a line each; in JSON they are `facts`, and a `Quantity` is its value."""
     known = list(pairs)
     width = max([_WIDTH, *(len(name) for name, _ in known)])
-    _VOICES[-1].here["facts"] |= {name: _plain(value) for name, value in known}
+    _VOICES[-1].part["facts"] |= {name: _plain(value) for name, value in known}
     for name, value in known:
         _print(f"  {name:<{width}} {value}")
 
 
 def announce(text: str) -> None:
-    """Print a message at once, and stop counting seconds, so that a command may wait, such as to serve a page."""
+    """Print a message at once, and stop counting seconds: the command may wait now, such as to serve a page."""
     _print(f"  {text}")
     sys.stdout.flush()
     _COUNTER.printing(None)
 
 
 def step(text: str) -> None:
-    """Print the next step of a command at once, for persons."""
+    """Print a line of text at once; JSON omits it."""
     _print(text)
     sys.stdout.flush()
 
 
 def muted() -> tuple[str, ...]:
-    """Return ("--quiet",), for a command run by this one, where no person reads the output; else ()."""
+    """Return the options for a command that this one runs: ("--quiet",) where the output is quiet or JSON, else ()."""
     return ("--quiet",) if _VOICES[-1].quiet or _VOICES[-1].json else ()
 
 
 def note(texts: Iterable[str], kind: str = "note") -> None:
-    """Print sentences, each after its kind (note, warning, ...); with `--quiet` only warnings, on stderr."""
+    """Print sentences, each after its kind: note, warning, check or hint; with `--quiet` only warnings, on stderr."""
     voice = _VOICES[-1]
     for text in texts:
-        voice.here.setdefault(_OTHERS.get(kind, kind), []).append(text)
+        voice.part.setdefault(_OTHERS.get(kind, kind), []).append(text)
         if voice.quiet and kind == "warning":
             print(f"palpate: warning: {text}", file=sys.stderr)
         _print(f"  {kind}: {text}")
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print columns, the first aligned left, the others right."""
-    cells = [list(header), *(list(row) for row in rows)]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
+    """Print a table, its first column aligned left, the others right; in JSON each row is an object in `tables`.
+
+    Raises:
+        ValueError: a row has more or fewer cells than the header.
+    """
+    cells = [header, *rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     keys = [name or "name" for name in header]
-    _VOICES[-1].here["tables"].append([dict(zip(keys, map(_plain, row), strict=True)) for row in cells[1:]])
-    for row in cells:
-        sided = zip(row, widths, ["<", *">" * len(row[1:])], strict=True)
-        _print("  " + "  ".join(f"{cell:{side}{width}}" for cell, width, side in sided).rstrip())
+    _VOICES[-1].part["tables"].append([dict(zip(keys, map(_plain, row), strict=True)) for row in cells[1:]])
+    for first, *others in cells:
+        aligned = [first.ljust(widths[0]), *map(str.rjust, others, widths[1:])]
+        _print(f"  {'  '.join(aligned)}".rstrip())
 
 
 def _print(text: str) -> None:
@@ -248,9 +249,9 @@ def _number(text: str) -> str | int | float | None:
 
 
 def span(times: np.ndarray) -> Quantity:
-    """Return a `Quantity`: first and last finite time as text, and as its value [s]; "none" and None without any.
+    """Return a `Quantity` of the first and last finite time [s]: text, and (first, last); without any "none" and None.
 
-    Seconds since 1970 begin with a date.
+    Times since 1970 are printed as a date and seconds after it.
     """
     known = times[np.isfinite(times)]
     if not len(known):
@@ -261,35 +262,23 @@ def span(times: np.ndarray) -> Quantity:
 
 
 def shares(counts: np.ndarray) -> list[tuple[str, Quantity]]:
-    """Return a list of (label, `Quantity` of share and count) of each status that occurs; `counts` (len(Status),)."""
-    total = counts.sum()
+    """Return (label, `Quantity` of share and count) of each status that occurs; `counts` (len(Status),)."""
+    found = [(kind.label, counts[kind] / counts.sum(), counts[kind]) for kind in Status if counts[kind]]
     return [
-        (
-            kind.label,
-            Quantity(
-                f"{percent(counts[kind] / total):>7}  {counts[kind]:>9,}",
-                {"share": counts[kind] / total, "count": counts[kind]},
-            ),
-        )
-        for kind in Status
-        if counts[kind]
+        (label, Quantity(f"{percent(share):>7}  {count:>9,}", {"share": share, "count": count}))
+        for label, share, count in found
     ]
 
 
 def wait(text: str) -> None:
-    """Print on stderr, if it is a terminal, what a person is waiting for; stdout stays clean."""
+    """Print on stderr, if it is a terminal, what the command does now."""
     if sys.stderr.isatty():
         _COUNTER.printing(text)
         print(f"palpate: {text}", file=sys.stderr, flush=True)
 
 
 def progress(done: int, share: float) -> None:
-    """Show the progress in one line of stderr, if it is a terminal.
-
-    Args:
-        done: samples so far.
-        share: share of the file that was read.
-    """
+    """Show the samples done and the share (0 to 1) of the log that was read, by `overwrite`."""
     overwrite(f"{done:,} samples, {share:4.0%} of the log")
 
 
@@ -306,7 +295,7 @@ def _wipe() -> None:
 
 @contextmanager
 def counting() -> Generator[None]:
-    """Wipe the line of `progress` when the block ends, also by an error."""
+    """Open a context whose end, also by an error, wipes the line of `progress`."""
     try:
         yield
     finally:

@@ -9,13 +9,15 @@ __all__ = ["Excerpt"]
 
 
 class Excerpt:
-    """An excerpt of a log: long pieces of consecutive samples, as steps and spectra need neighbours.
-
-    Every `stride`-th piece is kept; `stride` doubles when they get too many.
+    """An excerpt of a log: pieces of consecutive samples, as steps and spectra need neighbours.
 
     Args:
-        most: samples to keep.
+        most: number of samples above which `stride` is doubled.
         piece: samples of a piece.
+
+    Attributes:
+        count: number of samples added.
+        stride: one piece in so many is kept.
     """
 
     def __init__(self, most: int = 1 << 18, piece: int = 1 << 13) -> None:
@@ -34,7 +36,11 @@ class Excerpt:
             start = end
 
     def recording(self) -> Recording:
-        """Return the kept samples as a `Recording`, with gaps between the pieces; at least one must have been added."""
+        """Return the kept samples as a `Recording`, with gaps between the pieces.
+
+        Raises:
+            IndexError: no sample was added.
+        """
         return join([part for _, part in self._kept])
 
     def _keep(self, number: int, part: Recording) -> None:

@@ -23,17 +23,21 @@ class Came:
 
 @contextmanager
 def signals() -> Generator[Came]:
-    """Yield a `Came` that counts signals, which then end nothing; in the background too, where shells ignore SIGINT."""
+    """Open a context with a `Came`, which receives the signals in place of their usual effects.
+
+    Raises:
+        ValueError: it is opened in another thread than the main one.
+    """
     came = Came()
 
-    def hear(number: int, _: FrameType | None) -> None:
+    def receive(number: int, _: FrameType | None) -> None:
         if number == signal.SIGUSR1:
             came.tares += 1
         else:
             came.stop = True
 
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
-    before = {number: signal.signal(number, hear) for number in numbers}
+    before = {number: signal.signal(number, receive) for number in numbers}
     try:
         yield came
     finally:
@@ -43,10 +47,9 @@ def signals() -> Generator[Came]:
 
 @contextmanager
 def pressed() -> Generator[Callable[[float], str]]:
-    """Open a context whose value is a function: it waits up to some seconds for a key and returns it, or "".
+    """Open a context with a function that waits up to some seconds for a key of the terminal, and returns it or "".
 
-    Without a terminal the function waits for all of that time and returns "". The end of the context restores the
-    terminal's settings.
+    If stdin is no terminal, it waits for all of that time and returns "".
     """
     if not sys.stdin.isatty():
         yield _waited

@@ -37,20 +37,20 @@ Pair = Annotated[tuple[float, float] | None, arg(metavar="X X", help_behavior_hi
 
 
 def require_positive(value: float | None, option: str) -> None:
-    """Check that the value of an option is positive; None passes.
+    """Check the value of an option.
 
     Raises:
-        InputError: it is zero, negative or NaN.
+        InputError: it is zero, negative or NaN; None is none of these.
     """
     if value is not None and not value > 0:
         raise InputError("must be positive.", where=option)
 
 
 def require_port(value: int, option: str) -> None:
-    """Check that the value of an option is a port; 0 is any that is free.
+    """Check that the value of an option is a port, or 0 for any that is free.
 
     Raises:
-        InputError: it is not between 0 and 65535.
+        InputError: it is not from 0 to 65535.
     """
     if not 0 <= value < 2**16:
         raise InputError("must be a port from 1 to 65535, or 0 for any free one.", where=option)

@@ -6,7 +6,8 @@ import json
 import logging
 import os
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import closing, contextmanager
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager, suppress
 from dataclasses import fields
 from importlib import import_module
 from itertools import islice
@@ -37,15 +38,15 @@ Made = TypeVar("Made")
 
 
 def require_backend(backend: str, workers: int | None, option: str) -> int:
-    """Check the backend before any work; return the number of workers, 0: all that the joined cluster has.
+    """Check the backend before any work, and return the number of workers; 0: all of an existing cluster.
 
     Args:
         backend: one of `BACKENDS`.
-        workers: requested number; None: one per core.
-        option: name of the option that sets them, for messages.
+        workers: requested number; None: one per core, or all of a cluster that Dask's or Ray's settings name.
+        option: name of the option that sets `workers`, for messages.
 
     Raises:
-        InputError: there is no such backend, fewer than one worker, or what the backend needs is not installed.
+        InputError: `backend` is unknown or not installed, or `workers` is less than 1.
     """
     if workers is not None and workers < 1:
         raise InputError(f"must be at least 1, not {workers}.", where=option)
@@ -71,15 +72,15 @@ def each_done(
     """Yield the result of each job, in the order in which they finish.
 
     Args:
-        one: function of a job; it and the jobs can be pickled.
-        jobs: all of them.
-        workers: at a time, see `require_backend`. A single one of "processes" is this process.
+        one: function of a job; it and the jobs can be pickled. Its errors are raised here.
+        jobs: arguments of `one`.
+        workers: number from `require_backend`; 1 of "processes" is this process.
         backend: one of `BACKENDS`.
-        option: name of the option that sets the workers, for messages.
-        lost: result of a job whose worker is ended from outside (memory, a crash in a library); None: an error.
+        option: name of the option that sets `workers`, for messages.
+        lost: result of a job whose worker was ended from outside (memory, a crash in a library).
 
     Raises:
-        InputError: what the backend needs is not installed, its cluster does not answer, or a worker was ended.
+        InputError: the backend is not installed, its cluster does not answer, or, without `lost`, a worker was ended.
     """
     if not jobs:
         return
@@ -102,23 +103,22 @@ def each_done(
 def _on_processes(
     one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
 ) -> Generator[Result]:
-    """Run by joblib. Which job ended a worker is unknown: the first remaining ones are tried one by one, then all."""
+    """Run by joblib; after a worker was ended, the first remaining jobs are tried one by one."""
     joblib = import_module("joblib")
-    broken = import_module("concurrent.futures.process").BrokenProcessPool
-    left, single = dict(enumerate(jobs)), 0  # `single`: jobs to be tried one by one
-    while left:
-        some = list(left.items())[: 1 if single else None]
+    remaining, single = dict(enumerate(jobs)), 0  # `single`: jobs to be tried one by one
+    while remaining:
+        some = list(remaining.items())[: 1 if single else None]
         work = [joblib.delayed(_numbered)(one, number, job) for number, job in some]
         try:
             with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
                 parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
                 with closing(parallel(work)) as made:
                     for number, result in made:
-                        del left[number]
+                        del remaining[number]
                         yield result
-        except broken:
+        except BrokenProcessPool:
             if len(some) == 1:
-                yield missed(left.pop(some[0][0]))
+                yield missed(remaining.pop(some[0][0]))
             single = single or AHEAD * workers + 1
         single = max(single - 1, 0)
 
@@ -130,7 +130,7 @@ def _numbered(one: Callable[[Job], Result], number: int, job: Job) -> tuple[int,
 def _on_dask(
     one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
 ) -> Generator[Result]:
-    """Run by Dask's scheduler: through joblib it would wait for ever where a worker was ended."""
+    """Run by Dask's scheduler; through joblib it would not notice an ended worker."""
     distributed = import_module("distributed")
     address = _dask_address()
     own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
@@ -140,14 +140,14 @@ def _on_dask(
         client = distributed.Client(**(own if address is None else {"address": address}))
     with client:
         waiting = dict(zip(client.map(one, jobs, pure=False), jobs, strict=True))
-        doubted = list[Job]()  # what waited on a worker that was ended is taken for what ended it
+        suspected = list[Job]()  # jobs on a worker that was ended: one of them ended it
         for future in distributed.as_completed(list(waiting)):
             job = waiting.pop(future)
             try:
                 yield future.result()
             except distributed.scheduler.KilledWorker:
-                doubted.append(job)
-        for job in doubted:
+                suspected.append(job)
+        for job in suspected:
             try:
                 result = client.submit(one, job, pure=False).result()
             except distributed.scheduler.KilledWorker:
@@ -158,15 +158,15 @@ def _on_dask(
 def _on_ray(
     one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
 ) -> Generator[Result]:
-    """Run by Ray's scheduler: through joblib it would wait for ever, too, and answer only when all are done."""
+    """Run by Ray's scheduler; through joblib it would not notice an ended worker either."""
     ray = import_module("ray")
     gone = (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError)
     with _ray(workers) as count:
-        task, left = ray.remote(num_cpus=1, max_retries=0)(_numbered), enumerate(jobs)
+        task, remaining = ray.remote(num_cpus=1, max_retries=0)(_numbered), enumerate(jobs)
         waiting = dict[Any, Job]()
         while True:
-            for number, job in islice(left, AHEAD * count - len(waiting)):
-                waiting[task.remote(one, number, job)] = job
+            some = islice(remaining, AHEAD * count - len(waiting))
+            waiting |= {task.remote(one, number, job): job for number, job in some}
             if not waiting:
                 return
             (ready,), _ = ray.wait(list(waiting), num_returns=1)
@@ -189,15 +189,15 @@ def run_kept(
     """Yield the results of `each_done`; each is first appended to a file as a line.
 
     Args:
-        one: function of a job.
-        jobs: all of them.
-        kept: the file, see `begin_results`.
+        one: see `each_done`.
+        jobs: see `each_done`.
+        kept: file from `begin_results`.
         how: workers, backend and option of `each_done`.
         row: converts a result to the contents of its line.
         lost: see `each_done`.
 
     Raises:
-        InputError: the file cannot be written, a package is missing, no cluster answers, or a worker was ended.
+        InputError: as `each_done`, or the file cannot be written.
     """
     with counting(), closing(each_done(one, jobs, *how, lost)) as results:
         for result in results:
@@ -207,47 +207,38 @@ def run_kept(
 
 
 def read_rows(path: Path, what: str) -> tuple[dict[str, object], list[dict[str, Any]]]:
-    """Return (settings, rows) of a file of results: the dict in its first line, and a dict per result (`from_row`).
-
-    A last line that is incomplete, as a killed process leaves it, is ignored.
+    """Return (settings, rows) of a file of results, rows for `from_row`; an incomplete last line is ignored.
 
     Args:
-        path: file of results.
-        what: name of the expected content, for the message.
+        path: file from `begin_results`.
+        what: name of its content, for the message.
 
     Raises:
         InputError: the file cannot be read, or holds something else.
     """
     with open_input(path) as file:
         lines = file.read().decode(errors="replace").splitlines()
-    rows = list[dict[str, Any]]()
     try:
         settings = json.loads(lines[0])["settings"]
-        for number, line in enumerate(lines[1:], start=2):
-            try:
-                rows.append(dict(json.loads(line)))
-            except json.JSONDecodeError:
-                if number == len(lines):
-                    break
-                raise
+        rows = [dict(json.loads(line)) for line in lines[1:-1]]
+        with suppress(json.JSONDecodeError):  # of a process that was killed while it wrote
+            rows += [dict(json.loads(line)) for line in lines[1:][-1:]]
     except (ValueError, KeyError, TypeError, IndexError) as problem:
-        hint = "Name another output."
-        raise InputError(f"does not hold {what}.", where=str(path), hint=hint) from problem
+        raise InputError(f"does not hold {what}.", where=str(path), hint="Name another output.") from problem
     return settings, rows
 
 
 def from_row(kind: type[Made], row: Mapping[str, Any]) -> Made:
-    """Return a dataclass of strings, numbers and tuples of them from its line: null becomes NaN, and a list a tuple.
+    """Return a dataclass from a row of `read_rows`: None becomes NaN, a list a tuple; keys of no field are ignored.
 
     Raises:
         KeyError: a field is missing.
     """
-    names = [each.name for each in fields(cast("Any", kind))]
-    return kind(**{name: _told(row[name]) for name in names})
+    return kind(**{each.name: _read(row[each.name]) for each in fields(cast("Any", kind))})
 
 
 def begin_results(path: Path, settings: Mapping[str, object], rows: Iterable[Mapping[str, object]]) -> None:
-    """Write a new file of results, to which lines can be added, with complete lines only.
+    """Write a new file of results: a line of settings, and a line per row, to which `run_kept` adds.
 
     Raises:
         InputError: the file cannot be written.
@@ -256,25 +247,25 @@ def begin_results(path: Path, settings: Mapping[str, object], rows: Iterable[Map
 
 
 def _line(row: Mapping[str, object]) -> str:
-    return f"{json.dumps(_listed(row), allow_nan=False)}\n"
+    return f"{json.dumps(_finite(row), allow_nan=False)}\n"
 
 
-def _listed(value: object) -> object:
+def _finite(value: object) -> object:
     if isinstance(value, Mapping):
-        return {str(name): _listed(each) for name, each in cast("Mapping[object, object]", value).items()}
+        return {str(name): _finite(each) for name, each in cast("Mapping[object, object]", value).items()}
     if isinstance(value, tuple | list):
-        return [_listed(each) for each in cast("Sequence[object]", value)]
+        return [_finite(each) for each in cast("Sequence[object]", value)]
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def _told(value: object) -> object:
+def _read(value: object) -> object:
     if isinstance(value, list):
-        return tuple(map(_told, cast("list[object]", value)))
+        return tuple(map(_read, cast("list[object]", value)))
     return nan if value is None else value
 
 
 def _require_installed(backend: str, option: str) -> None:
-    """Raise an InputError where the package that the backend needs is not installed."""
+    """Raise an InputError if the backend is not installed."""
     module, package = _NEEDED[backend]
     try:
         import_module(module)
@@ -286,13 +277,13 @@ def _require_installed(backend: str, option: str) -> None:
 
 
 def _dask_address() -> str | None:
-    """Return the address of the Dask scheduler to join; None: a new one is made."""
+    """Return the address of an existing Dask scheduler."""
     return import_module("dask").config.get("scheduler-address", None)
 
 
 @contextmanager
 def _ray(workers: int) -> Generator[int]:
-    """Join the cluster that RAY_ADDRESS names, or start local processes that end with the block; give their number."""
+    """Join the cluster of RAY_ADDRESS, or start local processes; yield the number of workers."""
     ray, address = import_module("ray"), os.environ.get("RAY_ADDRESS")
     if ray.is_initialized():
         yield workers or 1
@@ -308,17 +299,15 @@ def _ray(workers: int) -> Generator[int]:
 
 @contextmanager
 def _environment(more: Mapping[str, str]) -> Generator[None]:
-    """Set environment variables for processes that are started within the block."""
-    before = {name: os.environ.get(name) for name in more}
+    """Set environment variables within the block."""
+    before = {name: os.environ[name] for name in more if name in os.environ}
     os.environ.update(more)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in more:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 @contextmanager
@@ -327,6 +316,6 @@ def _joining(backend: str, address: str | None) -> Generator[None]:
     try:
         yield
     except (OSError, ValueError, RuntimeError) as problem:  # whatever each of them calls it
-        said = next(iter(str(problem).splitlines()), type(problem).__name__).rstrip(".")
+        why = next(iter(str(problem).splitlines()), type(problem).__name__).rstrip(".")
         there = f"--backend {backend}" if address is None else f"--backend {backend} at {address}"
-        raise InputError(f"the cluster does not answer ({said}).", where=there) from problem
+        raise InputError(f"the cluster does not answer ({why}).", where=there) from problem

@@ -13,11 +13,20 @@ from palpate.calibration.drift import DriftFit
 
 __all__ = ["CHI_95", "ChannelGroup", "SensorDrift"]
 
-CHI_95 = 2.795  # of three components: the length that 95 % stay below, in deviations of one
+CHI_95 = 2.795  # length that 95 % of three-component normal vectors stay below, in deviations of one component
 
 
 class ChannelGroup(NamedTuple):
-    """Channels that are printed together: their random walk in one unit, all other figures in another."""
+    """Channels that are printed together: random walk and noise in one unit, warm-up and temperature in another.
+
+    Args:
+        name: such as "force".
+        channels: columns of the reading.
+        walk_scale: `walk_unit` per SI unit.
+        walk_unit: unit of random walk and noise.
+        scale: `unit` per SI unit.
+        unit: unit of warm-up and temperature dependence.
+    """
 
     name: str
     channels: slice
@@ -29,14 +38,14 @@ class ChannelGroup(NamedTuple):
 
 @dataclass(frozen=True)
 class SensorDrift:
-    """The drift of a sensor's bias, found in a log without contact, and how it is printed.
+    """The drift of a sensor's bias in a log without contact, and how it is printed.
 
     Args:
         found: drift of the channels.
-        comments: unit of each key of [drift] in a rig.
-        groups: groups of channels.
-        unsure: takes a standard deviation per channel, and returns the 95 % bound of force and torque in words.
-        weight: [N] standard deviation of the payload's weight, by its calibration; 0: none or not known.
+        comments: key of [drift] in a rig -> its unit.
+        groups: all channels.
+        unsure: takes a standard deviation per channel (m,), and returns the 95 % bound of force and torque as text.
+        weight: standard deviation of the payload's weight by its calibration [N]; 0: unknown.
         notes: on how the log was read, one sentence each.
     """
 

@@ -48,10 +48,10 @@ class GivenBody:
     Attributes:
         path: the mesh file or the URDF.
         unit: unit of the numbers in the file.
-        size: size across [m].
-        urdf, link: the URDF and the name of its link; None and "" for a mesh.
+        size: [m] across.
+        urdf, link: the URDF and its link; None and "" for a mesh.
         geometry: "visual" or "collision"; "" for a mesh.
-        folder: folder of the rig, where relative paths start.
+        folder: where relative paths start.
     """
 
     path: Path
@@ -64,16 +64,16 @@ class GivenBody:
 
     @classmethod
     def of(cls, path: Path, link: str | None = None, packages: Mapping[str, Path] | None = None) -> GivenBody:
-        """Return the `GivenBody` of a file; a mesh's unit is guessed from its size.
+        """Read the body from a file; a mesh's unit is guessed from its size.
 
         Args:
             path: a mesh, or a URDF.
-            link: name of the URDF's link.
-            packages: name -> folder, for packages of the URDF's meshes that are not found otherwise.
+            link: the URDF's link.
+            packages: name -> folder, for packages of the URDF that are not found otherwise.
 
         Raises:
-            InputError: the file or a mesh of the URDF cannot be read, no link of a URDF is named or it has no geometry,
-                or a link of a mesh is named.
+            InputError: the file or a mesh of the URDF cannot be read, a URDF's link is not named or has no geometry, or
+                a mesh's is named.
             GeometryError: the mesh file has no usable surface.
         """
         if path.suffix.lower() not in (".urdf", ".xacro", ".xml"):
@@ -90,33 +90,33 @@ class GivenBody:
 
     def text(self, frame: str) -> str:
         """Return the [surface] of a rig as TOML text; `frame` is the log's name of the sensor's frame, or ""."""
-        path = self.relative(self.path)
+        (how, xyz, turn), pose = _DRAWN, self.mounting(frame)
+        if pose is not None:
+            named = _comment(frame)
+            how = f"# Of the link in the sensor's frame ({named}), by the URDF (`palpate calibrate mounting`)."
+            xyz, turn = pose.translation.tolist(), pose.quaternion().tolist()
+        return self._source() + _BOTH.format(how=how, xyz=xyz, turn=turn)
+
+    def _source(self) -> str:
+        path, size = self.relative(self.path), 1e3 * self.size
         if self.urdf is None:
-            how, xyz, turn = _DRAWN
-            return _MESH.format(mesh=path, unit=self.unit, size=1e3 * self.size) + _BOTH.format(
-                how=how, xyz=xyz, turn=turn
-            )
+            return _MESH.format(mesh=path, unit=self.unit, size=size)
         pairs = [f"{quoted(name)} = {self.relative(where)}" for name, where in self.urdf.packages.items()]
-        first = _LINK.format(
+        return _LINK.format(
             urdf=path,
             link=quoted(self.link),
             packages=f"\npackages = {{ {', '.join(pairs)} }}" if pairs else "",
             geometry=self.geometry,
             other="collision" if self.geometry == "visual" else "visual",
-            size=1e3 * self.size,
+            size=size,
         )
-        pose = self.mounting(frame)
-        if pose is None:
-            return first + _BOTH.format(how=_DRAWN[0], xyz=_DRAWN[1], turn=_DRAWN[2])
-        how = f"# Of the link in the sensor's frame ({_comment(frame)}), by the URDF (`palpate calibrate mounting`)."
-        return first + _BOTH.format(how=how, xyz=pose.translation.tolist(), turn=pose.quaternion().tolist())
 
     def relative(self, path: Path) -> str:
-        """Return a path relative to the rig's folder, as a string quoted for TOML."""
+        """Return a path relative to the rig's folder, quoted for TOML."""
         return quoted(Path(os.path.relpath(path.resolve(), self.folder.resolve())).as_posix())
 
     def mounting(self, frame: str) -> Pose | None:
-        """Return the `Pose` T_sensor_surface if fixed joints join link `frame` (the sensor) and the body, else None."""
+        """Return T_sensor_surface if fixed joints join link `frame` (the sensor) and the body, else None."""
         if self.urdf is None or frame not in self.urdf.links:
             return None
         try:
@@ -126,19 +126,14 @@ class GivenBody:
         return Pose.from_quaternion(quaternion[0], position[0])
 
     def remarks(self, frame: str) -> list[str]:
-        """Return a list of sentences on the surface that the reader of the rig should check; [] if there are none.
-
-        `frame` is the log's name of the sensor's frame, or "".
-        """
+        """Return what to check about the surface, one sentence each; `frame` as in `text`."""
         if self.urdf is None:
-            if self.unit == "m":
-                return []
-            return [f"the mesh is taken to be in {self.unit}, which makes it {self.size * 1e3:.4g} mm across"]
+            taken = f"the mesh is taken to be in {self.unit}, which makes it {self.size * 1e3:.4g} mm across"
+            return [] if self.unit == "m" else [taken]
         said = [f"the surface is the {self.geometry} geometry of link {self.link!r}, {self.size * 1e3:.4g} mm across"]
         if not PLAUSIBLE[0] <= self.size <= PLAUSIBLE[1]:
-            said.append(
-                "that is an unusual size of a robot's link: check the scale of its mesh in the URDF (0.001 for mm)"
-            )
+            why = "that is an unusual size of a robot's link"
+            said.append(f"{why}: check the scale of its mesh in the URDF (0.001 for mm)")
         if self.mounting(frame) is not None:
             return [*said, f"its place in the sensor ({frame!r}) is read from the URDF's fixed joints"]
         if not frame:
@@ -151,5 +146,5 @@ class GivenBody:
 
 
 def _comment(name: str) -> str:
-    """Return a name with "?" in place of letters that cannot be printed, so that it is safe in a comment."""
+    """Return a name that is safe in a comment, with "?" for letters that cannot be printed."""
     return "".join(letter if letter.isprintable() else "?" for letter in name)

@@ -18,10 +18,10 @@ class BuiltEstimator:
     """An estimator, with notes and warnings about how it was built.
 
     Attributes:
-        estimator: the estimator, ready for the first sample.
+        estimator: ready for the first sample.
         notes: what was done or assumed, one sentence each.
-        warnings: what may be wrong with the estimator, one sentence each.
-        settings: settings in force, for the record of a result and for the report.
+        warnings: what may be wrong, one sentence each.
+        settings: settings in force, name -> value.
     """
 
     estimator: ContactEstimator
@@ -30,7 +30,7 @@ class BuiltEstimator:
     settings: dict[str, object] = field(default_factory=dict[str, object])
 
     def tared(self, tare: Tare) -> None:
-        """Append the note of a tare to `notes`, and its warning, if it has one, to `warnings`."""
+        """Append the note of a tare to `notes`, and its warning, if any, to `warnings`."""
         self.notes.append(tare.note)
         self.warnings += [tare.warning] if tare.warning else []
 
@@ -40,12 +40,12 @@ class Guess:
     """A guess that a log was written by one kind of sensor.
 
     Attributes:
-        why: the sentence that says what in the log looks like this sensor.
+        why: what in the log looks like this sensor.
         layout: how to read the log.
         text: the tables of a rig, as TOML with comments.
         remarks: what the reader should check, one sentence each.
-        lacking: what must be known before a rig can be written, or "".
-        frame: the sensor's frame as the log's messages name it; "" if they do not name it.
+        lacking: what must be known before a rig can be written; "": nothing.
+        frame: the sensor's frame as the log's messages name it; "" if they do not.
     """
 
     why: str

@@ -23,7 +23,11 @@ _DIGITS = 4  # of what is written
 
 @dataclass(frozen=True)
 class RigRates(RigPair):
-    """A number for the forces and one for the torques, or three each; not negative."""
+    """A number for the forces and one for the torques, or three each.
+
+    Raises:
+        ValueError: one is negative or not finite.
+    """
 
     def __post_init__(self) -> None:
         if not np.all((self.six() >= 0) & (self.six() < inf)):  # NaN too
@@ -32,7 +36,7 @@ class RigRates(RigPair):
 
 @dataclass(frozen=True)
 class RigSlopes(RigPair):
-    """A number for the forces and one for the torques, or three each; of any sign."""
+    """A number for the forces and one for the torques, or three each, of any sign."""
 
     def __post_init__(self) -> None:
         pass
@@ -50,6 +54,9 @@ class RigDrift:
     deviation of the rate at the start, which settles within `settle` [s]; `weight` [N] the standard deviation of the
     payload's weight. `thermal` [N/K, N m/K; V/K], with the standard deviation `thermal_deviation`, needs `temperature`:
     the log's column or topic of it.
+
+    Raises:
+        ValueError: a value is out of bounds, or `thermal` is stated without `temperature`.
     """
 
     walk: RigPair | float | Several
@@ -80,19 +87,17 @@ class RigDrift:
         return isinstance(self.walk, RigPair)
 
     def drift(self, channels: int) -> Drift:
-        """Return a `Drift` with the rig's values for each channel of the sensor; rates per minute become per second.
+        """Return a `Drift` with the rig's values for each channel of the sensor, in SI: rates per second.
 
         Args:
             channels: number of channels; 6 is a force/torque sensor.
 
         Raises:
-            InputError: the rig states another number of channels, or plain numbers for six, which need force and
-                torque.
+            InputError: the rig states another number of channels, or no force and torque for six.
         """
         if channels == 6 and not self.of_wrench:
-            raise InputError(
-                "must be { force = ..., torque = ... } for a force/torque sensor.", where="drift.walk", hint=_UNITS
-            )
+            what = "must be { force = ..., torque = ... } for a force/torque sensor."
+            raise InputError(what, where="drift.walk", hint=_UNITS)
         return Drift(
             self._channels("walk", channels),
             self._channels("warm_up", channels) / MINUTE,
@@ -118,12 +123,12 @@ _UNITS = "Write it in N/sqrt(s) and N m/sqrt(s), or let `palpate calibrate drift
 
 
 def drift_table(drift: Drift, weight: float | None = None, temperature: str | None = None) -> dict[str, Any]:
-    """Return the [drift] of a rig as a dict, key -> value: rates per minute, and equal channels as one number.
+    """Return the [drift] of a rig as a dict, key -> value with four digits: rates per minute, equal channels as one.
 
     Args:
         drift: the drift; six channels are those of a wrench.
         weight: [N], in place of the drift's.
-        temperature: the log's column or topic of the temperature; None: thermal drift is not written.
+        temperature: the log's column or topic of the temperature; None: thermal drift is left out.
     """
     heavy = drift.weight if weight is None else weight
     table: dict[str, Any] = {"walk": _spelled(drift.walk)}

@@ -40,20 +40,19 @@ def update_pose(
 ) -> None:
     """Copy a rig with the surface's pose and its covariance set; comments, order and all other values stay.
 
-    A surface in dotted keys or an inline table becomes a [surface] at the end, without its comments. Relative paths are
-    rewritten if `target` is in another folder.
+    A surface in dotted keys or an inline table becomes a [surface] at the end, without its comments. Relative paths
+    lead to the same files.
 
     Args:
-        source: the rig to read.
-        target: the rig to write; it may be the same file.
+        source: the rig.
+        target: the copy; it may be the same file.
         pose: T_sensor_surface.
         covariance: (6, 6) of (rotation vector [rad], translation [m]), perturbed on the left.
         placement: [m] standard deviation of a touch's place beyond what its wrench explains; None: it stays as it is.
-        comment: comment on the pose's line; "": none.
+        comment: comment on the pose's line.
 
     Raises:
-        InputError: `source` cannot be read, has no surface or cannot be edited in its form, or `target` cannot be
-            written.
+        InputError: `source` cannot be read, has no surface or cannot be edited, or `target` cannot be written.
     """
     wanted, pair = load_toml(source), ("pose", "pose_covariance")
     if not isinstance(wanted.get("surface"), dict):
@@ -70,16 +69,16 @@ def update_pose(
 def update_offset(source: Path, target: Path, offset: float, *, comment: str = "") -> None:
     """Copy a rig with the offset of the poses' clock set; comments, order and all other values stay.
 
-    Relative paths are rewritten if `target` is in another folder.
+    Relative paths lead to the same files. A table in dotted keys moves to the end, without its comments.
 
     Args:
-        source: the rig to read.
-        target: the rig to write; it may be the same file.
+        source: the rig.
+        target: the copy; it may be the same file.
         offset: [s] added to the stamps of the poses.
-        comment: comment on the offset's line; "": none.
+        comment: comment on the offset's line.
 
     Raises:
-        InputError: `source` cannot be read or edited in its form, or `target` cannot be written.
+        InputError: `source` cannot be read or edited, or `target` cannot be written.
     """
     wanted = load_toml(source)
     _table(wanted, "orientation", source)["offset"] = offset
@@ -89,16 +88,16 @@ def update_offset(source: Path, target: Path, offset: float, *, comment: str = "
 def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments: Mapping[str, str]) -> None:
     """Copy a rig with its [drift] set; comments, order and all other values stay.
 
-    Relative paths are rewritten if `target` is in another folder.
+    Relative paths lead to the same files. A table in dotted keys moves to the end, without its comments.
 
     Args:
-        source: the rig to read.
-        target: the rig to write; it may be the same file.
-        drift: key of the table -> value; other keys of the rig's [drift] stay, except those that a fit determines.
+        source: the rig.
+        target: the copy; it may be the same file.
+        drift: key of the table -> value; keys that no fit determines stay without one.
         comments: key -> comment on its line.
 
     Raises:
-        InputError: `source` cannot be read or edited in its form, or `target` cannot be written.
+        InputError: `source` cannot be read or edited, or `target` cannot be written.
     """
     wanted = load_toml(source)
     kept = {key: value for key, value in _table(wanted, "drift", source).items() if key not in _FOUND}
@@ -106,7 +105,7 @@ def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments:
 
 
 def _table(rig: dict[str, Any], name: str, source: Path) -> dict[str, Any]:
-    """Return a table of a rig, added to it if it is missing; raise InputError if it is no table."""
+    """Return a table of a rig, added if it is missing; raise InputError if it is no table."""
     if not isinstance(table := rig.setdefault(name, {}), dict):
         raise InputError(f"[{name}] must be a table.", where=str(source))
     return cast("dict[str, Any]", table)
@@ -129,15 +128,12 @@ def _write(source: Path, target: Path, wanted: dict[str, Any], name: str, commen
             continue
         if _reads_as(text, wanted):
             return write_text(target, text)
-    raise InputError(
-        f"the result cannot be written into [{name}] in the form that it has.",
-        where=str(source),
-        hint=f"Write [{name}] as one table.",
-    )
+    what = f"the result cannot be written into [{name}] in the form that it has."
+    raise InputError(what, where=str(source), hint=f"Write [{name}] as one table.")
 
 
 def _in_place(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str]) -> str:
-    """Return the text with the changed values of the table replaced; "" if its form does not allow that."""
+    """Return the text with the table's changed values replaced; "" if its form does not allow that."""
     document: Any = tomlkit.parse(text)
     if name not in document:
         document[name] = tomlkit.table()
@@ -155,7 +151,7 @@ def _in_place(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping
 
 
 def _anew(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str]) -> str:
-    """Return the text with the table moved to its end, for a table in dotted keys or an inline table."""
+    """Return the text with the table moved to its end, whatever its form."""
     document: Any = tomlkit.parse(text)
     document.remove(name)
     _move_paths(document, wanted)
@@ -173,7 +169,7 @@ def _item(value: Any) -> Item:
         item = tomlkit.inline_table()
         item.update(cast("dict[str, Any]", value))
         return item
-    return toml_array(value) if np.ndim(value) == 2 else tomlkit.item(value)
+    return toml_array(value) if np.ndim(value) == 2 else cast("Item", tomlkit.item(value))
 
 
 def _reads_as(text: str, wanted: Mapping[str, Any]) -> bool:

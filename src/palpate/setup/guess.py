@@ -18,7 +18,7 @@ from palpate.surfaces.mesh import UNITS, Mesh
 __all__ = [
     "PLAUSIBLE",
     "array_topic",
-    "commented",
+    "frames_table",
     "mesh_size",
     "orientation_table",
     "pose_table",
@@ -29,17 +29,18 @@ __all__ = [
 ]
 
 PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
+_OFFSET = "offset = 0.0                         # s added to their stamps; written by `palpate calibrate clock`"
 
 
 def quoted(value: str | Sequence[str]) -> str:
-    """Return a string with a text, or a list of texts, as TOML: JSON's strings are TOML's, except for DEL."""
+    """Return a text, or a list of texts, as TOML: JSON's strings are TOML's, except for DEL."""
     return json.dumps(value if isinstance(value, str) else list(value), ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def topics_of(contents: LogContents, wanted: str) -> list[str]:
-    """Return a list of the topics that have messages of the role `wanted`, by name, without Palpate's own results.
+    """Return the names of the topics with messages of a role, without Palpate's own results.
 
-    `wanted` is "wrench", "pose", "acceleration" or "array".
+    `wanted` is the role: "wrench", "pose", "acceleration", "array" or "image".
     """
     there = [topic for topic in contents.topics if topic.count and role(topic.kind) == wanted]
     return [topic.name for topic in there if not topic.name.startswith(RESULTS)]
@@ -75,12 +76,17 @@ def time_unit(column: str) -> str:
     return known_unit(split_unit(column)[1], TIME_UNITS) or "s"
 
 
+def frames_table(base: str, sensor: str, what: str, more: str = "") -> str:
+    """Return the [orientation] of a rig for two frames as TOML, with the comment `what` and the lines `more`."""
+    return f"[orientation]\nbase = {quoted(base)}\nsensor = {quoted(sensor)}   # {what}\n{more}{_OFFSET}\n"
+
+
 def pose_table(topics: Sequence[str]) -> str:
-    """Return the [orientation] of a rig for the first topic of poses as TOML; commented out if there is no topic."""
+    """Return the [orientation] of a rig for the first topic as TOML; commented out without topics."""
     lines = [
         "[orientation]",
         f"topic = {quoted(topics[0] if topics else '/pose')}   # poses of the sensor in the base",
-        "offset = 0.0                         # s added to their stamps; written by `palpate calibrate clock`",
+        _OFFSET,
     ]
     return "".join(f"{'' if topics else '# '}{line}\n" for line in lines)
 
@@ -108,9 +114,7 @@ def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def mesh_size(path: Path) -> tuple[str, float]:
-    """Return the unit in which a mesh file has a plausible size, millimetres tried first, and that size [m].
-
-    If no unit makes the size plausible, the unit is "m".
+    """Return the unit in which a mesh has a plausible size, "mm" first and "m" if none does, and that size [m].
 
     Raises:
         InputError: the file is missing or is not a mesh.

@@ -12,7 +12,7 @@ from palpate.files.logs.survey import Survey
 from palpate.files.logs.topics import NONE
 from palpate.files.units import near
 from palpate.setup.body import GivenBody
-from palpate.setup.guess import pose_table, quoted
+from palpate.setup.guess import frames_table, pose_table, quoted
 
 __all__ = ["PoseGuess", "guess_pose"]
 
@@ -20,7 +20,6 @@ _OTHERS = re.compile(
     r"camera|object|marker|apriltag|aruco|target|goal|detect|human|person|head|odom|map\b|initialpose|cloud",
     re.IGNORECASE,
 )
-_OFFSET = "offset = 0.0                         # s added to their stamps; written by `palpate calibrate clock`\n"
 _FRAMES = """\
 # base = "base_link"                 # in place of topic: two frames of /tf
 # sensor = "ft_sensor"
@@ -29,7 +28,7 @@ _FRAMES = """\
 
 @dataclass(frozen=True)
 class PoseGuess:
-    """A guess at the source of the sensor's pose: how to read the log, [orientation] as TOML, and remarks to check."""
+    """A guess at the source of the sensor's pose: layout of the log, [orientation] as TOML, and remarks to check."""
 
     layout: LogLayout
     text: str
@@ -37,12 +36,12 @@ class PoseGuess:
 
 
 def guess_pose(survey: Survey, layout: LogLayout, body: GivenBody | None) -> PoseGuess:
-    """Return a `PoseGuess`: the tree of /tf if it has the wrench's frame, else joint states, else a topic of poses.
+    """Guess the tree of /tf if it has the wrench's frame, else joint states, else a topic of poses.
 
     Args:
-        survey: the frames, joints and poses found in the log.
+        survey: the frames, joints and poses in the log.
         layout: the layout that names the wrench's topic.
-        body: the body that is touched; its URDF is moved by the joint states. None: no body was given.
+        body: the body that is touched, whose URDF the joint states move; None: not known.
     """
     frame, _ = survey.named.get(str(layout.wrench_topic), ("", ""))
     joints = _joints(survey, frame, body)
@@ -50,23 +49,19 @@ def guess_pose(survey: Survey, layout: LogLayout, body: GivenBody | None) -> Pos
     if found is not None:
         if joints is not None:
             remarks.append("joint states could give the pose too; /tf is used")
-        unused = [name for name in survey.poses if name]
-        if unused:
+        if unused := [name for name in survey.poses if name]:
             remarks.append(f"topics of poses are not used: {', '.join(unused)}")
-        base, sensor = found
-        text = f"[orientation]\nbase = {quoted(base)}\nsensor = {quoted(sensor)}   # frames of /tf\n{_OFFSET}"
-        return PoseGuess(replace(layout, frames=found), text, remarks)
+        return PoseGuess(replace(layout, frames=found), frames_table(*found, "frames of /tf"), remarks)
     if joints is not None:
-        return replace(
-            joints, layout=replace(joints.layout, wrench_topic=layout.wrench_topic), remarks=[*remarks, *joints.remarks]
-        )
+        read = replace(joints.layout, wrench_topic=layout.wrench_topic)
+        return replace(joints, layout=read, remarks=[*remarks, *joints.remarks])
     made = _topic(survey, layout, frame)
-    frames = _FRAMES if survey.frames.edges else ""
-    return replace(made, text=made.text + frames, remarks=[*remarks, *made.remarks])
+    text = made.text + (_FRAMES if survey.frames.edges else "")
+    return replace(made, text=text, remarks=[*remarks, *made.remarks])
 
 
 def _tree(survey: Survey, frame: str) -> tuple[tuple[str, str] | None, list[str]]:
-    """Return the frames (base, sensor) in the tree of /tf, or None if it cannot be used, and remarks on them."""
+    """Return the frames (base, sensor) in the tree of /tf, None if it cannot be used, and remarks."""
     if not survey.frames.edges:
         return None, []
     tree, wrench = survey.frames.tree(), f"the wrench's frame {frame!r}"
@@ -105,13 +100,11 @@ def _joints(survey: Survey, frame: str, body: GivenBody | None) -> PoseGuess | N
     if not topics:
         return None
     topic = topics[0]
-    text = (
-        f"[orientation]\nbase = {quoted(root)}\nsensor = {quoted(frame)}   # links of the URDF\n"
-        f"urdf = {body.relative(body.path)}\njoints = {quoted(topic)}   # joint states\n{_OFFSET}"
-    )
+    moved = f"urdf = {body.relative(body.path)}\njoints = {quoted(topic)}   # joint states\n"
+    text = frames_table(root, frame, "links of the URDF", moved)
     said = f"the sensor is link {frame!r} of the URDF, the base its root {root!r}, the joints those of {topic!r}"
     several = f"{len(topics)} topics have states of these joints: {', '.join(topics)}; the first is used (see joints)"
-    remarks = [said, *([several] if len(topics) > 1 else [])]
+    remarks = [said, several] if len(topics) > 1 else [said]
     return PoseGuess(LogLayout(frames=(root, frame), urdf=body.path, joints_topic=topic), text, remarks)
 
 
@@ -121,20 +114,19 @@ def _topic(survey: Survey, layout: LogLayout, frame: str) -> PoseGuess:
     foreign = [f"{name!r} ({'; '.join(why)})" for name, why in doubts.items() if why]
     if fitting:
         fitting.sort(key=lambda name: not survey.poses[name].moves)  # topics whose poses move come first
-        remarks = [f"{foreign[0]} is probably not of the sensor"] if len(foreign) == 1 else []
-        if len(foreign) > 1:
-            remarks = [f"{', '.join(foreign)} are probably not of the sensor"]
+        verb = "is" if len(foreign) == 1 else "are"
+        remarks = [f"{', '.join(foreign)} {verb} probably not of the sensor"] if foreign else []
         if len(fitting) > 1:
             remarks.append(f"{len(fitting)} topics hold poses: {', '.join(fitting)}; the first is used")
-        if not survey.poses[fitting[0]].moves and survey.poses[fitting[0]].count > 1:
+        first = survey.poses[fitting[0]]
+        if not first.moves and first.count > 1:
             remarks.append(f"the pose on {fitting[0]!r} never changes: check that it is the sensor's")
         return PoseGuess(replace(layout, orientation_topic=fitting[0]), pose_table(fitting), remarks)
     if not doubts:
         return PoseGuess(layout, pose_table([]), [])
     text = f'[orientation]\ntopic = "{NONE}"                       # of poses of the sensor in the base\n'
-    said = (
-        f"no topic of poses is used: {', '.join(foreign)}; if one is of the sensor, name it as topic in [orientation]"
-    )
+    listed = ", ".join(foreign)
+    said = f"no topic of poses is used: {listed}; if one is of the sensor, name it as topic in [orientation]"
     return PoseGuess(replace(layout, orientation_topic=NONE), text, [said])
 
 

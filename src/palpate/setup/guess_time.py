@@ -31,11 +31,11 @@ class TimeGuess:
     """A guess at the time of a table's samples.
 
     Attributes:
-        column: name of the time's column; "" if there is none.
-        unit: unit of the times, as `palpate.files.units` spells it; "": `judged` finds it from the numbers.
+        column: the time's column; "" if there is none.
+        unit: unit of the times, as `palpate.files.units` spells it; "": `judged` finds it.
         rate: [Hz] if the samples are counted, or have no column of time.
         lacking: what must be known before the log can be read in seconds, or "".
-        remarks: what the reader should check.
+        remarks: what the reader should check, one sentence each.
         stated: [Hz] that the log or --rate states in addition to the column.
     """
 
@@ -47,7 +47,7 @@ class TimeGuess:
     stated: float | None = None
 
     def judged(self, time: Float[np.ndarray, " n"]) -> TimeGuess:
-        """Return a `TimeGuess` with a unit, judged by the times if none is stated; without finite times, no column.
+        """Return the guess with a unit, by the times if none is stated; without a column if no time is finite.
 
         Raises:
             InputError: time has another shape.
@@ -68,7 +68,7 @@ class TimeGuess:
 
 
 def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
-    """Return a `TimeGuess` from the names of columns that are not the wrench's, and from the rate that the log states.
+    """Guess the time from the columns that are not the wrench's, and from the rate that the log states.
 
     Raises:
         InputError: the unit that the log states for the time is unknown.
@@ -88,22 +88,19 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
         unit = match[1]
     known = known_unit(unit, TIME_UNITS)
     if unit and known is None and ":" not in unit:  # hh:mm:ss is a stamp
-        raise InputError(
-            f"unknown unit {unit!r} of {column!r}.", where=str(contents.path), hint=f"Known: {', '.join(TIME_UNITS)}."
-        )
-    remark = (
-        f"times are those of {column!r}; the rate of {stated.rate:.6g} Hz that is also stated is not used"
-        if stated.rate
-        else ""
-    )
-    return TimeGuess(column, known or "", remarks=(remark,) if remark else (), stated=stated.rate)
+        hint = f"Known: {', '.join(TIME_UNITS)}."
+        raise InputError(f"unknown unit {unit!r} of {column!r}.", where=str(contents.path), hint=hint)
+    remarks = ()
+    if stated.rate:
+        remarks = (f"times are those of {column!r}; the rate of {stated.rate:.6g} Hz that is also stated is not used",)
+    return TimeGuess(column, known or "", remarks=remarks, stated=stated.rate)
 
 
 @takes_arrays
 def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
-    """Return the unit of times that state none, "s", "ms", "us" or "ns", and a remark, "" if the unit is clear.
+    """Return the likely unit of times, "s", "ms", "us" or "ns", and a remark, "" if the unit is clear.
 
-    The unit follows from the size of times since 1970, and for other times from the rate that results.
+    Times since 1970 are told by their size, others by the rate that results.
 
     Raises:
         InputError: time has another shape.
@@ -123,8 +120,7 @@ def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
     step = float(np.median(forward))
     rates = {unit: 1.0 / (step * scale) for unit, scale in TIME_UNITS.items()}
     likely = [unit for unit, rate in rates.items() if _RATES[0] <= rate * (1 + 1e-9) and rate <= _RATES[1]]
-    whole = bool((known == np.round(known)).all())
-    if not whole and "s" in likely:
+    if "s" in likely and (known != np.round(known)).any():
         likely = ["s"]
     if not likely:
         return "s", f"{column!r} may not be the time: its steps of {step:.4g} would be {rates['s']:.4g} Hz"

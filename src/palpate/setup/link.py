@@ -23,7 +23,7 @@ class Link:
 
     Attributes:
         stated: the [surface] of the rig; None if a skin alone is the body.
-        folder: the folder where relative paths start.
+        folder: where relative paths start.
     """
 
     stated: RigSurface | None
@@ -31,23 +31,23 @@ class Link:
 
     @property
     def mount(self) -> Pose:
-        """T_sensor_surface, the surface's `Pose` in the sensor's frame; the identity without a surface."""
+        """T_sensor_surface; the identity without a surface."""
         return Pose.identity() if self.stated is None else self.stated.pose.pose()
 
     @property
     def mount_covariance(self) -> Float[np.ndarray, "6 6"] | None:
-        """Covariance of the mounting, (6, 6), of (rotation vector [rad], translation [m]); None if it is not known."""
+        """Covariance (6, 6) of `mount`, of (rotation vector [rad], translation [m]); None: not known."""
         stated = None if self.stated is None else self.stated.pose_covariance
         return None if stated is None else np.asarray(stated, dtype=np.float64)
 
     @property
     def placement(self) -> float:
-        """Standard deviation [m] of a touch's place beyond what its wrench explains; 0.0 if there is no surface."""
+        """Standard deviation [m] of a touch's place beyond what its wrench explains; 0.0 without a surface."""
         return 0.0 if self.stated is None else self.stated.placement
 
     @property
     def settings(self) -> dict[str, object]:
-        """Settings of the surface for the record of a result: a dict with "crease" [degrees]; {} without a surface."""
+        """Settings of the surface for a result's record: {"crease": [degrees]}; {} without a surface."""
         return {} if self.stated is None else {"crease": self.stated.crease}
 
     @property
@@ -61,7 +61,7 @@ class Link:
         return Path(str(self.stated.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
     def surface(self) -> Surface:
-        """Return the `Surface` that is touched, read once for all links with the same files.
+        """Return the `Surface` that is touched; its files are read once.
 
         Raises:
             InputError: the rig has no [surface], or one of its files cannot be read.
@@ -80,5 +80,5 @@ class Link:
 
 @lru_cache(maxsize=1)
 def _read(stated: RigSurface, folder: Path, stamps: tuple[tuple[int, int], ...]) -> Surface:
-    """Read a surface; `stamps`, (mtime [ns], size) of its files, make the cache notice that a file has changed."""
+    """Read a surface, anew if `stamps`, (mtime [ns], size) of its files, have changed."""
     return stated.load(folder)

@@ -43,7 +43,7 @@ torsion = 0.005                      # m: bounds |torque about the normal| / |no
 
 @dataclass(frozen=True)
 class Proposal:
-    """A proposed rig as text, words for its sensor and for the reason of the guess, and remarks to check."""
+    """A proposed rig as `text`, the words for its sensor, why it was guessed, and remarks to check."""
 
     text: str
     called: str
@@ -59,25 +59,24 @@ def guess_sensor(
     topic: str | None = None,
     rate: float | None = None,
 ) -> tuple[SensorKind, Guess] | None:
-    """Return the first `SensorKind` that a log looks like, and a `Guess`; None if it looks like no kind.
+    """Return the first kind of sensor that a log looks like, and the guess; None if it looks like no kind.
 
     Args:
         log: a log of any sensor.
         body: the body that is touched.
-        sensor: name of the only kind that is tried; None: all are.
-        topic: the only topic of its role that is read; None: all are.
+        sensor: name of the only kind to try; None: all.
+        topic: the only topic of its role to read; None: all.
         rate: [Hz] of the samples of a table.
 
     Raises:
         InputError: the file is no log, the topic does not exist or has no readings, a rate is given for messages, or
-            units contradict each other.
+            units are unknown or contradict each other.
     """
     there = _only(contents(log), topic)
-    if rate is not None and there.topics:
-        raise InputError(
-            "is a log of messages, which have stamps.", where=str(log), hint="Leave --rate out: it is for tables."
-        )
     if rate is not None:
+        if there.topics:
+            hint = "Leave --rate out: it is for tables."
+            raise InputError("is a log of messages, which have stamps.", where=str(log), hint=hint)
         there = replace(there, stated=replace(there.stated, rate=rate))
     for kind in KINDS.values():
         if sensor in (None, kind.name) and (guess := kind.guess(log, there, body)) is not None:
@@ -86,7 +85,7 @@ def guess_sensor(
 
 
 def _only(there: LogContents, name: str | None) -> LogContents:
-    """Return the contents without other topics of the named topic's role; raise InputError if there is none."""
+    """Return the contents without other topics of the named topic's role; raise InputError without it."""
     if name is None:
         return there
     if not there.topics:
@@ -96,59 +95,51 @@ def _only(there: LogContents, name: str | None) -> LogContents:
         hint = near(name, [topic.name for topic in there.topics])
         raise InputError(f"there is no topic {name!r}.", where=str(there.path), hint=hint)
     if role(named.kind) not in ("wrench", "array"):
-        raise InputError(
-            f"topic {name!r} holds {named.kind}, which cannot be a sensor's readings.",
-            where=str(there.path),
-            hint="Wrenches are geometry_msgs/Wrench or WrenchStamped; voltages and frames are arrays or images.",
-        )
+        what = f"topic {name!r} holds {named.kind}, which cannot be a sensor's readings."
+        hint = "Wrenches are geometry_msgs/Wrench or WrenchStamped; voltages and frames are arrays or images."
+        raise InputError(what, where=str(there.path), hint=hint)
     kept = [topic for topic in there.topics if topic.name == name or role(topic.kind) != role(named.kind)]
     return replace(there, topics=tuple(kept))
 
 
 def propose_rig(
     log: Path,
-    body: GivenBody | Path | None,
+    body: GivenBody | None,
     folder: Path,
     *,
     sensor: str | None = None,
     topic: str | None = None,
     rate: float | None = None,
 ) -> Proposal:
-    """Return a `Proposal`, a rig guessed from a log and a body, for a file rig.toml in `folder`.
+    """Return a rig guessed from a log and a body, for a file rig.toml in `folder`.
 
     Args:
         log: a log of any sensor.
-        body: the body that is touched, or the path of its mesh.
-        folder: the folder of the rig, where relative paths start.
-        sensor: name of the only kind of sensor that is tried; None: all are.
-        topic: the only topic of its role that is read; None: all are.
+        body: the body that is touched; None: the rig gets a sphere to be replaced.
+        folder: where relative paths start.
+        sensor: name of the only kind to try; None: all.
+        topic: the only topic of its role to read; None: all.
         rate: [Hz] of the samples of a table.
 
     Raises:
-        InputError: the log or the mesh cannot be read, nothing in it looks like a sensor, its times are not known, or
-            the rig would not load.
-        GeometryError: the mesh file has no usable surface.
+        InputError: as `guess_sensor`; nothing in the log looks like a sensor, its times are not known, or the rig would
+            not load.
     """
-    body = GivenBody.of(body) if isinstance(body, Path) else body
     body = None if body is None else replace(body, folder=folder)
     found = guess_sensor(log, body, sensor=sensor, topic=topic, rate=rate)
     if found is None:
-        raise InputError(
-            f"is not a log of any of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}.",
-            where=str(log),
-            hint="Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
-        )
+        what = f"is not a log of any of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}."
+        hint = "Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand."
+        raise InputError(what, where=str(log), hint=hint)
     kind, guess = found
     if guess.lacking:
-        raise InputError(
-            f"{guess.lacking}.", where=str(log), hint="Add --rate HZ if the samples are evenly spaced in time."
-        )
+        hint = "Add --rate HZ if the samples are evenly spaced in time."
+        raise InputError(f"{guess.lacking}.", where=str(log), hint=hint)
     text = "".join(_parts(log, body, kind, guess))
     _require_sound(text, folder / "rig.toml")
     written = contents(log).written
-    remarks = [*([f"the table is {written}"] if written else []), *guess.remarks]
-    remarks += [] if body is None else body.remarks(guess.frame)
-    return Proposal(text, kind.called, guess.why, tuple(remarks))
+    form, of_body = [f"the table is {written}"] if written else [], [] if body is None else body.remarks(guess.frame)
+    return Proposal(text, kind.called, guess.why, (*form, *guess.remarks, *of_body))
 
 
 def _listed(log: Path) -> str:
@@ -177,9 +168,6 @@ def _require_sound(text: str, path: Path) -> None:
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
-        raise InputError(
-            f"a name of a column or of the mesh cannot be written in a rig ({problem}).",
-            where=str(path),
-            hint="Rename it.",
-        ) from problem
+        what = f"a name of a column or of the mesh cannot be written in a rig ({problem})."
+        raise InputError(what, where=str(path), hint="Rename it.") from problem
     check_rig(table, path)

@@ -10,7 +10,6 @@ from math import inf
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
-from types import TracebackType
 from typing import Any, cast
 
 import numpy as np
@@ -29,7 +28,7 @@ from palpate.files.logs import open_log as open_by_layout
 from palpate.files.logs.arrays import DataFrame, arrays_of
 from palpate.setup.built import BuiltEstimator
 from palpate.setup.prefetch import LogReader, MotionAhead, PrefetchedLog, reading_in_process
-from palpate.setup.rig import Rig, load_rig, with_mesh
+from palpate.setup.rig import ESTIMATE, Rig, load_rig, with_mesh
 from palpate.setup.setup import Setup
 from palpate.signals.recording import CELLS, ORIENTATION, POSITION, Recording
 from palpate.surfaces._jit import compile_seconds
@@ -41,17 +40,17 @@ FRAMES = ("surface", "sensor", "base")
 HEAD = 20_000  # samples of the start of a log from which noise, rate and rest are taken
 KEPT = 5_000  # samples of the log, evenly spread, from which warnings are derived
 HEAD_VALUES = 3_000_000  # numbers, where a sample has many
-_LINE = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
 LogLike = str | PathLike[str] | DataFrame | Mapping[str, Any] | np.ndarray
 HEAD_FRAMES = 30  # images at the start of a camera's log, whatever the time
 
 
 class OpenedLog:
-    """A log opened with a rig: the blocks of one of its sensors, and its start, which can be read in advance.
+    """A log opened with a rig: the blocks of one sensor's samples, and its start, which can be read in advance.
 
     Attributes:
         setup: the link and its sensors, without the start of the log.
-        kind: the kind of the sensor.
+        kind: kind of the sensor.
+        path: file or folder of the log.
         seconds: time [s] spent on reading so far.
     """
 
@@ -78,31 +77,31 @@ class OpenedLog:
 
     @property
     def torn(self) -> str:
-        """Sentence that says where the file was cut off, known after the last block; "" if it is complete."""
+        """Sentence that says where the file was cut off; "" if it is complete, or before the last block."""
         return self._log.torn
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on what was read so far for the reader of the results, one sentence each."""
+        """Return notes on what was read so far, one sentence each."""
         return self._log.notes()
 
     def prefetching(self) -> AbstractContextManager[LogReader]:
-        """Return a context manager that starts a process, a `LogReader` for `prefetch`, without waiting for it."""
+        """Return a context that starts a process for `prefetch`, without waiting for it."""
         return reading_in_process(self.path, self.setup.layout())
 
     def prefetch(self, reader: LogReader, estimator: ContactEstimator, threads: int) -> None:
-        """Read the blocks from the start in another process from now on, and locate contacts in threads, for speed.
+        """Read the blocks from the start in another process from now on, and locate contacts in threads.
 
         Args:
             reader: the process, of `prefetching`.
-            estimator: the estimator of the log; if its sensor has a motion, the process adds the accelerations.
-            threads: number of threads that locate contacts.
+            estimator: the estimator of the log; accelerations that its sensor needs are added in the process.
+            threads: number of threads.
         """
-        motion, told = None, None
+        ahead = None
         if isinstance(estimator, WrenchEstimator):
             estimator.threads, sensor = threads, cast("Any", estimator.sensor)
-            if (motion := getattr(sensor, "motion", None)) is not None:
-                told = sensor.motion = MotionAhead()
-        self._log, self._ahead = PrefetchedLog(self._log, reader, motion, told), True
+            if getattr(sensor, "motion", None) is not None:
+                ahead = sensor.motion = MotionAhead(sensor.motion)
+        self._log, self._ahead = PrefetchedLog(self._log, reader, ahead), True
 
     def head(self, seconds: float = 0.0) -> Recording:
         """Return the log's start as a `Recording`, and keep it for reading on.
@@ -133,7 +132,7 @@ class OpenedLog:
         return not (count >= HEAD or values >= HEAD_VALUES) or bool(_span(self._first) <= seconds)
 
     def prepared(self) -> BuiltEstimator:
-        """Return the estimator of the sensor as a `BuiltEstimator`, with notes and warnings about it.
+        """Return the estimator of the sensor, with notes and warnings about it.
 
         Raises:
             InputError: the log cannot be read, has no samples, lacks something that the rig requests, or does not begin
@@ -154,9 +153,7 @@ class OpenedLog:
     def __enter__(self) -> OpenedLog:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._first, self._blocks = [], None
 
     def _timed(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
@@ -173,7 +170,7 @@ class OpenedLog:
 def open_log(
     log: LogLike, rig: Rig | str | PathLike[str], sensor: str | None = None, topic: str | None = None
 ) -> OpenedLog:
-    """Return an `OpenedLog`: CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag, or a table or arrays in memory, with a rig.
+    """Open a log with a rig: CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag, or a table or arrays in memory.
 
     Args:
         log: the file, or a bag's folder; or a table of polars or pandas, or arrays by their names, as a file has them.
@@ -182,7 +179,8 @@ def open_log(
         topic: topic of the sensor's readings, in place of the one that the rig names.
 
     Raises:
-        InputError: the log cannot be read, has nothing for a sensor of the rig, or fits several and none is named.
+        InputError: the log or the rig cannot be read, the log fits no sensor of the rig, or several and none is named,
+            or a topic is named and the log has none.
     """
     source = Path(log) if isinstance(log, str | PathLike) else arrays_of(log)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
@@ -196,7 +194,7 @@ def open_log(
 
 
 def _fitting(there: LogContents, rig: Rig, topic: str | None) -> Setup:
-    """Return the setup of the sensor whose channels a log has; of the combined sensor if it has those of all parts."""
+    """Return the setup of the sensor whose channels a log has, of the combined one first."""
     path, setup = there.path, rig.resolve()
     lacking = {kind.name: missing(there, setup.answering(kind).layout()) for kind in rig.kinds}
     fitting = [kind for kind in rig.kinds if not lacking[kind.name]]
@@ -221,7 +219,7 @@ class SeenSamples:
         self._found = list[Contacts]()
 
     def add(self, block: Recording, found: Contacts, size: float, *, keep: bool = True) -> None:
-        """Add the next samples and their contacts on a body of a size [m]; `keep`: samples are kept for warnings."""
+        """Add the next samples and their contacts on a body of `size` [m]; `keep`: samples serve for warnings too."""
         spread: Float[np.ndarray, " n"] = np.trace(found.covariance, axis1=1, axis2=2)
         self._small += int(np.count_nonzero(found.answered & ~(CHI2_95 * spread > size**2)))
         self._statuses += np.bincount(found.status, minlength=len(Status))
@@ -241,16 +239,16 @@ class SeenSamples:
             self._stride *= 2
 
     def required_bounds(self, estimator: ContactEstimator) -> RequiredBounds | None:
-        """Return the `RequiredBounds` of friction and torsion of the samples so far; None without samples or bounds."""
+        """Return the bounds of friction and torsion that the samples need; None without samples or bounds."""
         judge = estimator.plausibility
         return judge.required_bounds(Contacts.joined(self._found)) if judge is not None and self._count else None
 
     def unbelievable(self) -> str:
-        """Return the sentence that says that no sample can be trusted, or "" if some can."""
+        """Return the sentence that no sample can be trusted; "" if some can."""
         return unbelievable(self._statuses, self._small)
 
     def warnings(self, estimator: ContactEstimator) -> list[str]:
-        """Return warnings on units, bias and mounting, and on samples that no contact explains, one sentence each."""
+        """Return warnings on units, bias, mounting and unexplained samples, one sentence each."""
         said = unexplained(self._statuses, self.required_bounds(estimator))
         judge = estimator.plausibility
         return said if judge is None or not self._count else [*judge.warnings(join(self._kept)), *said]
@@ -263,10 +261,10 @@ class Pipeline:
     Attributes:
         log: the log.
         frame: frame of the contacts: "surface", "sensor" or "base".
-        estimator: the estimator that turns samples into contacts.
-        initial_notes, initial_warnings: on what was done before the first sample, one sentence each.
+        estimator: the estimator.
+        initial_notes, initial_warnings: those from before the first sample, one sentence each.
         settings: settings in force, name -> value.
-        seconds: time [s] spent on "prepare", "compile" and "locate"; the log's own `seconds` are those of reading.
+        seconds: time [s] spent on "prepare", "compile" and "locate"; without that of reading, `log.seconds`.
     """
 
     log: OpenedLog
@@ -280,11 +278,11 @@ class Pipeline:
 
     @classmethod
     def of(cls, log: OpenedLog, frame: str = "surface") -> Pipeline:
-        """Return the `Pipeline` of a log, prepared for its first sample.
+        """Return the pipeline of a log, prepared for its first sample.
 
         Raises:
-            InputError: a file of the rig cannot be used, the log does not begin at rest although it must, the frame is
-                unknown, or it is the base and the log has no poses.
+            InputError: the log or a file of the rig cannot be used, the log has no samples or does not begin at rest
+                although it must, the frame is unknown, or it is the base and the log has no poses.
             GeometryError: the file of the surface has no usable surface.
         """
         if frame not in FRAMES:
@@ -302,11 +300,11 @@ class Pipeline:
     def stream(
         self, watch: Callable[[Recording, np.ndarray], None] | None = None
     ) -> Iterator[tuple[Recording, Contacts, Contacts]]:
-        """Yield each block, a `Recording`, with its `Contacts` in the surface's frame and those in the requested frame.
+        """Yield each block with its contacts in the surface's frame and in the requested frame.
 
         Args:
-            watch: called with each block and the array that the sensor shows: force [N] of each taxel, (n, k), or
-                positions [px] of the markers, (n, m, 2).
+            watch: called with each block and what the sensor shows: force [N] of each taxel, (n, k), or positions [px]
+                of the markers, (n, m, 2).
 
         Raises:
             InputError: the log cannot be read on, or lacks a channel that the estimator needs.
@@ -325,12 +323,12 @@ class Pipeline:
             yield block, found, placed(found, block, self.frame, self.estimator.mount)
 
     def proposed_bounds(self) -> str:
-        """Return the sentence on bounds of friction and torsion that would hold 95 % of the samples so far, or ""."""
+        """Return the sentence on bounds of friction and torsion that hold 95 % of the samples so far, or ""."""
         asked = self._seen.required_bounds(self.estimator)
         return "" if asked is None else asked.proposal
 
     def unbelievable(self) -> str:
-        """Return the sentence that says that no sample of the log can be trusted, or ""; call after the last block."""
+        """Return the sentence that no sample so far can be trusted; "" if some can."""
         return self._seen.unbelievable()
 
     def notes(self) -> list[str]:
@@ -338,14 +336,13 @@ class Pipeline:
         return list(dict.fromkeys((*self.initial_notes, *self.estimator.notes(), *self.log.notes())))
 
     def warnings(self) -> list[str]:
-        """Return warnings about the samples so far: what may be wrong, one sentence each."""
-        return list(
-            dict.fromkeys((*self.initial_warnings, *self.estimator.warnings(), *self._seen.warnings(self.estimator)))
-        )
+        """Return what may be wrong with the samples so far, one sentence each."""
+        said = (*self.initial_warnings, *self.estimator.warnings(), *self._seen.warnings(self.estimator))
+        return list(dict.fromkeys(said))
 
 
 @called_as(
-    _LINE,
+    ESTIMATE,
     rate='palpate.estimate({"time": np.arange(len(wrenches)) / rate, "force": wrenches[:, :3], '
     '"torque": wrenches[:, 3:]}, "rig.toml")',
     start='contacts = palpate.estimate("log.csv", "rig.toml"), then contacts[contacts.time >= start]',
@@ -365,7 +362,7 @@ def estimate(
     sensor: str | None = None,
     topic: str | None = None,
 ) -> Contacts:
-    """Return every contact in a log as `Contacts`: exactly what `palpate estimate` writes.
+    """Estimate every contact in a log, exactly as `palpate estimate` does.
 
     Args:
         log: the file, or a bag's folder; or a table of polars or pandas, or arrays by their names, as a file has them.
@@ -377,7 +374,7 @@ def estimate(
         topic: topic of the sensor's readings, in place of the one that the rig names.
 
     Returns:
-        The contacts, at least one row for each sample; warnings and then notes are in `notes`.
+        The contacts, at least one row for each sample; `notes` has warnings, then notes.
 
     Raises:
         InputError: the log, the mesh or a file of the rig cannot be used, there is neither a rig nor a mesh, the unit
@@ -387,7 +384,7 @@ def estimate(
     known = rig if isinstance(rig, Rig) or rig is None else load_rig(rig)
     known = known if mesh is None else with_mesh(known, mesh, unit)
     if known is None:
-        raise InputError("neither a rig nor a mesh is given.", hint=f"Write {_LINE}.")
+        raise InputError("neither a rig nor a mesh is given.", hint=f"Write {ESTIMATE}.")
     if mesh is None and unit is not None:
         raise InputError("unit belongs to a mesh, and no mesh is given.", hint='Write mesh="probe.stl", unit="mm".')
     name = log if isinstance(log, str | PathLike) else "the log"
@@ -411,6 +408,5 @@ def _require_pose(log: OpenedLog, head: Recording) -> None:
 
 def _span(blocks: Iterable[Recording]) -> float:
     """Return the time [s] from the first finite time of the blocks to the last; -inf if there is none."""
-    times = [block.time[np.isfinite(block.time)] for block in blocks]
-    known = [time for time in times if len(time)]
-    return max(time.max() for time in known) - min(time.min() for time in known) if known else -np.inf
+    known = np.concatenate([np.empty(0), *(block.time[np.isfinite(block.time)] for block in blocks)])
+    return float(np.ptp(known)) if len(known) else -inf

@@ -18,7 +18,10 @@ __all__ = ["RigPokes", "RigPriors"]
 class RigPriors:
     """Standard deviations of the errors of sensor, robot and skin while taxels are located; angles in degrees.
 
-    None stands for the default of `palpate.sensors.taxels.poking.Priors`, which explains each.
+    `palpate.sensors.taxels.poking.Priors` explains each and has the default that None stands for.
+
+    Raises:
+        ValueError: one is negative, or `lever` is not positive.
     """
 
     bias_force: float | None = None
@@ -51,13 +54,16 @@ class RigPriors:
 class RigPokes:
     """The [pokes] of a rig: the link's pose in the sensor's frame, and the settings by which taxels are located.
 
-    `sensor` and `link` are frames of /tf, or links of a `urdf` that is moved by the joint states of the topic `joints`,
-    or by columns of a table that have the joints' names. Otherwise the link's pose comes from `columns` (quaternion x,
-    y, z, w) and `position` of a table, a `topic` of poses, or a constant `pose`. `offset` and `max_gap` [s] are as in
+    `sensor` and `link` are frames of /tf, or links of a `urdf` that is moved by the joint states of the topic `joints`
+    or by a table's columns with the joints' names. Otherwise the pose comes from `columns` (quaternion x, y, z, w) and
+    `position` [m] of a table, a `topic` of poses, or a constant `pose`. `offset` and `max_gap` [s] are as in
     [orientation].
 
     A taxel responds if its reading exceeds its baseline by the `threshold`; None: it is determined from the log.
-    `layout` of the modules is a name such as "ring12", or a file of taxels; `start` a file of expected taxels (CAD).
+    `layout` of the modules is a name such as "ring12" or a file of taxels; `start` is a file of expected taxels (CAD).
+
+    Raises:
+        ValueError: a value is out of bounds, keys that belong together are incomplete, or several state the pose.
     """
 
     sensor: str | None = None
@@ -80,9 +86,8 @@ class RigPokes:
         for name in ("urdf", "start", "layout"):
             require_path(name, getattr(self, name))
         if (self.sensor is None) != (self.link is None):
-            raise ValueError(
-                "sensor and link must be given together: the pose is that of the frame link in the frame sensor"
-            )
+            pose = "the pose is that of the frame link in the frame sensor"
+            raise ValueError(f"sensor and link must be given together: {pose}")
         if self.urdf is not None and self.link is None:
             raise ValueError("urdf needs sensor and link, the names of two of its links")
         if self.joints is not None and self.urdf is None:
@@ -95,7 +100,7 @@ class RigPokes:
             raise ValueError("columns and position must be given together: the link's orientation and its position")
 
     def files(self, folder: Path) -> Mapping[str, Path]:
-        """Return a dict, key -> path, of the files that the table names: "kinematics" (URDF), "start" and "layout"."""
+        """Return a dict, key -> path, of the files that the table names: "kinematics" (URDF), "start", "layout"."""
         named = {"kinematics": self.urdf, "start": self.start}
         if self.layout is not None and Path(self.layout).suffix:
             named["layout"] = self.layout

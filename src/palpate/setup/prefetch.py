@@ -40,14 +40,14 @@ SLOTS, SLOT = 6, 1 << 22  # values in transit at most; bytes of one: larger valu
 
 
 class Sender:
-    """The sending end of a way between processes; values wait in shared memory until the receiver takes them."""
+    """The sending end of a way between processes; values wait in shared memory."""
 
     def __init__(self, memory: Any, messages: Connection, freed: Connection) -> None:
         self._memory, self._messages, self._freed = memory, messages, freed
         self._free = list(range(SLOTS))
 
     def put(self, value: object) -> None:
-        """Send a value that can be pickled; wait while `SLOTS` values are in transit.
+        """Send a value that can be pickled; wait while six are in transit.
 
         Raises:
             EOFError, OSError: the receiver is gone.
@@ -56,34 +56,32 @@ class Sender:
             self._free.append(self._freed.recv())
         parts = list[pickle.PickleBuffer]()
         head = pickle.dumps(value, protocol=5, buffer_callback=parts.append)
-        raws = [part.raw() for part in parts]
-        sizes, slot = [raw.nbytes for raw in raws], self._free.pop()
-        if sum(sizes) > SLOT:
-            head, sizes = pickle.dumps(value, protocol=5), []
-            raws = []
+        raws, slot = [part.raw() for part in parts], self._free.pop()
+        if sum(raw.nbytes for raw in raws) > SLOT:
+            head, raws = pickle.dumps(value, protocol=5), []
         at, view = slot * SLOT, np.frombuffer(self._memory, dtype=np.uint8)
         for raw in raws:
             view[at : at + raw.nbytes] = np.frombuffer(raw, dtype=np.uint8)
             at += raw.nbytes
-        self._messages.send_bytes(pickle.dumps((slot, sizes, [raw.readonly for raw in raws], head)))
+        self._messages.send((slot, [(raw.nbytes, raw.readonly) for raw in raws], head))
 
 
 class Receiver:
-    """The receiving end of a way between processes; values come in the order in which they were sent."""
+    """The receiving end of a way between processes; values keep their order."""
 
     def __init__(self, memory: Any, messages: Connection, freed: Connection) -> None:
         self._memory, self._messages, self._freed = memory, messages, freed
 
     def get(self) -> Any:
-        """Return the next value, with arrays that share no memory; wait until one comes.
+        """Wait for the next value and return it; its arrays share no memory.
 
         Raises:
             EOFError: the sender is gone.
         """
-        slot, sizes, fixed, head = pickle.loads(self._messages.recv_bytes())
+        slot, forms, head = self._messages.recv()
         at, view = slot * SLOT, np.frombuffer(self._memory, dtype=np.uint8)
         parts = list[bytearray | memoryview]()
-        for size, readonly in zip(sizes, fixed, strict=True):
+        for size, readonly in forms:
             copy = bytearray(view[at : at + size].data)
             parts.append(memoryview(copy).toreadonly() if readonly else copy)
             at += size
@@ -93,7 +91,7 @@ class Receiver:
 
 
 def way() -> tuple[Sender, Receiver]:
-    """Return a `Sender` and its `Receiver`, a way between processes; either can be an argument of the other process."""
+    """Return the two ends of a way between processes; either can be an argument of a new process."""
     context = get_context("spawn")
     memory = context.RawArray("B", SLOTS * SLOT)
     taken, messages = context.Pipe(duplex=False)
@@ -103,7 +101,7 @@ def way() -> tuple[Sender, Receiver]:
 
 @contextmanager
 def deaf() -> Generator[None]:
-    """Block Ctrl-C (SIGINT) in this thread during the block; processes and threads started inside keep it blocked."""
+    """Block Ctrl-C in this thread during the block; processes and threads started inside keep it blocked."""
     resource_tracker.ensure_running()  # it lets signals through when it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which they keep
     try:
@@ -114,7 +112,7 @@ def deaf() -> Generator[None]:
 
 @contextmanager
 def background_process(name: str, target: Callable[..., None], *arguments: object) -> Generator[BaseProcess]:
-    """Run a function in another process and yield its `BaseProcess`; it ignores Ctrl-C and ends with the block.
+    """Run a function in another process, which ignores Ctrl-C and ends with the block.
 
     Args:
         name: name in the list of processes.
@@ -125,10 +123,9 @@ def background_process(name: str, target: Callable[..., None], *arguments: objec
     with deaf():
         process.start()
     for end in arguments:
-        if isinstance(end, Connection):
-            end.close()
-        elif isinstance(end, Sender | Receiver):
-            close(end)
+        for handle in vars(end).values() if isinstance(end, Sender | Receiver) else (end,):
+            if isinstance(handle, Connection):  # so that the process notices when the other end is gone
+                handle.close()
     try:
         yield process
     finally:
@@ -138,23 +135,16 @@ def background_process(name: str, target: Callable[..., None], *arguments: objec
 
 
 def sendable(problem: Exception) -> Exception:
-    """Return an exception that can be sent to another process: itself, or a RuntimeError if it cannot be pickled."""
+    """Return the exception, or a RuntimeError with its text if it cannot be pickled."""
     try:
         return pickle.loads(pickle.dumps(problem))
     except Exception:  # of others' classes of errors, which may do anything
         return RuntimeError(f"{type(problem).__name__}: {problem}")
 
 
-def close(end: Sender | Receiver) -> None:
-    """Close this process's handles on an end, so that the other end notices when the process that uses it is gone."""
-    for connection in vars(end).values():
-        if isinstance(connection, Connection):
-            connection.close()
-
-
 @dataclass(frozen=True)
 class _Read:
-    """A block and the progress of the reader; `block` is None at the end, and `failed` the error that ended it."""
+    """A block, None at the end, and the progress of the reader; `failed` is the error that ended it."""
 
     block: Recording | None
     position: int
@@ -168,18 +158,20 @@ class MotionAhead(Motion):
     """The motion of a sensor whose log is prefetched: the reader's process adds the accelerations to the blocks.
 
     Attributes:
-        met: the reader's `Motion` as of the last block; None before it.
+        met: the motion that the reader begins with, then the reader's as of the last block.
     """
 
-    met: Motion | None = None
+    def __init__(self, met: Motion) -> None:
+        super().__init__()
+        self.met = met
 
     def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
         """Return the blocks as they are."""
         return blocks
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
-        """Return notes on the reader's motion, one sentence each, in newtons with a `mass` [kg]; () before a block."""
-        return () if self.met is None else self.met.notes(mass)
+        """Return notes on the reader's motion, one sentence each; in newtons with a `mass` [kg]."""
+        return self.met.notes(mass)
 
 
 class LogReader:
@@ -189,10 +181,10 @@ class LogReader:
         self._receiver, self._told = receiver, told
 
     def blocks(self, path: Path, motion: Motion | None) -> Iterator[_Read]:
-        """Start the reader, with a motion that adds accelerations or None, and yield what it reads, to the log's end.
+        """Start the reader and yield what it reads, to the log's end; `motion`, unless None, adds accelerations.
 
-        Each item has `block` (a `Recording`; None at the end), `position` [bytes], `torn`, `notes`, `motion`, and
-        `failed`, the exception that ended it or None.
+        Each item has `block` (None at the end), `position` [bytes], `torn`, `notes`, `motion`, and `failed`, the
+        exception that ended it or None.
 
         Raises:
             InputError: the process was ended.
@@ -202,15 +194,13 @@ class LogReader:
             while True:
                 yield self._receiver.get()
         except (EOFError, OSError) as problem:
-            raise InputError(
-                "the process that reads this log ended early: too little memory, or a crash in a library.",
-                where=str(path),
-            ) from problem
+            what = "the process that reads this log ended early: too little memory, or a crash in a library."
+            raise InputError(what, where=str(path)) from problem
 
 
 @contextmanager
 def reading_in_process(path: Path, layout: LogLayout) -> Generator[LogReader]:
-    """Yield a `LogReader`: a process that starts in a second, opens a log, and reads it once `blocks` is called."""
+    """Start a process that opens a log, and reads it once `blocks` of the `LogReader` is called."""
     sender, receiver = way()
     told, tells = get_context("spawn").Pipe(duplex=False)
     with background_process("reader", _read, sender, told, path, layout):
@@ -218,24 +208,21 @@ def reading_in_process(path: Path, layout: LogLayout) -> Generator[LogReader]:
 
 
 class PrefetchedLog(Log):
-    """A log whose blocks another process reads and decodes in advance; the blocks are the same as the log's own.
+    """A log whose blocks, the same as the log's own, another process reads in advance.
 
     Args:
         log: the log, opened in this process.
         reader: the process that reads the same log.
-        motion: adds accelerations to the blocks in that process; None: nothing does.
-        told: the sensor's motion in this process, whose `met` is set with each block.
+        ahead: the sensor's motion in this process; None: no accelerations are added.
     """
 
-    def __init__(
-        self, log: Log, reader: LogReader, motion: Motion | None = None, told: MotionAhead | None = None
-    ) -> None:
+    def __init__(self, log: Log, reader: LogReader, ahead: MotionAhead | None = None) -> None:
         super().__init__(log.path, log.size)
-        self._log, self._reader, self._motion, self._told = log, reader, motion, told
+        self._log, self._reader, self._ahead = log, reader, ahead
         self._notes: tuple[str, ...] = ()
 
     def contents(self) -> LogContents:
-        """Return the `LogContents` of the log, read in this process.
+        """Return the contents of the log, read in this process.
 
         Raises:
             InputError: the log cannot be read.
@@ -247,15 +234,15 @@ class PrefetchedLog(Log):
         return self._notes
 
     def blocks(self) -> Iterator[Recording]:
-        """Yield the blocks of the log, once, as recordings; raise what the reader's process raised.
+        """Yield the blocks of the log, once; raise what the reader's process raised.
 
         Raises:
-            InputError: the log lacks something that is requested, or the reader's process was ended.
+            InputError: the log cannot be read on or lacks something that is requested, or the process was ended.
         """
-        for read in self._reader.blocks(self.path, self._motion):
+        for read in self._reader.blocks(self.path, None if self._ahead is None else self._ahead.met):
             self.position, self.torn, self._notes = read.position, read.torn, read.notes
-            if self._told is not None:
-                self._told.met = read.motion
+            if self._ahead is not None and read.motion is not None:
+                self._ahead.met = read.motion
             if read.failed is not None:
                 raise read.failed
             if read.block is None:

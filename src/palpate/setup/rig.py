@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 from palpate.calls import called_as
 from palpate.contact.estimator import ContactEstimator
@@ -24,8 +24,10 @@ from palpate.setup.surface import OF_ANY_MESH, RigSurface
 from palpate.signals.recording import FORCE, Recording
 from palpate.spatial.pose import Pose
 
-__all__ = ["Rig", "check_rig", "load_rig", "with_mesh"]
+__all__ = ["ESTIMATE", "Rig", "check_rig", "load_rig", "with_mesh"]
 
+ESTIMATE = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
+"""Calls that find contacts in a log, for hints."""
 _NO_RIG = {
     "a mesh": (".stl", ".obj", ".ply", ".dae"),
     "a log": (".csv", ".parquet", ".npy", ".npz", ".mcap", ".bag", ".db3"),
@@ -34,12 +36,12 @@ _NO_RIG = {
 
 @runtime_checkable
 class StartedLog(Protocol):
-    """A log whose start can be read in advance, such as `palpate.open_log` returns."""
+    """A log whose start can be read in advance, as `palpate.open_log` returns."""
 
     kind: SensorKind
 
     def head(self, seconds: float = 0.0) -> Recording:
-        """Return the start of the log as a `Recording`, of at least `seconds` [s]."""
+        """Return the start of the log, of at least `seconds` [s]."""
         ...
 
 
@@ -52,10 +54,9 @@ class Rig(SharedTables):
         surface: the surface that is touched; None if a skin alone is the body.
         sensors: name of a sensor's table -> its values, as the dataclass of `palpate.setup.kinds.KINDS`.
         source: source of live samples; None: the rig is for logs.
-        folder: the folder where relative paths start.
+        folder: where relative paths start.
         time, orientation, acceleration, filter, estimate, contacts: the other tables.
-        drift: drift of the bias of a sensor of wrenches; None: it is not followed.
-        pokes: pokes of a skin, from which its taxels are located; None: there are none.
+        drift, pokes: tables that may be missing, which are None then.
     """
 
     surface: RigSurface | None = None
@@ -65,9 +66,8 @@ class Rig(SharedTables):
 
     @property
     def kinds(self) -> tuple[SensorKind, ...]:
-        """Kinds of the sensors in the rig and of their combinations; a six-axis force/torque sensor if it has none."""
-        several = len(self.sensors) > 1  # they may form a combined sensor
-        possible = KINDS.values() if several else KINDS.among(self.sensors)
+        """Kinds of the rig's sensors and of their combinations; a six-axis force/torque sensor without any."""
+        possible = KINDS.values() if len(self.sensors) > 1 else KINDS.among(self.sensors)  # several may be combined
         return tuple(kind for kind in possible if self._has(kind)) or (KINDS[ASSUMED],)
 
     def _has(self, kind: SensorKind) -> bool:
@@ -86,20 +86,15 @@ class Rig(SharedTables):
         """
         kind = self.kind(sensor)
         if kind.parts:
-            tables = " and ".join(f"[{part}]" for part in kind.parts)
-            raise InputError(
-                f"names the topic of one sensor, and this is {kind.called}.",
-                where="--topic",
-                hint=f"Write topics in the rig's {tables}.",
-            )
+            hint = f"Write topics in the rig's {' and '.join(f'[{part}]' for part in kind.parts)}."
+            raise InputError(f"names the topic of one sensor, and this is {kind.called}.", where="--topic", hint=hint)
         return self.with_sensor(kind.name, replace(self.sensors.get(kind.name, kind.table()), topic=name))
 
     def kind(self, sensor: str | None = None) -> SensorKind:
-        """Return the `SensorKind` of the named sensor; without a name, of the combined sensor, or else of the only one.
+        """Return the kind of the named sensor; without a name, of the combined sensor or else of the only one.
 
         Raises:
-            InputError: the rig has no sensor of this name, or no name is given and it has several that are not
-                combined.
+            InputError: the rig has no sensor of this name, or several that are not combined and none is named.
         """
         named = {kind.name: kind for kind in self.kinds}
         together = [kind for kind in named.values() if kind.parts]
@@ -116,14 +111,15 @@ class Rig(SharedTables):
 
         Keys of the surface ("mesh", "urdf") and of the arm ("kinematics") have no table.
         """
-        setup, pokes = self.resolve(), {} if self.pokes is None else self.pokes.files(self.folder)
+        setup = self.resolve()
+        pokes = dict[str, Path]() if self.pokes is None else self.pokes.files(self.folder)
         kinds = [kind.name for kind in self.kinds if kind.name in setup.sensors]
         named = {"pokes": pokes, **{kind: setup.sensor_files(kind) for kind in kinds}}
         of_tables = {f"{table}.{key}": path for table, files in named.items() for key, path in files.items()}
         return setup.link_files() | of_tables
 
     def stream(self) -> RigSource:
-        """Return the [source] of live samples, a `RigSource`.
+        """Return the source of live samples.
 
         Raises:
             InputError: the rig has no [source].
@@ -134,14 +130,14 @@ class Rig(SharedTables):
         return self.source
 
     def resolve(self, sensor: SensorKind | str | None = None, head: Recording | None = None) -> Setup:
-        """Return the link and its sensors as a `Setup`; files that the rig names are read when they are first needed.
+        """Return the link and its sensors; files that the rig names are read when they are first needed.
 
         Args:
-            sensor: the sensor whose samples are answered, or the name of its table; None: the first.
+            sensor: kind of the sensor whose samples are answered, or the name of its table; None: the first.
             head: the start of the log; None: a live loop.
 
         Raises:
-            InputError: the rig has no sensor of this name.
+            InputError: the rig has no such sensor.
         """
         kinds, link = self.kinds, Link(self.surface, self.folder)
         kind = kinds[0] if sensor is None else self.kind(sensor if isinstance(sensor, str) else sensor.name)
@@ -151,11 +147,11 @@ class Rig(SharedTables):
         return Setup(kind, sensors, link, head, **shared)
 
     def mount(self) -> Pose:
-        """Return T_sensor_surface, the surface's `Pose` in the sensor's frame; the identity without a surface."""
+        """Return T_sensor_surface; the identity without a surface."""
         return Link(self.surface, self.folder).mount
 
     def layout(self, sensor: str | None = None) -> LogLayout:
-        """Return the `LogLayout` by which a log of the named sensor, or of the only one, is read.
+        """Return the layout by which a log of the named sensor, or of the only one, is read.
 
         Raises:
             InputError: the rig has no sensor of this name, or several and none is named, or a file that it names cannot
@@ -166,13 +162,13 @@ class Rig(SharedTables):
     def estimator(
         self, log: StartedLog | None = None, sensor: str | None = None, rate: float | None = None
     ) -> ContactEstimator:
-        """Return the `ContactEstimator` that turns readings into contacts, the same that `palpate estimate` runs.
+        """Return the estimator that turns readings into contacts, the same that `palpate estimate` runs.
 
         Args:
-            log: a log of `palpate.open_log`; noise, rate, tare and rest that the rig does not state are taken from its
-                start. None: a live loop.
-            sensor: name of the sensor's table, if there are several; with a log its own sensor is taken.
-            rate: [Hz] of the samples of a live loop, which a filter needs; it replaces the rate that the rig states.
+            log: a log of `palpate.open_log`, from whose start come noise, rate, tare and rest that the rig does not
+                state. None: a live loop.
+            sensor: name of the sensor's table, if there are several and no log.
+            rate: [Hz] of the samples of a live loop, which a filter needs; None: as the rig states.
 
         Raises:
             InputError: the rig lacks something, a file that it names cannot be used, a filter does not fit the rate, or
@@ -186,10 +182,10 @@ class Rig(SharedTables):
 
 
 def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> Rig:
-    """Return a `Rig` with a mesh file as its surface; without a rig, the mesh in a tared six-axis sensor's frame.
+    """Return a rig with a mesh file as its surface; without a rig, the mesh in a tared six-axis sensor's frame.
 
     Raises:
-        InputError: the unit is missing or unknown.
+        InputError: the unit is missing or unknown, or the path is blank.
     """
     try:
         surface = RigSurface(mesh=str(mesh), unit=unit)
@@ -197,78 +193,69 @@ def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> R
         raise InputError(f"{problem}.", where=str(mesh)) from problem
     if rig is None:
         return Rig(surface)
-    known = replace(surface, mesh=str(Path(mesh).resolve()))
-    if rig.surface is not None:
-        known = replace(known, **{name: getattr(rig.surface, name) for name in OF_ANY_MESH})
-    return replace(rig, surface=known)
+    kept = {} if rig.surface is None else {name: getattr(rig.surface, name) for name in OF_ANY_MESH}
+    return replace(rig, surface=replace(surface, mesh=str(Path(mesh).resolve()), **kept))
 
 
 @called_as('palpate.load_rig("rig.toml")')
 def load_rig(path: str | PathLike[str]) -> Rig:
-    """Read a rig file and return a `Rig`; errors name the place in the file and the nearest valid key.
+    """Read a rig file; errors name the place in the file and the nearest valid key.
 
     Raises:
-        InputError: the file is missing or not TOML, a key is misspelt or missing, or a value has another type or is out
-            of bounds.
+        InputError: the file cannot be read or is not TOML, a key or a needed table is misspelt or missing, a value has
+            another type or is out of bounds, or tables contradict each other.
     """
     path = Path(path)
     for what, suffixes in _NO_RIG.items():
         if path.suffix.lower() in suffixes:
-            line = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
-            raise InputError(f"is {what}, not a rig.", where=str(path), hint=f"Write {line}.")
+            raise InputError(f"is {what}, not a rig.", where=str(path), hint=f"Write {ESTIMATE}.")
     return check_rig(load_toml(path), path)
 
 
 def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
-    """Return the `Rig` of a parsed TOML table, as if it were read from `path`.
+    """Return the rig of a parsed TOML table, as if it were read from `path`.
 
     Raises:
         InputError: a key or a needed table is misspelt or missing, a value has another type or is out of bounds, or
             tables contradict each other.
     """
     common = [each.name for each in fields(Rig) if each.name not in ("sensors", "folder")]
-    for name in table:
-        if name not in common and name not in KINDS:
-            raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, [*common, *KINDS]))
     shared = {name: value for name, value in table.items() if name in common}
-    sensors = dict(_sensors({name: each for name, each in table.items() if name not in common}, path))
+    own = {name: value for name, value in table.items() if name not in common}
+    for name in own:
+        if name not in KINDS:
+            raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, [*common, *KINDS]))
+    sensors = {kind.name: _sensor(own[kind.name], kind, path) for kind in KINDS.among(own)}
     rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent)
     to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
     for kind in rig.kinds:
         if rig.surface is None and kind.needs_surface and rig.pokes is None:
-            raise InputError(
-                "a rig needs a [surface].", where=str(path), hint="`palpate rig new` writes one to start from."
-            )
+            hint = "`palpate rig new` writes one to start from."
+            raise InputError("a rig needs a [surface].", where=str(path), hint=hint)
         kind.check(rig.sensors.get(kind.name), path)
     if rig.drift is not None:
         _check_drift(rig.drift, rig.kinds, rig.sensors, path)
     return rig
 
 
-def _sensors(table: Mapping[str, Any], path: Path) -> Iterator[tuple[str, Any]]:
-    for kind in KINDS.among(table):
-        if not isinstance(table[kind.name], dict):
-            raise InputError(f"[{kind.name}] must be a table.", where=str(path))
-        yield kind.name, parse(table[kind.name], kind.table, file=str(path), key=kind.name)
+def _sensor(table: Any, kind: SensorKind, path: Path) -> Any:
+    if not isinstance(table, dict):
+        raise InputError(f"[{kind.name}] must be a table.", where=str(path))
+    return parse(cast("dict[str, Any]", table), kind.table, file=str(path), key=kind.name)
 
 
 def _check_drift(stated: RigDrift, kinds: Sequence[SensorKind], sensors: Mapping[str, Any], path: Path) -> None:
-    """Raise InputError if no sensor can use the [drift], its units are another sensor's, or the sensor has its own."""
+    """Raise InputError if no sensor can use the [drift], or the sensor states its own."""
     first, followed = kinds[0].name, {FORCE in kind.channels: kind.name for kind in kinds if kind.drift}
     if not followed:
-        raise InputError(
-            f"a [drift] is for a force/torque sensor or for load cells, not for [{first}].",
-            where=str(path),
-            hint="".join(kind.drift_hint for kind in kinds),
-        )
+        what = f"a [drift] is for a force/torque sensor or for load cells, not for [{first}]."
+        raise InputError(what, where=str(path), hint="".join(kind.drift_hint for kind in kinds))
     wanted = followed.get(stated.of_wrench)
     if wanted is None:
         pair = "{ force = ..., torque = ... }"
         needs = pair if True in followed else "a number, or a list of them, in V/sqrt(s)"
         raise InputError(f"drift.walk of [{first}] must be {needs}.", where=str(path))
     if getattr(sensors.get(wanted), "drift", None) is not None:
-        raise InputError(
-            f"[{wanted}] drift and [drift] exclude each other: both state how the bias drifts.",
-            where=str(path),
-            hint=f"Remove drift from [{wanted}]; with [drift] the bias is tracked while nothing is touched.",
-        )
+        what = f"[{wanted}] drift and [drift] exclude each other: both state how the bias drifts."
+        hint = f"Remove drift from [{wanted}]; with [drift] the bias is tracked while nothing is touched."
+        raise InputError(what, where=str(path), hint=hint)

@@ -27,11 +27,11 @@ __all__ = ["NamedSensor", "SensorKind", "SensorSection", "Setup", "SharedTables"
 
 
 class SensorSection:
-    """A sensor as a value, built from its table in a rig; a subclass reads each file that the table names once.
+    """A sensor as a value, built from its table in a rig; subclasses read each file that the table names once.
 
     Args:
         table: the sensor's table in the rig.
-        link: the link that the sensor is on.
+        link: what the sensor is on.
     """
 
     name: ClassVar[str]
@@ -102,7 +102,7 @@ class Setup(SharedTables):
     head: Recording | None = None
 
     def of(self, section: type[Section]) -> Section:
-        """Return the sensor on the link whose table the class `section` reads, as an instance of that class.
+        """Return the sensor whose table the class `section` reads, as an instance of that class.
 
         Raises:
             InputError: the rig has no table of that name.
@@ -145,7 +145,7 @@ class Setup(SharedTables):
         return self.kind.layout(self)
 
     def prepared(self) -> BuiltEstimator:
-        """Return the estimator of the sensor as a `BuiltEstimator`, with notes and warnings about it.
+        """Return the estimator of the sensor, with notes and warnings about it.
 
         Raises:
             InputError: the rig lacks something, a file that it names cannot be used, a filter does not fit the rate, or
@@ -155,11 +155,11 @@ class Setup(SharedTables):
         return self.kind.build(self)
 
     def files(self) -> dict[str, Path]:
-        """Return a dict, key -> path, of the files of the surface, arm and answering sensor that the rig names."""
+        """Return a dict, key -> path, of the files of the surface, the arm and the answering sensor."""
         return self.link_files() | self.sensor_files(self.kind.name, *self.kind.parts)
 
     def link_files(self) -> dict[str, Path]:
-        """Return a dict, key -> path, of the files of the surface and of the arm that the rig names."""
+        """Return a dict, key -> path, of the files of the surface and of the arm ("kinematics", a URDF)."""
         named = {} if self.link.stated is None else self.link.stated.files(self.link.folder)
         arm = self.orientation.urdf
         return named if arm is None else {**named, "kinematics": self.link.folder / arm}
@@ -180,11 +180,11 @@ class Setup(SharedTables):
         return replace(self, kind=kind)
 
     def start(self) -> float:
-        """Return the time [s] at the start of a stream that is needed before the first answer; 0: none."""
+        """Return the time [s] at the start of a stream that the first answer needs; 0: none."""
         return self.kind.start(self)
 
     def smoothing(self) -> tuple[RigFilter, float | None]:
-        """Return the `RigFilter` and the rate [Hz], None if not known; no filter if the start has below two samples.
+        """Return the filter's table and the rate [Hz] or None; no filter for fewer than two samples.
 
         Raises:
             InputError: the filter needs the rate, and most times of the log repeat or are missing.
@@ -196,19 +196,16 @@ class Setup(SharedTables):
             return RigFilter(), None
         steps = np.diff(head.time)
         if np.count_nonzero(steps > 0) <= len(steps) / 2:
-            raise InputError(
-                "most times repeat or are missing, so the rate that the filter needs is not known.",
-                where=head.source,
-                hint="Write rate [Hz] in the rig's [filter], or use --filter none.",
-            )
+            what = "most times repeat or are missing, so the rate that the filter needs is not known."
+            hint = "Write rate [Hz] in the rig's [filter], or use --filter none."
+            raise InputError(what, where=head.source, hint=hint)
         return stated, head.rate()
 
     def followed(self, channels: int) -> Drift | None:
-        """Return the `Drift` of the bias of a sensor with the given number of channels; None: it is not followed.
+        """Return the drift of the bias of a sensor with a number of channels; None: it is not followed.
 
         Raises:
-            InputError: the rig states another number of channels, or plain numbers for six, which need force and
-                torque.
+            InputError: the rig states another number of channels, or no force and torque for six.
         """
         return None if self.drift is None else self.drift.drift(channels)
 
@@ -218,7 +215,7 @@ class Setup(SharedTables):
 
 
 def seen_first(setup: Setup) -> float:
-    """Return the time [s] of a stream for its tare, or to measure the rate that a filter needs; 0: neither applies."""
+    """Return the time [s] of a stream for its tare, or to measure a filter's rate; 0: neither applies."""
     measured = setup.filter.kind != "none" and setup.filter.rate is None
     return setup.estimate.tare or (FIRST if measured else 0.0)
 
@@ -228,23 +225,23 @@ class SensorKind:
     """A kind of sensor: its table in a rig, and the functions that read, build, guess and check it.
 
     Args:
-        name: name of its table in a rig.
+        name: name of its table.
         called: words for the sensor in a sentence.
         table: dataclass of its table.
         channels: channels of a Recording that it reads, the main one first.
-        layout: returns the layout of a log that has these channels.
+        layout: returns the layout of a log with these channels.
         build: returns the estimator.
-        section: class of the sensor as a value, built from its table and the link; None: the table is enough.
-        guess: `(path, contents, body)` -> how to read a log that looks like this sensor's; None: it does not look so.
+        section: class of the sensor as a value; None: the table is enough.
+        guess: `(path, contents, body)` -> how to read a log that looks like this sensor's, else None.
         paths: keys of its table that name files.
         refused: option of the command line -> why it means nothing to this sensor.
         needs_surface: whether contacts are located on the rig's [surface].
         check: checks the table further; raises InputError.
-        parts: names of the sensors that it combines, whose tables it reads; a rig with all of them is of this kind.
-        start: time [s] of a stream that `build` needs before the first answer; 0: none.
-        view: module and class of the `SensorView` that shows the sensor on the page and in the report.
+        parts: names of the sensors that it combines; a rig with all their tables is of this kind.
+        start: time [s] of a stream that `build` needs; 0: none.
+        view: module and class of its `SensorView`.
         options: options of the command line that replace values in its table under the same names.
-        drift: module and name of the function that identifies the drift of the bias, for `palpate calibrate drift`:
+        drift: module and name of the function of `palpate calibrate drift`,
             `(setup, recording, temperature, window) -> SensorDrift`; "": it has no [drift].
         warnings: returns where a recording contradicts the table, one sentence each.
     """
@@ -270,5 +267,5 @@ class SensorKind:
 
     @property
     def drift_hint(self) -> str:
-        """Hint for a rig with a [drift] if this is a sensor of taxels, which follows its bias without one; else ""."""
+        """Hint for a rig with a [drift] and a sensor of taxels, which needs none; "" for other sensors."""
         return "A skin tracks its own drift: set walk or drift in [contacts]." if CELLS in self.channels else ""

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 from palpate.setup.tables import require_positive
 
-__all__ = ["SOURCE_KINDS", "RigSource"]
+__all__ = ["RigSource"]
 
-SOURCE_KINDS = ("netft", "serial", "ros2", "camera", "replay")
 FRAMINGS = ("cobs", "lines")
 _MORE = {  # options in addition to kind and address, as comments
     "netft": "# port = 49152                      # of samples\n# web = 80                          # of its page\n",
@@ -22,16 +21,18 @@ _MORE = {  # options in addition to kind and address, as comments
 
 @dataclass(frozen=True)
 class RigSource:
-    """A device that sends live samples, or a log that is replayed in place of one.
+    """The [source] of a rig: a device that sends live samples, or a log that is replayed.
 
-    `address`: name or address of a Net F/T; file of a serial port; number or file of a camera; log to replay. Empty for
-    ROS 2, whose topics the sensor's table and [orientation] name.
+    `address`: name or address of a Net F/T; file of a serial port; number or file of a camera; log to replay. ROS 2 has
+    none: the sensor's table and [orientation] name its topics.
     `rate` [Hz] is requested from the device, or a log without times is replayed at it.
     Net F/T: `port` of its samples (RDT), `web` of its page. Serial: `baud`, and `framing`: "cobs" (frames with COBS and
     CRC-32) or "lines" of numbers; `columns`: indices of the numbers in a line, from 0. ROS 2: `domain`, and `interface`
     of the network. Replay: `speed` (0: as fast as possible), `loop`.
-    `wrench` is the source of the wrenches, [source.wrench], of a rig with a skin and a force/torque sensor; the skin's
-    samples come from the [source] itself. None: both come from the [source].
+    `wrench` is the source of the wrenches where the [source] sends only the skin's samples; None: it sends both.
+
+    Raises:
+        ValueError: a value is unknown or out of bounds, or the address is missing.
     """
 
     kind: str
@@ -49,8 +50,8 @@ class RigSource:
     wrench: RigSource | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in SOURCE_KINDS:
-            raise ValueError(f"kind must be one of {', '.join(SOURCE_KINDS)}, not {self.kind!r}")
+        if self.kind not in _MORE:
+            raise ValueError(f"kind must be one of {', '.join(_MORE)}, not {self.kind!r}")
         if self.framing not in FRAMINGS:
             raise ValueError(f"framing must be one of {', '.join(FRAMINGS)}, not {self.framing!r}")
         if not self.address and self.kind != "ros2":
@@ -68,7 +69,7 @@ class RigSource:
         require_positive(self, "rate", "baud")
 
     def text(self) -> str:
-        """Return the [source] as TOML text: kind and address, with the other options as comments."""
+        """Return the table as TOML text, with the kind's other options as comments."""
         address = f"address = {json.dumps(self.address)}\n" if self.address else ""
         head = "\n[source]                             # of `palpate live`\n"
         return f'{head}kind = "{self.kind}"\n{address}{_MORE[self.kind]}'

@@ -47,16 +47,19 @@ _LENGTHS = tuple(dict.fromkeys(name for _, names in EQUATIONS.values() for name 
 
 @dataclass(frozen=True)
 class RigPose:
-    """Pose of the surface, or of a link, in the sensor's frame: position [m] and unit quaternion."""
+    """Pose of the surface, or of a link, in the sensor's frame: position [m] and unit quaternion.
+
+    Raises:
+        ValueError: the quaternion's length is not 1 within 1 %.
+    """
 
     xyz: Three = (0.0, 0.0, 0.0)
     quaternion_xyzw: Four = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         if not abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) <= 0.01:  # NaN too
-            raise ValueError(
-                f"quaternion_xyzw {list(self.quaternion_xyzw)} must have length 1 (the order is x, y, z, w)"
-            )
+            given = list(self.quaternion_xyzw)
+            raise ValueError(f"quaternion_xyzw {given} must have length 1 (the order is x, y, z, w)")
 
     def pose(self) -> Pose:
         """Return the pose as a `Pose`."""
@@ -75,19 +78,22 @@ class RigRegion:
 class RigSurface:
     """The surface that is touched: a `mesh` with its `unit`, a `link` of a `urdf`, or another `kind` with lengths [m].
 
-    All meshes and primitives of a link are taken, in the link's frame: its `geometry` is "visual" if it has one, else
-    "collision". `packages` gives the folders of packages (package://) of the URDF that are not found otherwise.
+    `geometry` of a link is "visual" or "collision"; None: the first of these that it has. `packages`: name -> folder,
+    for packages of the URDF that are not found otherwise.
 
-    Facets that meet at less than `crease` [degrees] are smooth across their edge. With `covered` = true, facets of the
-    mesh that cannot be reached from outside give contacts too.
+    Facets that meet at less than `crease` [degrees] are smooth across their edge. With `covered` = true, facets that
+    cannot be reached from outside give contacts too.
 
     plane: a `point`, a `normal` and a `half_width`. sphere: `radius`. ellipsoid: `axes` (three half-lengths).
     cylinder, along y: `radius` and `half_length`. elliptic_cylinder: half-axes `a` along x and `b` along z, and
     `half_length`; `upper` = true for its half with z >= 0. paraboloid: `radii` of curvature at its apex along x and y,
     and `height`. superquadric: `axes` and `exponents`. See `palpate.surfaces`.
 
-    `placement` [m]: standard deviation of a touch's place beyond what its wrench explains, see
-    `palpate.contact.WrenchEstimator`.
+    `pose_covariance`: 6 x 6, of (rotation vector [rad], translation [m]). `placement` [m]: standard deviation of a
+    touch's place beyond what its wrench explains.
+
+    Raises:
+        ValueError: a value is unknown or out of bounds, a key that the kind needs is missing, or one does not belong.
     """
 
     kind: str = "mesh"
@@ -153,7 +159,7 @@ class RigSurface:
         return Urdf(folder / str(self.urdf), packages).body(str(self.link), self.geometry)
 
     def files(self, folder: Path) -> dict[str, Path]:
-        """Return a dict, key -> path, of the surface's files: "mesh", or "urdf" and its meshes, as far as found."""
+        """Return a dict, key -> path: "mesh", or "urdf" and, if it can be read, its meshes "mesh", "mesh_2", ..."""
         if self.urdf is None:
             return {} if self.mesh is None else {"mesh": folder / self.mesh}
         found = {"urdf": folder / self.urdf}
@@ -167,8 +173,8 @@ class RigSurface:
         for name in ("mesh", "covered", *_LENGTHS) if needed else _LENGTHS:
             if name not in needed and getattr(self, name) not in (None, False):
                 raise ValueError(f"{name} does not belong to kind = {self.kind!r}")
-        given: dict[str, Any] = {name: getattr(self, name) for name in needed}
-        for name, value in given.items():
+        for name in needed:
+            value: Any = getattr(self, name)
             if value is None:
                 raise ValueError(f"{name} is missing: a {self.kind} needs {', '.join(needed)} (in metres)")
             if not np.all((np.asarray(value) > 0) & (np.asarray(value) < inf)) and name != "upper":
@@ -194,6 +200,6 @@ class RigSurface:
     def _equation(self) -> Surface:
         make, names = EQUATIONS[self.kind]
         lengths = {name: getattr(self, name) for name in names}
-        size = make(**lengths).size
-        doubt = f"the {self.kind.replace('_', ' ')} is {size:.4g} m across: check that its lengths are in metres"
-        return make(**lengths, notes=() if plausible_size(size) else (doubt,))
+        made = make(**lengths)
+        doubt = f"the {self.kind.replace('_', ' ')} is {made.size:.4g} m across: check that its lengths are in metres"
+        return made if plausible_size(made.size) else make(**lengths, notes=(doubt,))

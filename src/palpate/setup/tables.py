@@ -44,7 +44,11 @@ class RigUnits:
 
 @dataclass(frozen=True)
 class RigPair:
-    """A positive number for the forces [N] and one for the torques [N m], or three each."""
+    """A positive number for the forces [N] and one for the torques [N m], or three each.
+
+    Raises:
+        ValueError: one is not above 1e-15, or not finite.
+    """
 
     force: float | Three
     torque: float | Three
@@ -54,13 +58,17 @@ class RigPair:
             raise ValueError(f"force and torque must be positive (above {_SMALLEST:g})")
 
     def six(self) -> Float[np.ndarray, "6"]:
-        """Return one number for each axis, (6,), force first [N, N m]."""
+        """Return one number for each axis, (6,), force first."""
         return np.concatenate([np.broadcast_to(self.force, 3), np.broadcast_to(self.torque, 3)])
 
 
 @dataclass(frozen=True)
 class RigNoise(RigPair):
-    """Standard deviations of one reading; below `corner` [Hz] the noise goes as 1/f; None: `corner` is the log's."""
+    """Standard deviations of one reading; below `corner` [Hz] the noise goes as 1/f; None: `corner` is the log's.
+
+    Raises:
+        ValueError: a value is not positive and finite.
+    """
 
     corner: float | None = None
 
@@ -118,7 +126,11 @@ class RigForceTorque:
 
 @dataclass(frozen=True)
 class RigTime:
-    """The [time] of a rig: the time's column and unit; `rate` [Hz] if it is a counter ("samples") or there is none."""
+    """The [time] of a rig: the time's column and unit; `rate` [Hz] if it is a counter ("samples") or there is none.
+
+    Raises:
+        ValueError: the rate is not positive and finite, or is missing for a counter.
+    """
 
     column: str = "time"
     unit: str = "s"
@@ -187,9 +199,11 @@ class RigOrientation:
 class RigAcceleration:
     """The [acceleration] of a rig: the sensor's acceleration in its own frame, from columns, a topic or the poses.
 
-    `kind` says what is recorded: "motion" (zero at rest) or "imu" (an accelerometer's reading: 1 g upward at rest);
-    with "none" it is not used. `unit` is "m/s^2", "g" or "mg".
-    `from_poses` differentiates positions and orientations over `window` [s].
+    `kind` is "motion" (zero at rest), "imu" (an accelerometer's reading: 1 g upward at rest) or "none" (not used).
+    `unit` is "m/s^2", "g" or "mg". `from_poses` differentiates positions and orientations over `window` [s].
+
+    Raises:
+        ValueError: a value is unknown or out of bounds, or `from_poses` has columns or a topic too.
     """
 
     columns: tuple[str, str, str] | None = None
@@ -215,7 +229,10 @@ class RigFilter:
 
     `kind` is "none"; "kalman" with `q` and `r` (variances [N^2] of one step of the contact and of one reading);
     "butterworth" with `cutoff` [Hz] and `order`; or "zero_phase", the same forward and backward, for logs only.
-    `rate` [Hz] of the log is measured if it is not given. See `palpate.signals.filters`.
+    The `rate` [Hz] is measured if it is None.
+
+    Raises:
+        ValueError: a value is unknown or out of bounds.
     """
 
     kind: str = "none"
@@ -230,10 +247,10 @@ class RigFilter:
             raise ValueError(f"kind must be 'none', 'kalman', 'butterworth' or 'zero_phase', not {self.kind!r}")
         require_positive(self, "q", "r", "cutoff", "rate")
         if not 1 <= self.order <= 8:
-            raise ValueError("order must be between 1 and 8")
+            raise ValueError(f"order must be between 1 and 8, not {self.order}")
 
     def filter(self) -> Kalman | Butterworth | None:
-        """Return the `Kalman` or `Butterworth` filter to run, or None if `kind` is "none".
+        """Return the filter to run; None if `kind` is "none".
 
         Raises:
             InputError: `q` is too small a fraction of `r`.
@@ -247,7 +264,11 @@ class RigFilter:
 
 @dataclass(frozen=True)
 class RigThresholds:
-    """Thresholds of the force [N]: a contact begins at `on` and ends below `off`."""
+    """Thresholds of the force [N]: a contact begins at `on` and ends below `off`.
+
+    Raises:
+        ValueError: unless 0 <= off <= on < inf.
+    """
 
     on: float
     off: float
@@ -259,7 +280,11 @@ class RigThresholds:
 
 @dataclass(frozen=True)
 class RigEstimate:
-    """The [estimate] of a rig: how contacts are located, see `palpate.Locator`; the first `tare` [s] are unloaded."""
+    """The [estimate] of a rig: how contacts are located, see `palpate.Locator`; the first `tare` [s] are unloaded.
+
+    Raises:
+        ValueError: the tare or the friction is not positive, or the torsion negative.
+    """
 
     method: str = "soft_finger"
     friction: float = 1.0
@@ -275,14 +300,22 @@ class RigEstimate:
 
 
 def require_positive(table: object, *names: str) -> None:
-    """Raise ValueError unless each named field of the table is positive and finite, or None."""
+    """Check named fields of a table.
+
+    Raises:
+        ValueError: a field is neither None nor positive and finite.
+    """
     for name in names:
         value = getattr(table, name)
         if value is not None and not 0 < value < inf:
-            raise ValueError(f"{name} must be positive")
+            raise ValueError(f"{name} must be positive and finite, not {value:g}")
 
 
 def require_path(key: str, path: str | None) -> None:
-    """Raise ValueError if `path` cannot name a file (blank, or with a null character); None is allowed."""
+    """Check the path that a table has under a key.
+
+    Raises:
+        ValueError: the path is blank or has a null character.
+    """
     if path is not None and (not path.strip() or "\0" in path):
         raise ValueError(f"{key} must name a file, not {path!r}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import UInt8
@@ -38,10 +38,10 @@ TRACKED: Mapping[str, Words] = {
 
 @dataclass
 class LayerData:
-    """Data of a log that layers show in addition to contacts: forces [N] of taxels, or images with markers' places.
+    """Data of a log that layers show in addition to contacts.
 
     Attributes:
-        parts: one array for each block, float32.
+        parts: one array for each block, float32: forces [N] of taxels, or positions [px] of markers.
         frames: images as JPEG.
     """
 
@@ -49,7 +49,7 @@ class LayerData:
     frames: list[bytes] = field(default_factory=list[bytes])
 
     def keep(self, block: Recording, seen: np.ndarray) -> None:
-        """Append a block's images to `frames`, as JPEG, and the array `seen` that the sensor shows of it to `parts`.
+        """Append a block's images to `frames`, and the array `seen` that the sensor shows of it to `parts`.
 
         Raises:
             InputError: there are images and OpenCV is not installed.
@@ -58,18 +58,18 @@ class LayerData:
         self.parts.append(seen.astype(np.float32))
 
     def joined(self) -> np.ndarray | None:
-        """Return the arrays of all blocks as one, along the first axis; None if there are none."""
+        """Return `parts` joined along the first axis; None if there are none."""
         return np.concatenate(self.parts) if self.parts else None
 
 
 class SensorView:
-    """A view that shows the contacts and the body of a sensor; subclasses add layers, settings and sections."""
+    """The view of a sensor's contacts and body; subclasses add layers, settings and sections."""
 
     words: ClassVar[Mapping[str, Words]] = {}
     """Name of a setting in a rig -> its `Words`; other settings are shown by their names."""
 
     def body(self, setup: Setup) -> Surface | None:
-        """Return the `Surface` that is drawn under the contacts; None if the link has no surface.
+        """Return the surface that is drawn under the contacts; None if the link has none.
 
         Raises:
             InputError: a file of the surface cannot be read.
@@ -78,31 +78,27 @@ class SensorView:
         return None if setup.link.stated is None else setup.link.surface()
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return a tuple of the layers that are drawn in addition to the contacts; here ().
-
-        Args:
-            setup: the link and its sensors.
-            kept: data of the log that is shown.
-            live: shape of a reading of the stream that is shown; None: no stream is shown.
-        """
+        """Return the layers that are drawn in addition to the contacts; here (). Arguments are those of `layers_of`."""
         return ()
 
     def feed(self, setup: Setup, tares: Callable[[], int], layers: tuple[Layer, ...]) -> Feed:
-        """Return the function that passes readings of a stream to the layers; here it does nothing.
+        """Return the function that passes a stream's readings to its layers; here it does nothing.
 
-        Args:
-            setup: the link and its sensors.
-            tares: returns the number of tares of the stream so far.
-            layers: the layers that are drawn.
+        `tares` returns the number of tares so far.
         """
         return lambda slots, watched: None
 
     def settings(self, facts: Mapping[str, object]) -> Facts:
-        """Return a pair (words, value with unit), in a tuple, for each setting in force that is not None."""
+        """Return (words, value with unit) for each setting that is not None."""
         return tuple(self._setting(name, value) for name, value in facts.items() if value is not None)
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the `Run` with the sensor's additions to the report; here the vertices and faces of the body."""
+        """Return the run with the sensor's additions to the report; here the vertices and faces of the body.
+
+        Raises:
+            InputError: a file of the rig cannot be read.
+            GeometryError: the file of the surface has no usable surface.
+        """
         body = self.body(setup)
         drawn = None if body is None else body.drawn()
         return run if drawn is None else replace(run, body=(drawn.vertices, drawn.faces))
@@ -121,18 +117,24 @@ def _jpeg(frame: UInt8[np.ndarray, "h w 3"]) -> bytes:
 
 
 def view_of(kind: SensorKind) -> SensorView:
-    """Return the `SensorView` that shows a kind of sensor on the page and in the report."""
-    made: Any = by_name(kind.view)
-    return made()
+    """Return the view of a kind of sensor.
+
+    Raises:
+        ImportError, AttributeError: `kind.view` names no class.
+    """
+    return by_name(kind.view)()
 
 
 def layers_of(setup: Setup, kept: LayerData | None = None, live: tuple[int, ...] | None = None) -> tuple[Layer, ...]:
-    """Return a tuple of the layers that a sensor adds to the page; () if a file that the rig names is missing.
+    """Return the layers that a sensor adds to the page; () if a file that the rig names is missing.
 
     Args:
         setup: the link and its sensors.
-        kept: data of the log that is shown; None: no log is shown.
-        live: shape of a reading of the stream that is shown; None: no stream is shown.
+        kept: data of the log that is shown; None: no log is.
+        live: shape of a reading of the stream that is shown; None: no stream is.
+
+    Raises:
+        InputError: a file that the rig names cannot be used.
     """
     there = all(path.exists() for name, path in setup.files().items() if name != "mesh")
     return view_of(setup.kind).layers(setup, kept or LayerData(), live) if there else ()

@@ -109,17 +109,17 @@ def _require_size(mesh: Mesh, name: str, mount: Pose, head: Recording) -> None:
 
 
 def noted_filter(table: RigFilter, rate: float | None) -> list[str]:
-    """Return the note on the filter at the rate [Hz], in a list; [] without filter or rate.
+    """Return a list of the note on the filter at the rate [Hz]; [] without filter or rate.
 
     Raises:
-        InputError: the cut-off does not fit the rate.
+        InputError: the cut-off does not fit the rate, or `q` is too small a fraction of `r`.
     """
     made = table.filter()
     return [] if made is None or rate is None else [made.describe(rate)]
 
 
 def first_seconds(head: Recording, seconds: float) -> Recording:
-    """Return the samples of the first `seconds` [s] of a log as a `Recording`.
+    """Return the samples of the first `seconds` [s] of a log.
 
     Raises:
         InputError: the log has no times.

@@ -31,11 +31,11 @@ class WrenchView(SensorView):
     words: ClassVar[Mapping[str, Words]] = {"crease": ("edges are sharp from", 1.0, "°")}
 
     def settings(self, facts: Mapping[str, object]) -> Facts:
-        """Return a tuple of pairs (words, value), one for each setting that `wrench_settings` does not list."""
+        """Return (words, value) for each setting that `wrench_settings` does not list."""
         return super().settings({name: facts[name] for name in _LISTED if name in facts})
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the `Run` with the surface, settings, uncertainties, and sections on the sensor and its bias."""
+        """Return the run with the surface, settings, uncertainties, and sections on the sensor and its bias."""
         made = cast("WrenchEstimator", estimator)
         smooth, sensor, rate = made.filter, made.sensor, made.rate
         filtered = "none" if smooth is None or rate is None else smooth.describe(rate)
@@ -55,16 +55,16 @@ class WrenchView(SensorView):
         return "without a payload model"
 
     def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
-        """Return a tuple of the sources of uncertainty, other than the noise, that the ellipses include; () if none."""
+        """Return the sources of uncertainty, other than the noise, that the ellipses include."""
         return () if setup.link.mount_covariance is None else ("the mounting's",)
 
     def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
-        """Return the `Run` with this sensor's own sections; here none is added."""
+        """Return the run with this sensor's own sections; here without."""
         return run
 
 
 def zero_section(history: ZeroHistory | None) -> tuple[Section, ...]:
-    """Return the report's `Section` on the bias over time, in a tuple; () if the bias was not followed."""
+    """Return the report's section on the bias over time, in a tuple; () if the bias was not followed."""
     if history is None or not len(history.time):
         return ()
     held: Bool[np.ndarray, " n"] = history.status != ZeroStatus.FREE
@@ -91,19 +91,18 @@ def _spread(deviation: Float[np.ndarray, "n m"]) -> str:
 def wrench_settings(
     setup: Setup, locator: Locator, noise: Float[np.ndarray, "6 6"] | None, filtered: str = "none"
 ) -> Facts:
-    """Return a tuple of pairs (words, value), one for each setting that a wrench sensor's results depend on.
-
-    Defaults are included.
+    """Return (words, value) for each setting that a wrench sensor's results depend on, defaults included.
 
     Args:
-        setup: the link and its sensors, with the options of the command line.
+        setup: the link and its sensors.
         locator: the locator on the surface.
-        noise: (6, 6) covariance of a reading, force first [N, N m], if known.
+        noise: covariance of a reading, force first [N, N m]; None: not known.
         filtered: the filter, in words.
     """
     surface = locator.surface
     facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""
-    facts = [
+    tare = setup.estimate.tare
+    return (
         ("method", setup.estimate.method.replace("_", " ")),
         ("friction, at most", f"{setup.estimate.friction:g} (tangent of the angle between force and normal)"),
         ("torsion, at most", f"{1e3 * setup.estimate.torsion:g} mm (torque about the normal over normal force)"),
@@ -111,10 +110,8 @@ def wrench_settings(
         ("noise of a reading", "not known" if noise is None else _noise(np.sqrt(np.diag(noise)))),
         ("filter", filtered),
         ("surface", f"{setup.link.name}{facets}, {1e3 * surface.size:.4g} mm across"),
-    ]
-    if setup.estimate.tare is not None:
-        facts.append(("tare", f"over the first {setup.estimate.tare:g} s"))
-    return tuple(facts)
+        *([] if tare is None else [("tare", f"over the first {tare:g} s")]),
+    )
 
 
 def _noise(deviation: np.ndarray) -> str:

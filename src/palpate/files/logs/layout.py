@@ -172,9 +172,9 @@ class LogLayout:
         """
         posed = (self.orientation_form, self.inverse, self.sensor_rotation) != ("quaternion", False, ())
         if posed or self.moves_torque:
-            keys = "form, inverse or sensor_rotation" if posed else "torque_frame or reference"
+            keys = "[orientation] form, inverse, sensor_rotation" if posed else "[force_torque] torque_frame, reference"
             raise InputError(
-                f"{keys} in the rig's [{'orientation' if posed else 'force_torque'}] are for logs, not live streams.",
+                f"{keys} of the rig are for logs, not live streams.",
                 where="[source]",
                 hint="Convert the stream at its source, or record it and run `palpate estimate`.",
             )

@@ -80,7 +80,8 @@ class _Poses:
 
         def fitted(chosen: Float[np.ndarray, "m n"]) -> tuple[np.ndarray, np.ndarray]:
             """Return parameters (m, p) by least squares of the chosen poses, and squared residuals (m, n) of all."""
-            found = np.linalg.solve(np.tensordot(chosen, gram, 1) + ridge, (chosen @ right)[..., None])[..., 0]
+            matrices, sides = np.tensordot(chosen, gram, 1) + ridge, (chosen @ right)[..., None]
+            found = np.asarray(np.linalg.solve(matrices, sides), dtype=np.float64)[..., 0]
             return found, ((target - np.einsum("nip,mp->mni", columns, found)) ** 2).sum(axis=2)
 
         found, squares = fitted(self.starts.astype(np.float64))
