@@ -31,7 +31,8 @@ from palpate.sensors.taxels.place_formats import holds_taxels, read_taxel_places
 from palpate.setup import Rig, load_rig
 from palpate.setup.kinds import KINDS as SENSORS
 from palpate.signals.recording import CELLS
-from palpate.surfaces.mesh import UNITS, Mesh
+from palpate.surfaces.collada import ColladaAsset
+from palpate.surfaces.mesh import UNITS, Mesh, unit_named
 
 __all__ = ["inspect"]
 
@@ -112,8 +113,9 @@ def _holds_contacts(there: LogContents) -> bool:
 
 
 def _mesh(file: Path) -> None:
-    mesh = Mesh.load(file, unit="m")
-    extent = mesh.bounds[1] - mesh.bounds[0]
+    own = ColladaAsset.of(file).metres
+    mesh = Mesh.load(file, unit="m" if own is None else None)
+    extent, where = mesh.bounds[1] - mesh.bounds[0], "in the file's unit" if own is None else "m"
     title(f"{file}: a mesh")
     lines(
         [
@@ -121,17 +123,19 @@ def _mesh(file: Path) -> None:
             ("bodies", Quantity(f"{mesh.bodies:,}, {_closed(mesh)}", mesh.bodies)),
             *([("open edges", mesh.open_edges)] if in_full() else []),
             ("covered", mesh.coverage or "none: every facet can be reached from outside"),
-            ("extent", Quantity(f"{_numbers(extent)} in the file's unit", extent)),
+            *([] if own is None else [("unit", f"{unit_named(own)}, as the file states")]),
+            ("extent", Quantity(f"{_numbers(extent)} {where}", extent)),
             ("middle", Quantity(_numbers(mesh.centre), mesh.centre)),
             ("mean edge", f"{mesh.edge:.4g}"),
             *(
                 (f"as {unit}", Quantity(f"{1e3 * scale * mesh.size:.4g} mm across", scale * mesh.size))
                 for unit, scale in UNITS.items()
-                if unit != "um"
+                if unit != "um" and own is None
             ),
+            *([] if own is None else [("size", Quantity(f"{1e3 * mesh.size:.4g} mm across", mesh.size))]),
         ]
     )
-    note(text for text in mesh.notes if " as m" not in text)
+    note(text for text in mesh.notes if own is not None or "if its unit is m;" not in text)
     if mesh.coverage:
         note(["covered facets cannot have contacts, unless the rig's [surface] has `covered = true`"])
 

@@ -13,7 +13,8 @@ from palpate.files.logs.layout import ORIENTATION_COLUMNS
 from palpate.files.logs.topics import RESULTS
 from palpate.files.units import TIME_UNITS, known_unit, split_unit
 from palpate.setup.makers import named_pose
-from palpate.surfaces.mesh import UNITS, Mesh
+from palpate.surfaces.collada import ColladaAsset
+from palpate.surfaces.mesh import UNITS, Mesh, unit_named
 
 __all__ = [
     "PLAUSIBLE",
@@ -110,12 +111,14 @@ def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
 def mesh_size(path: Path) -> tuple[str, float]:
     """Return the unit in which a mesh file has a plausible size, millimetres tried first, and that size [m].
 
-    If no unit makes the size plausible, the unit is "m".
+    If no unit makes the size plausible, the unit is "m". A unit that the file states is not guessed.
 
     Raises:
         InputError: the file is missing or is not a mesh.
         GeometryError: the file has no usable surface.
     """
+    if (own := ColladaAsset.of(path).metres) is not None:
+        return unit_named(own), Mesh.load(path).size
     raw = Mesh.load(path, unit="m").size
     for unit in ("mm", "m", "cm", "um"):
         if PLAUSIBLE[0] <= raw * UNITS[unit] <= (2.0 if unit == "mm" else PLAUSIBLE[1]):

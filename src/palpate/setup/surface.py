@@ -75,6 +75,8 @@ class RigRegion:
 class RigSurface:
     """The surface that is touched: a `mesh` with its `unit`, a `link` of a `urdf`, or another `kind` with lengths [m].
 
+    The `unit` of a DAE that states its own is not needed.
+
     All meshes and primitives of a link are taken, in the link's frame: its `geometry` is "visual" if it has one, else
     "collision". `packages` gives the folders of packages (package://) of the URDF that are not found otherwise.
 
@@ -127,7 +129,7 @@ class RigSurface:
             raise ValueError("link, geometry and packages need a urdf, which is missing")
         elif self.kind == "mesh" and self.mesh is None:
             raise ValueError("mesh, the file of the surface, is missing")
-        elif self.kind == "mesh" and self.unit not in UNITS:
+        elif self.kind == "mesh" and self.unit not in UNITS and not (self.unit is None and _may_state(self.mesh)):
             raise ValueError(f"unit of the mesh must be one of {', '.join(UNITS)}, not {self.unit!r}")
         if not 0 <= self.crease <= 180:
             raise ValueError(f"crease must be between 0 and 180 degrees, not {self.crease:g}")
@@ -189,7 +191,7 @@ class RigSurface:
         options: dict[str, Any] = {"crease": radians(self.crease), "region": region, "covered": self.covered}
         if self.urdf is not None:
             return self._body(folder).mesh(f"link {self.link!r} of {self.urdf}", **options)
-        return Mesh.load(folder / str(self.mesh), unit=str(self.unit), **options)
+        return Mesh.load(folder / str(self.mesh), unit=self.unit, **options)
 
     def _equation(self) -> Surface:
         make, names = EQUATIONS[self.kind]
@@ -197,3 +199,8 @@ class RigSurface:
         size = make(**lengths).size
         doubt = f"the {self.kind.replace('_', ' ')} is {size:.4g} m across: check that its lengths are in metres"
         return make(**lengths, notes=() if plausible_size(size) else (doubt,))
+
+
+def _may_state(mesh: str | None) -> bool:
+    """Check whether a mesh file has a format that may state its own unit."""
+    return mesh is not None and Path(mesh).suffix.lower() == ".dae"
