@@ -7,11 +7,10 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from palpate.files.logs import LogContents, topic_shapes
+from palpate.files.logs import LogContents, open_log, topic_shapes
 from palpate.files.logs.decoding import role
-from palpate.files.logs.layout import ORIENTATION_COLUMNS
+from palpate.files.logs.layout import ORIENTATION_COLUMNS, LogLayout
 from palpate.files.logs.topics import RESULTS
-from palpate.files.units import TIME_UNITS, known_unit, split_unit
 from palpate.setup.makers import named_pose
 from palpate.surfaces.collada import ColladaAsset
 from palpate.surfaces.mesh import UNITS, Mesh, unit_named
@@ -71,9 +70,16 @@ def time_table(column: str, unit: str = "s", rate: float | None = None) -> str:
     return "\n".join(["[time]", *lines]) + "\n\n"
 
 
-def time_unit(column: str) -> str:
-    """Return the unit that the name of a time column states, or "s" if it states none."""
-    return known_unit(split_unit(column)[1], TIME_UNITS) or "s"
+def time_unit(log: Path, column: str) -> tuple[str, list[str]]:
+    """Return the unit in which the times in a column of a log are read, and a list of remarks on it.
+
+    Raises:
+        InputError: the log cannot be read, or states an unknown unit of the times.
+    """
+    times = open_log(log, LogLayout(time=column, wrench=None))
+    next(times.blocks(), None)
+    unit, doubt = times.time_unit
+    return unit or "s", [doubt] if doubt else []
 
 
 def pose_table(topics: Sequence[str]) -> str:

@@ -233,7 +233,8 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     shared = {name: value for name, value in table.items() if name in common}
     sensors = dict(_sensors({name: each for name, each in table.items() if name not in common}, path))
     rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent)
-    to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
+    if rig.time.unit is not None:
+        to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
     for kind in rig.kinds:
         if rig.surface is None and kind.needs_surface and rig.pokes is None:
             raise InputError(

@@ -118,10 +118,13 @@ class RigForceTorque:
 
 @dataclass(frozen=True)
 class RigTime:
-    """The [time] of a rig: the time's column and unit; `rate` [Hz] if it is a counter ("samples") or there is none."""
+    """The [time] of a rig: the time's column and unit; `rate` [Hz] if it is a counter ("samples") or there is none.
+
+    Without `unit` it is the one that the log states, or else the one that its first times suggest.
+    """
 
     column: str = "time"
-    unit: str = "s"
+    unit: str | None = None
     rate: float | None = None
 
     def __post_init__(self) -> None:
