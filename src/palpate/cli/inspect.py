@@ -16,6 +16,7 @@ from palpate.console.options import FileOption, SomeFile
 from palpate.contact.ground_truth import TrueTouches
 from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
+from palpate.files.ati import AtiCalibration
 from palpate.files.atomic import PART, keep_inputs
 from palpate.files.contacts import unfinished
 from palpate.files.contacts.mcap import KIND
@@ -55,7 +56,7 @@ def inspect(
 
     Args:
         file: a log or contacts (CSV, Parquet, MCAP, bag), a video, a folder of frames, STL, OBJ, PLY or DAE, a URDF,
-            TOML, places of taxels, a truth.
+            TOML, places of taxels, a truth, a calibration of ATI (.cal).
         rig: TOML with the layout of the log; with it, spectra are those of the contact: force without the payload, and
             contact point.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
@@ -74,10 +75,10 @@ def inspect(
         keep_inputs(spectrum, (file, rig))
     if spectrum is None and rig is None and whole is None and suffix in _TAXELS and holds_taxels(file):
         _taxels(file)
-    elif suffix in (*_MESHES, ".toml", ".urdf", ".xacro"):
+    elif suffix in (*_MESHES, ".toml", ".urdf", ".xacro", ".cal"):
         if spectrum is not None:
             raise InputError("has no spectrum, because it is neither a log nor a result.", where=str(file))
-        (_toml if suffix == ".toml" else _mesh if suffix in _MESHES else _urdf)(file)
+        {".toml": _toml, ".cal": _ati, **dict.fromkeys(_MESHES, _mesh)}.get(suffix, _urdf)(file)
     else:
         _data(whole or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
 
@@ -161,6 +162,23 @@ def _urdf(file: Path) -> None:
             ("joints", f"{len(urdf.joints)}, moving: {', '.join(moving) or 'none'}"),
         ]
     )
+
+
+def _ati(file: Path) -> None:
+    found = AtiCalibration.of(file)
+    rated = [f"{value:.6g}" for value in found.ranges]
+    title(f"{file}: ATI's calibration of a force/torque sensor")
+    lines(
+        [
+            ("sensor", " ".join(filter(None, (found.model, found.serial, found.part)))),
+            ("calibrated", found.date or "no date"),
+            ("units", ", ".join(found.units)),
+            ("range", Quantity(f"{', '.join(rated[:3])} N; {', '.join(rated[3:])} N m", found.ranges)),
+        ]
+    )
+    units = 'units = {{ force = "{}", torque = "{}" }}'.format(*found.units)
+    limits = f"range = {{ force = [{', '.join(rated[:3])}], torque = [{', '.join(rated[3:])}] }}"
+    note([f"in [force_torque] of a rig for a log of forces and torques in these units: {units} and {limits}"])
 
 
 def _toml(file: Path) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from palpate.errors import InputError
+from palpate.files.ati import refuse_calibration
 from palpate.files.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, known_unit
 
 __all__ = ["COMMENTS", "LOOKED_AT", "SPACES", "Dialect", "find_dialect", "spaces_to_tabs"]
@@ -73,6 +74,7 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
             header, or numbers that have, or may have, marks between thousands.
     """
     if _MARKUP.match(text[:LOOKED_AT]):
+        refuse_calibration(text[:LOOKED_AT], path)
         raise InputError("is XML or HTML, not a table.", where=str(path))
     lines = [_decoded(line) for line in _whole_lines(text)]
     filled = [k for k, line in enumerate(lines) if line.strip()]
