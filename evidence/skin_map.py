@@ -18,15 +18,17 @@ from palpate.sensors.taxels.skin_map.paper import paper_surface
 from palpate.sensors.taxels.skin_map.sections import cut
 from palpate.sensors.taxels.skin_map.sheet import placed
 from palpate.sensors.taxels.skin_map.shell import Site, full_sections, shell
+from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
 from palpate.surfaces.bspline import BSplineSurface
 
-__all__ = ["HEADING", "ORIGIN", "SHEET", "rows", "table", "wrist"]
+__all__ = ["HEADING", "LINK", "ORIGIN", "SHEET", "rows", "table", "wrist"]
 
 COMMAND = "python -m evidence --only skin_map"
 NAME = "skin map"
 SHEET = Sheet(6, 22, (0.01, 0.01))
 ORIGIN, HEADING = np.array([-0.0366, 0.02923, -0.20067]), np.array([0.1, -0.959, -0.265])
+LINK = Pose(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.zeros(3))  # undoes the file's Y_UP, as RViz does
 DEVELOPABLE = {
     "cylinder": Cone(0.035, 0.0),
     "elliptic cylinder 37 x 32": Elliptic(0.037, 0.032),
@@ -50,9 +52,9 @@ def rows(small: bool) -> Iterator[Row]:
 
 
 def wrist() -> Mesh | None:
-    """R_WRIST_Y of the paper's robot; None where it is absent."""
+    """R_WRIST_Y of the paper's robot, in the link's frame; None where it is absent."""
     folder = shared()
-    return None if folder is None else Mesh.load(folder / "data/hrp4c/R_WRIST_Y_LINK_mesh.dae", "m")
+    return None if folder is None else Mesh.load(folder / "data/hrp4c/R_WRIST_Y_LINK_mesh.dae").transformed(LINK)
 
 
 def _table_2(link: Mesh, small: bool) -> Iterator[Row]:

@@ -117,11 +117,36 @@ def test_counts_are_divided_by_what_the_lines_before_the_names_say(tmp_path: Pat
     assert averaged.rate == 100.0  # 10,000 Hz, of which 100 make one sample
 
 
+@pytest.mark.parametrize(
+    "first", ["<Pose> t fx fy fz tx ty tz", "<Pose>\nt fx fy fz tx ty tz", "<Pose>, t fx fy fz tx ty tz"]
+)
+def test_a_table_may_begin_with_a_tag(tmp_path: Path, first: str) -> None:
+    rows = "\n".join(f"{k / 100} {k} 0 -{k} 0.1 0 {k / 7:.3f}" for k in range(40))
+    for name, text in {
+        "spaces.txt": f"{first}\n{rows}\n",
+        "commas.txt": f"{first}\n{rows}\n".replace(" ", ","),
+    }.items():
+        (tmp_path / name).write_text(text.replace(",,", ","), "utf-8")
+        found = read_recording(tmp_path / name, LogLayout(time="t"))
+        assert found.channels["force"][:, 2].tolist() == [-k for k in range(40)]
+        assert found.time[-1] == 0.39
+
+
+@pytest.mark.parametrize(
+    "text", ["<?xml version='1.0'?>\n<a>", "<!DOCTYPE html>\n", "<a><b c='1'/>\n1,2\n", "<a>\n1,2\n</a>"]
+)
+def test_markup_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.csv").write_text(text, "utf-8")
+    with pytest.raises(InputError, match="is XML or HTML, not a table"):
+        read_recording(tmp_path / "a.csv")
+
+
 def test_a_long_step_is_asked_about(tmp_path: Path) -> None:
-    """Milliseconds under the plain name, which is in seconds."""
+    """Milliseconds under the plain name, and a layout that says seconds."""
     path = _log(tmp_path, "milliseconds.csv")
     path.write_text(path.read_text().replace("t,fx", "time,fx"))
-    assert "a step between samples is 10 s" in " ".join(read_recording(path).notes)
+    assert "a step between samples is 10 s" in " ".join(read_recording(path, LogLayout(time_unit="s")).notes)
+    assert "its steps of 10 are taken for ms (100 Hz)" in " ".join(read_recording(path).notes)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 
 from evidence.made_robots import (
     ARM,
@@ -31,6 +30,7 @@ from palpate.files.urdf import Kinematics, Urdf
 from palpate.setup import load_rig
 from palpate.setup.body import GivenBody
 from palpate.surfaces import Mesh
+from tests.support.collada import write_collada
 
 
 @pytest.fixture
@@ -107,19 +107,18 @@ def test_ros_says_where_packages_are(robots: dict[str, Path], tmp_path: Path, mo
         monkeypatch.delenv(variable)
 
 
-def test_a_collada_file_says_its_unit(tmp_path: Path) -> None:
-    box = trimesh.creation.box(extents=(10.0, 20.0, 30.0))
-    raw = trimesh.exchange.dae.export_collada(box)
-    text = raw.decode() if isinstance(raw, bytes) else raw
-    (tmp_path / "box.dae").write_text(
-        text.replace("<asset>", '<asset><unit name="millimeter" meter="0.001"/>'), "utf-8"
-    )
-    robot = (
-        '<robot name="r"><link name="b"><visual><geometry><mesh filename="box.dae"/></geometry></visual></link></robot>'
-    )
+@pytest.mark.parametrize("up", [None, "X_UP", "Y_UP", "Z_UP"])
+def test_a_link_has_its_collada_files_unit_and_axes(tmp_path: Path, up: str | None) -> None:
+    """RViz, Gazebo and MoveIt apply <unit> and ignore <up_axis>, and robots' meshes are made for that."""
+    write_collada(tmp_path / "box.dae", "0.0254", up)
+    shape = '<visual><geometry><mesh filename="box.dae" scale="1 2 1"/></geometry></visual>'
+    robot = f'<robot name="r"><link name="b">{shape}</link></robot>'
     (tmp_path / "r.urdf").write_text(robot, "utf-8")
-    vertices = Urdf(tmp_path / "r.urdf").body("b").vertices
-    assert np.ptp(vertices, axis=0) == pytest.approx([0.01, 0.02, 0.03], abs=1e-9)  # float32 in the file
+    body = Urdf(tmp_path / "r.urdf").body("b")
+    assert np.ptp(body.vertices, axis=0) == pytest.approx([0.0254, 0.1016, 0.0762], abs=1e-8)  # float32 in trimesh
+    notes = [f"box.dae states {up}"] if up in ("X_UP", "Y_UP") else []
+    assert [note.split(",")[0] for note in body.mesh("b").notes] == notes
+    assert set(body.notes) <= set(GivenBody.of(tmp_path / "r.urdf", "b").remarks(""))
 
 
 @pytest.mark.parametrize(

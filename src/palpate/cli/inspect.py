@@ -16,6 +16,7 @@ from palpate.console.options import FileOption, SomeFile
 from palpate.contact.ground_truth import TrueTouches
 from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
+from palpate.files.ati import AtiCalibration
 from palpate.files.atomic import PART, keep_inputs
 from palpate.files.contacts import unfinished
 from palpate.files.contacts.mcap import KIND
@@ -31,7 +32,8 @@ from palpate.sensors.taxels.place_formats import holds_taxels, read_taxel_places
 from palpate.setup import Rig, load_rig
 from palpate.setup.kinds import KINDS as SENSORS
 from palpate.signals.recording import CELLS
-from palpate.surfaces.mesh import UNITS, Mesh
+from palpate.surfaces.collada import ColladaAsset
+from palpate.surfaces.mesh import UNITS, Mesh, unit_named
 
 __all__ = ["inspect"]
 
@@ -54,7 +56,7 @@ def inspect(
 
     Args:
         file: a log or contacts (CSV, Parquet, MCAP, bag), a video, a folder of frames, STL, OBJ, PLY or DAE, a URDF,
-            TOML, places of taxels, a truth.
+            TOML, places of taxels, a truth, a calibration of ATI (.cal).
         rig: TOML with the layout of the log; with it, spectra are those of the contact: force without the payload, and
             contact point.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
@@ -77,10 +79,10 @@ def inspect(
         keep_inputs(spectrum, (file, rig))
     if spectrum is None and rig is None and incomplete is None and suffix in _TAXELS and holds_taxels(file):
         _taxels(file)
-    elif suffix in (*_MESHES, ".toml", ".urdf", ".xacro"):
+    elif suffix in (*_MESHES, ".toml", ".urdf", ".xacro", ".cal"):
         if spectrum is not None:
             raise InputError("has no spectrum, because it is neither a log nor a result.", where=str(file))
-        (_toml if suffix == ".toml" else _mesh if suffix in _MESHES else _urdf)(file)
+        {".toml": _toml, ".cal": _ati, **dict.fromkeys(_MESHES, _mesh)}.get(suffix, _urdf)(file)
     else:
         _data(incomplete or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
 
@@ -115,8 +117,9 @@ def _holds_contacts(there: LogContents) -> bool:
 
 
 def _mesh(file: Path) -> None:
-    mesh = Mesh.load(file, unit="m")
-    extent = mesh.bounds[1] - mesh.bounds[0]
+    own = ColladaAsset.of(file).metres
+    mesh = Mesh.load(file, unit="m" if own is None else None)
+    extent, where = mesh.bounds[1] - mesh.bounds[0], "in the file's unit" if own is None else "m"
     closed = f"{mesh.open_edges:,} open edges" if mesh.open_edges else "watertight"
     title(f"{file}: a mesh")
     lines(
@@ -125,17 +128,19 @@ def _mesh(file: Path) -> None:
             ("bodies", Quantity(f"{mesh.bodies:,}, {closed}", mesh.bodies)),
             *([("open edges", mesh.open_edges)] if in_full() else []),
             ("covered", mesh.coverage or "none: every facet can be reached from outside"),
-            ("extent", Quantity(f"{_numbers(extent)} in the file's unit", extent)),
+            *([] if own is None else [("unit", f"{unit_named(own)}, as the file states")]),
+            ("extent", Quantity(f"{_numbers(extent)} {where}", extent)),
             ("middle", Quantity(_numbers(mesh.centre), mesh.centre)),
             ("mean edge", f"{mesh.edge:.4g}"),
             *(
                 (f"as {unit}", Quantity(f"{1e3 * scale * mesh.size:.4g} mm across", scale * mesh.size))
                 for unit, scale in UNITS.items()
-                if unit != "um"
+                if unit != "um" and own is None
             ),
+            *([] if own is None else [("size", Quantity(f"{1e3 * mesh.size:.4g} mm across", mesh.size))]),
         ]
     )
-    note(text for text in mesh.notes if " as m" not in text)
+    note(text for text in mesh.notes if own is not None or "if its unit is m;" not in text)
     if mesh.coverage:
         note(["covered facets cannot have contacts, unless the rig's [surface] has `covered = true`"])
 
@@ -157,6 +162,23 @@ def _urdf(file: Path) -> None:
             ("joints", f"{len(urdf.joints)}, moving: {', '.join(moving) or 'none'}"),
         ]
     )
+
+
+def _ati(file: Path) -> None:
+    found = AtiCalibration.of(file)
+    rated = [f"{value:.6g}" for value in found.ranges]
+    title(f"{file}: ATI's calibration of a force/torque sensor")
+    lines(
+        [
+            ("sensor", " ".join(filter(None, (found.model, found.serial, found.part)))),
+            ("calibrated", found.date or "no date"),
+            ("units", ", ".join(found.units)),
+            ("range", Quantity(f"{', '.join(rated[:3])} N; {', '.join(rated[3:])} N m", found.ranges)),
+        ]
+    )
+    units = 'units = {{ force = "{}", torque = "{}" }}'.format(*found.units)
+    limits = f"range = {{ force = [{', '.join(rated[:3])}], torque = [{', '.join(rated[3:])}] }}"
+    note([f"in [force_torque] of a rig for a log of forces and torques in these units: {units} and {limits}"])
 
 
 def _toml(file: Path) -> None:

@@ -16,6 +16,7 @@ from palpate.setup.pipeline import OpenedLog, open_log
 from palpate.setup.rig import with_mesh
 from palpate.setup.setup import SensorKind
 from palpate.setup.tables import RigFilter, RigNoise, RigThresholds
+from palpate.surfaces.collada import ColladaAsset
 
 __all__ = ["RigOptions"]
 
@@ -32,7 +33,7 @@ class RigOptions:
     Args:
         rig: TOML of the set-up.
         mesh: surface, in the sensor's frame unless a rig states its pose.
-        unit: unit of the mesh file: m, cm, mm, um or in.
+        unit: unit of the mesh file, unless it states its own: m, cm, mm, um or in.
         crease: degrees; facets that meet by less are smooth across their edge; 0 is faceted (default 30).
         payload: model written by `palpate calibrate payload`.
         noise: standard deviation of one reading, force [N] and torque [N m]. Estimated from the log when not given.
@@ -109,7 +110,7 @@ class RigOptions:
             if known is None:
                 raise InputError("the touched body is not given.", hint="Give --rig RIG, or --mesh MESH --unit UNIT.")
             return known
-        if self.unit is None:
+        if self.unit is None and ColladaAsset.of(self.mesh).metres is None:
             hint = "Add --unit mm (or m, cm, um, in)."
             raise InputError("a mesh file does not state its unit.", where=str(self.mesh), hint=hint)
         return with_mesh(known, self.mesh, self.unit)

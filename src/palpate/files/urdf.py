@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -23,6 +22,7 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FrameTree
 from palpate.spatial.pose import Pose, quaternion_from_rotation
 from palpate.surfaces._load import arrays_of, load_arrays
+from palpate.surfaces.collada import ColladaAsset
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["GEOMETRIES", "Kinematics", "LinkBody", "Urdf"]
@@ -63,12 +63,14 @@ class LinkBody:
         vertices, faces: (v, 3) [m] and (f, 3), of all its meshes and primitives.
         geometry: entry of `GEOMETRIES` that they are from.
         files: meshes that were read.
+        notes: on what is not used of the meshes, a sentence each.
     """
 
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
     geometry: str
     files: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
 
     def mesh(self, source: str, **options: Any) -> Mesh:
         """Return the link as a `Mesh`, with the options of `Mesh.from_arrays`.
@@ -77,9 +79,10 @@ class LinkBody:
             GeometryError: the triangles make no usable surface; the message begins with `source`.
         """
         try:
-            return Mesh.from_arrays(self.vertices, self.faces, **options)
+            made = Mesh.from_arrays(self.vertices, self.faces, **options)
         except GeometryError as error:
             raise GeometryError(f"{source}: {error}") from error
+        return replace(made, notes=(*made.notes, *self.notes))
 
 
 class Urdf:
@@ -219,7 +222,8 @@ class Urdf:
             faces.append(triangles + count)
             files += [] if file is None else [file]
             count += len(points)
-        return LinkBody(np.concatenate(vertices), np.concatenate(faces), taken, tuple(dict.fromkeys(files)))
+        read = tuple(dict.fromkeys(files))
+        return LinkBody(np.concatenate(vertices), np.concatenate(faces), taken, read, tuple(_not_turned(read)))
 
     def _shape(self, shape: Any, link: str) -> tuple[np.ndarray, np.ndarray, Path | None]:
         """Return vertices [m] in the shape's frame, faces, and the mesh file or None."""
@@ -227,7 +231,7 @@ class Urdf:
         if mesh is None:
             return *arrays_of(self._primitive(shape.find("geometry"), f"link {link!r}"), str(self.path)), None
         file = self.resolve(mesh.get("filename", ""))
-        scale = self._numbers(mesh, "scale", f"link {link!r}", (1.0, 1.0, 1.0)) * _collada_unit(file)
+        scale = self._numbers(mesh, "scale", f"link {link!r}", (1.0, 1.0, 1.0)) * (ColladaAsset.of(file).metres or 1.0)
         points, faces = load_arrays(file)
         mirrored = bool(np.prod(scale) < 0)  # the other hand of a pair: facets are seen from the other side
         return points * scale, faces[:, ::-1] if mirrored else faces, file
@@ -417,10 +421,12 @@ def _declares(file: Path, package: str) -> bool:
         return False
 
 
-def _collada_unit(file: Path) -> float:
-    """Return the metres in a unit of a COLLADA file; 1 for other formats."""
-    if file.suffix.lower() != ".dae":
-        return 1.0
-    with file.open("rb") as content:
-        said = re.search(rb'<unit\b[^>]*\bmeter="([0-9.eE+-]+)"', content.read(1 << 16))
-    return 1.0 if said is None else float(said[1])
+def _not_turned(files: Iterable[Path]) -> Iterator[str]:
+    """Yield a note for each mesh that states another up axis than z.
+
+    It is not applied: RViz, Gazebo and MoveIt ignore it too, so that the meshes of robots lie right without it.
+    """
+    for file in files:
+        if (asset := ColladaAsset.of(file)).turned:
+            why = "not applied to a link of a URDF, as in RViz, Gazebo and MoveIt"
+            yield f"{file.name} states {asset.up}, which is {why}: if it lies turned, write the turn in its <origin>"

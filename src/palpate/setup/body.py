@@ -1,10 +1,10 @@
-"""Describe the body given to `palpate rig new`: a mesh file whose unit is guessed, or a link of a URDF."""
+"""Describe the body given to `palpate rig new`: a mesh file, whose unit is guessed if need be, or a link of a URDF."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from palpate.errors import InputError
 from palpate.files.urdf import Urdf
 from palpate.setup.guess import PLAUSIBLE, mesh_size, quoted
 from palpate.spatial.pose import Pose
+from palpate.surfaces.collada import ColladaAsset
 
 __all__ = ["GivenBody"]
 
@@ -20,6 +21,10 @@ _MESH = """\
 [surface]
 mesh = {mesh}
 unit = "{unit}"                        # of the mesh file: m, cm, mm, um, in; it makes the surface {size:.4g} mm across
+"""
+_STATED = """\
+[surface]
+mesh = {mesh}   # it states its own unit, {unit}, which makes the surface {size:.4g} mm across
 """
 _LINK = """\
 [surface]
@@ -51,7 +56,9 @@ class GivenBody:
         size: [m] across.
         urdf, link: the URDF and its link; None and "" for a mesh.
         geometry: "visual" or "collision"; "" for a mesh.
-        folder: where relative paths start.
+        folder: folder of the rig, where relative paths start.
+        asset: the unit and the up axis that the mesh file states.
+        notes: on the meshes of a link, a sentence each.
     """
 
     path: Path
@@ -61,10 +68,12 @@ class GivenBody:
     link: str = ""
     geometry: str = ""
     folder: Path = Path()
+    asset: ColladaAsset = field(default_factory=ColladaAsset)
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, path: Path, link: str | None = None, packages: Mapping[str, Path] | None = None) -> GivenBody:
-        """Read the body from a file; a mesh's unit is guessed from its size.
+        """Return the `GivenBody` of a file; a mesh's unit is guessed from its size unless the file states it.
 
         Args:
             path: a mesh, or a URDF.
@@ -79,14 +88,14 @@ class GivenBody:
         if path.suffix.lower() not in (".urdf", ".xacro", ".xml"):
             if link is not None or packages:
                 raise InputError("is a mesh, which has no links and no packages.", where=str(path), hint="Name a URDF.")
-            return cls(path, *mesh_size(path))
+            return cls(path, *mesh_size(path), asset=ColladaAsset.of(path))
         urdf = Urdf(path, packages)
         if link is None:
             shaped = ", ".join(urdf.shaped()[:12]) or "none with a geometry"
             raise InputError("has several links.", where=str(path), hint=f"Name one with --link: {shaped}.")
         made = urdf.body(link)
         across = float(np.linalg.norm(np.ptp(made.vertices, axis=0)))
-        return cls(path, "m", across, urdf, link, made.geometry)
+        return cls(path, "m", across, urdf, link, made.geometry, notes=made.notes)
 
     def text(self, frame: str) -> str:
         """Return the [surface] of a rig as TOML text; `frame` is the log's name of the sensor's frame, or ""."""
@@ -100,7 +109,7 @@ class GivenBody:
     def _source(self) -> str:
         path, size = self.relative(self.path), 1e3 * self.size
         if self.urdf is None:
-            return _MESH.format(mesh=path, unit=self.unit, size=size)
+            return (_MESH if self.asset.metres is None else _STATED).format(mesh=path, unit=self.unit, size=size)
         pairs = [f"{quoted(name)} = {self.relative(where)}" for name, where in self.urdf.packages.items()]
         return _LINK.format(
             urdf=path,
@@ -128,9 +137,12 @@ class GivenBody:
     def remarks(self, frame: str) -> list[str]:
         """Return what to check about the surface, one sentence each; `frame` as in `text`."""
         if self.urdf is None:
-            taken = f"the mesh is taken to be in {self.unit}, which makes it {self.size * 1e3:.4g} mm across"
-            return [] if self.unit == "m" else [taken]
+            stated = self.asset.metres is not None
+            how = f"states its unit, {self.unit!r}" if stated else f"is taken to be in {self.unit}"
+            taken = f"the mesh {how}, which makes it {self.size * 1e3:.4g} mm across"
+            return [*([taken] if stated or self.unit != "m" else []), *filter(None, [self.asset.note])]
         said = [f"the surface is the {self.geometry} geometry of link {self.link!r}, {self.size * 1e3:.4g} mm across"]
+        said += self.notes
         if not PLAUSIBLE[0] <= self.size <= PLAUSIBLE[1]:
             why = "that is an unusual size of a robot's link"
             said.append(f"{why}: check the scale of its mesh in the URDF (0.001 for mm)")

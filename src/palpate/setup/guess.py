@@ -7,13 +7,13 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from palpate.files.logs import LogContents, topic_shapes
+from palpate.files.logs import LogContents, open_log, topic_shapes
 from palpate.files.logs.decoding import role
-from palpate.files.logs.layout import ORIENTATION_COLUMNS
+from palpate.files.logs.layout import ORIENTATION_COLUMNS, LogLayout
 from palpate.files.logs.topics import RESULTS
-from palpate.files.units import TIME_UNITS, known_unit, split_unit
 from palpate.setup.makers import named_pose
-from palpate.surfaces.mesh import UNITS, Mesh
+from palpate.surfaces.collada import ColladaAsset
+from palpate.surfaces.mesh import UNITS, Mesh, unit_named
 
 __all__ = [
     "PLAUSIBLE",
@@ -71,9 +71,16 @@ def time_table(column: str, unit: str = "s", rate: float | None = None) -> str:
     return "\n".join(["[time]", *lines]) + "\n\n"
 
 
-def time_unit(column: str) -> str:
-    """Return the unit that the name of a time column states, or "s" if it states none."""
-    return known_unit(split_unit(column)[1], TIME_UNITS) or "s"
+def time_unit(log: Path, column: str) -> tuple[str, list[str]]:
+    """Return the unit in which the times in a column of a log are read, and a list of remarks on it.
+
+    Raises:
+        InputError: the log cannot be read, or states an unknown unit of the times.
+    """
+    times = open_log(log, LogLayout(time=column, wrench=None))
+    next(times.blocks(), None)
+    unit, doubt = times.time_unit
+    return unit or "s", [doubt] if doubt else []
 
 
 def frames_table(base: str, sensor: str, what: str, more: str = "") -> str:
@@ -116,10 +123,14 @@ def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
 def mesh_size(path: Path) -> tuple[str, float]:
     """Return the unit in which a mesh has a plausible size, "mm" first and "m" if none does, and that size [m].
 
+    A unit that the file states is not guessed.
+
     Raises:
         InputError: the file is missing or is not a mesh.
         GeometryError: the file has no usable surface.
     """
+    if (own := ColladaAsset.of(path).metres) is not None:
+        return unit_named(own), Mesh.load(path).size
     raw = Mesh.load(path, unit="m").size
     for unit in ("mm", "m", "cm", "um"):
         if PLAUSIBLE[0] <= raw * UNITS[unit] <= (2.0 if unit == "mm" else PLAUSIBLE[1]):

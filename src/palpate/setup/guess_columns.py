@@ -47,10 +47,13 @@ class WrenchColumns:
     time: TimeGuess | None = None
     acceleration: tuple[str, ...] = ()
 
-    def looked_at(self, recording: Recording, stated: Stated) -> WrenchColumns:
-        """Return a `WrenchColumns` completed from the table's numbers: unit of time, kind of acceleration, counts."""
+    def looked_at(self, recording: Recording, stated: Stated, time_unit: tuple[str, str]) -> WrenchColumns:
+        """Return a `WrenchColumns` completed from the table's numbers: unit of time, kind of acceleration, counts.
+
+        `time_unit` is the unit in which the times were read, and a remark on it.
+        """
         fields, remarks, layout = dict(self.fields), list(self.remarks), self.layout
-        time = None if self.time is None else self.time.judged(recording.time)
+        time = None if self.time is None else self.time.judged(recording.time, *time_unit)
         if time is not None:
             layout = replace(layout, time=time.column or "time", time_unit=time.unit, rate=time.rate)
             fields["time"] = time.text()
@@ -99,7 +102,7 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
     acceleration = acceleration_columns([name for name in names if name not in wrench]) or ()
     layout = LogLayout(
         time=time.column or "time",
-        time_unit=time.unit or "s",
+        time_unit=time.unit or None,
         rate=time.rate,
         wrench=wrench,
         force_unit=force or "N",

@@ -227,7 +227,8 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
             raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, [*common, *KINDS]))
     sensors = {kind.name: _sensor(own[kind.name], kind, path) for kind in KINDS.among(own)}
     rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent)
-    to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
+    if rig.time.unit is not None:
+        to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
     for kind in rig.kinds:
         if rig.surface is None and kind.needs_surface and rig.pokes is None:
             hint = "`palpate rig new` writes one to start from."

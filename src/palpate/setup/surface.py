@@ -79,7 +79,7 @@ class RigSurface:
     """The surface that is touched: a `mesh` with its `unit`, a `link` of a `urdf`, or another `kind` with lengths [m].
 
     `geometry` of a link is "visual" or "collision"; None: the first of these that it has. `packages`: name -> folder,
-    for packages of the URDF that are not found otherwise.
+    for packages of the URDF that are not found otherwise. The `unit` of a DAE that states its own is not needed.
 
     Facets that meet at less than `crease` [degrees] are smooth across their edge. With `covered` = true, facets that
     cannot be reached from outside give contacts too.
@@ -133,7 +133,7 @@ class RigSurface:
             raise ValueError("link, geometry and packages need a urdf, which is missing")
         elif self.kind == "mesh" and self.mesh is None:
             raise ValueError("mesh, the file of the surface, is missing")
-        elif self.kind == "mesh" and self.unit not in UNITS:
+        elif self.kind == "mesh" and self.unit not in UNITS and not (self.unit is None and _may_state(self.mesh)):
             raise ValueError(f"unit of the mesh must be one of {', '.join(UNITS)}, not {self.unit!r}")
         if not 0 <= self.crease <= 180:
             raise ValueError(f"crease must be between 0 and 180 degrees, not {self.crease:g}")
@@ -195,7 +195,7 @@ class RigSurface:
         options: dict[str, Any] = {"crease": radians(self.crease), "region": region, "covered": self.covered}
         if self.urdf is not None:
             return self._body(folder).mesh(f"link {self.link!r} of {self.urdf}", **options)
-        return Mesh.load(folder / str(self.mesh), unit=str(self.unit), **options)
+        return Mesh.load(folder / str(self.mesh), unit=self.unit, **options)
 
     def _equation(self) -> Surface:
         make, names = EQUATIONS[self.kind]
@@ -203,3 +203,8 @@ class RigSurface:
         made = make(**lengths)
         doubt = f"the {self.kind.replace('_', ' ')} is {made.size:.4g} m across: check that its lengths are in metres"
         return made if plausible_size(made.size) else make(**lengths, notes=(doubt,))
+
+
+def _may_state(mesh: str | None) -> bool:
+    """Check whether a mesh file has a format that may state its own unit."""
+    return mesh is not None and Path(mesh).suffix.lower() == ".dae"

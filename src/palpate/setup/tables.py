@@ -128,12 +128,14 @@ class RigForceTorque:
 class RigTime:
     """The [time] of a rig: the time's column and unit; `rate` [Hz] if it is a counter ("samples") or there is none.
 
+    Without `unit` it is the one that the log states, or else the one that its first times suggest.
+
     Raises:
         ValueError: the rate is not positive and finite, or is missing for a counter.
     """
 
     column: str = "time"
-    unit: str = "s"
+    unit: str | None = None
     rate: float | None = None
 
     def __post_init__(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
-from math import pi, radians
+from math import isclose, pi, radians
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,7 +30,7 @@ from palpate.waiting import waiting
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
 
-__all__ = ["UNITS", "Mesh", "plane", "plausible_size"]
+__all__ = ["UNITS", "Mesh", "plane", "plausible_size", "unit_named"]
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 _OF_TRIMESH = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "microns": "um", "inches": "in"}
@@ -145,7 +145,7 @@ class Mesh(Value):
 
         source, named = type(mesh).__name__, str(getattr(mesh, "units", None) or "")
         unit = unit or _OF_TRIMESH.get(named, named) or None
-        return cls._from_numbers(*arrays_of(mesh, source), unit, source, options)
+        return cls._from_numbers(*arrays_of(mesh, source), _metres(unit, source), source, options)
 
     @classmethod
     def load(cls, path: str | PathLike[str], unit: str | None = None, **options: Any) -> Mesh:
@@ -153,37 +153,40 @@ class Mesh(Value):
 
         Args:
             path: the file.
-            unit: required, of the file's numbers: m, cm, mm, um or in.
+            unit: of the file's numbers: m, cm, mm, um or in; required unless the file states its own (<unit> of DAE).
             options: `smooth`, `crease`, `region`, `covered` as in `from_arrays`; facets are numbered as in the file.
 
+        Returns:
+            The `Mesh`; of a DAE with another <up_axis> it is turned so that z points up, with a note.
+
         Raises:
-            InputError: no such file, or one that cannot be read or is not a mesh; no unit or an unknown one; an unknown
-                option; a crease not from 0 to pi.
+            InputError: no such file, or one that cannot be read or is not a mesh; no unit, an unknown one, or another
+                than the file's own; an unknown option; a crease not from 0 to pi.
             GeometryError: no facet with an area, or an unusable region.
         """
         from palpate.surfaces._load import load_arrays
+        from palpate.surfaces.collada import ColladaAsset
 
-        return cls._from_numbers(*load_arrays(Path(path)), unit, str(path), options)
+        asset, (vertices, faces) = ColladaAsset.of(Path(path)), load_arrays(Path(path))
+        metres = _metres(unit, str(path), asset.metres)
+        made = cls._from_numbers(asset.upright(vertices), faces, metres, str(path), options)
+        return replace(made, notes=(*made.notes, asset.note)) if asset.turned else made
 
     @classmethod
     def _from_numbers(
         cls,
         vertices: Float[np.ndarray, "v 3"],
         faces: Int[np.ndarray, "f 3"],
-        unit: str | None,
+        metres: float,
         source: str,
         options: dict[str, Any],
     ) -> Mesh:
-        """Make a mesh from vertices in a unit, required; errors name the source."""
-        if unit is None or unit not in UNITS:
-            missing = "the unit of the mesh's numbers is not given (unit=...)."
-            what = missing if unit is None else f"unknown unit {unit!r}."
-            raise InputError(what, where=source, hint=f'Write unit="mm", or another of {", ".join(UNITS)}.')
+        """Make a mesh from vertices in a unit of that many metres; errors name the source."""
         try:
-            made = cls.from_arrays(vertices * UNITS[unit], faces, **options)
+            made = cls.from_arrays(vertices * metres, faces, **options)
         except GeometryError as error:
             raise GeometryError(f"{source}: {error}") from error
-        return replace(made, notes=(*made.notes, *_doubts(made, unit)))
+        return replace(made, notes=(*made.notes, *_doubts(made, metres)))
 
     @functools.cached_property
     def normals(self) -> Float[np.ndarray, "f 3"]:
@@ -363,10 +366,29 @@ def plausible_size(size: float) -> bool:
     return 2e-3 <= size <= 5.0
 
 
-def _doubts(mesh: Mesh, unit: str) -> tuple[str, ...]:
+def unit_named(metres: float) -> str:
+    """Return the name of a unit of that many metres, such as "mm", or its length in words if it has none."""
+    return next((name for name, scale in UNITS.items() if isclose(scale, metres, rel_tol=1e-6)), f"{metres:g} m")
+
+
+def _metres(unit: str | None, source: str, own: float | None = None) -> float:
+    """Return the length [m] of a unit; `own` [m] is that of the unit that the source states, which it must equal."""
+    if unit is None and own is not None:
+        return own
+    if unit is None or unit not in UNITS:
+        missing = "the unit of the mesh's numbers is not given (unit=...)."
+        what = missing if unit is None else f"unknown unit {unit!r}."
+        raise InputError(what, where=source, hint=f'Write unit="mm", or another of {", ".join(UNITS)}.')
+    if own is not None and not isclose(own, UNITS[unit], rel_tol=1e-6):
+        what = f"the unit is given as {unit!r}, but the file states its own, {unit_named(own)!r}."
+        raise InputError(what, where=source, hint="Leave the unit out, or correct <unit> in the file.")
+    return UNITS[unit] if own is None else own
+
+
+def _doubts(mesh: Mesh, metres: float) -> tuple[str, ...]:
     """Return a warning about an implausible size, most often of a wrong unit."""
     if plausible_size(mesh.size):
         return ()
-    likely = [name for name, scale in UNITS.items() if plausible_size(mesh.size / UNITS[unit] * scale)]
+    likely = [name for name, scale in UNITS.items() if plausible_size(mesh.size / metres * scale)]
     hint = f": its size would be plausible in {' or '.join(likely)}" if likely else ""
-    return (f"the mesh is {mesh.size:.4g} m across if its unit is {unit}; check the unit{hint}",)
+    return (f"the mesh is {mesh.size:.4g} m across if its unit is {unit_named(metres)}; check the unit{hint}",)

@@ -10,7 +10,7 @@ import trimesh
 
 from evidence.skin_general import general
 from evidence.skin_hard import box_link, holed, soup
-from evidence.skin_map import HEADING, ORIGIN, unrolled
+from evidence.skin_map import HEADING, LINK, ORIGIN, unrolled
 from evidence.skin_shapes import Cone, Elliptic, Sphere, Torus, march, round_mesh, wristlike
 from palpate.cli import main
 from palpate.errors import GeometryError, InputError
@@ -234,7 +234,7 @@ def test_a_sharp_edge_is_mapped_along_its_facets() -> None:
 
 
 def test_the_real_wrist_is_followed(shared: Path) -> None:
-    link = Mesh.load(shared / "data/hrp4c/R_WRIST_Y_LINK_mesh.dae", "m")
+    link = Mesh.load(shared / "data/hrp4c/R_WRIST_Y_LINK_mesh.dae").transformed(LINK)
     cells = map_skin(link, Sheet(6, 22, (0.01, 0.01)), origin=ORIGIN, heading=HEADING, mode="facets")
     assert cells.surface is not None
     assert cells.surface.points <= 200

@@ -16,6 +16,7 @@ from palpate.errors import InputError
 from palpate.files.logs.layout import POSE_COLUMNS, ArrayChannel, LogLayout, require_stated, stated_layout
 from palpate.files.logs.log import Log
 from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
+from palpate.files.logs.time_unit import judged_unit, stated_unit
 from palpate.files.tables.fields import Fields
 from palpate.files.tables.stated import Stated
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
@@ -43,9 +44,12 @@ class Columns:
 
     Attributes:
         places: column -> its array, and its index in a sample of this.
+        time_unit: unit of the times; "": the first block of samples will decide.
+        doubt: remark on a unit that was judged from the times; "" if there is none.
 
     Raises:
-        InputError: the layout is invalid, a column that it names is missing, or the log states other units.
+        InputError: the layout is invalid, a column that it names is missing, or the log states other units, or one of
+            the time that is not known.
     """
 
     def __init__(self, layout: LogLayout, path: Path, shapes: Shapes, stated: Stated | None = None) -> None:
@@ -53,8 +57,9 @@ class Columns:
         layout = stated_layout(layout, shapes, stated)
         require_stated(layout, stated, path)
         self._samples, self._path, self._layout = SampleReader(layout, path), path, layout
-        self._per_second = _per_second(layout)
         self._groups = plan(layout, shapes, path)
+        self.time_unit = layout.time_unit or (stated_unit(layout.time, stated, path) if _TIME in self._groups else "s")
+        self.doubt, self._per_second = "", _per_second(self.time_unit or "s", layout.rate)
         self.places = flattened(shapes)
         self._fields = {group: Fields() for group in self._groups}
         self._count = 0
@@ -68,12 +73,20 @@ class Columns:
         """Return the next samples in SI; `read` returns the numbers of given columns, (n, k)."""
         values = {group: read(columns, self._fields[group]) for group, columns in self._groups.items()}
         if _TIME in values:  # 235 / 1e3 is 0.235, 235 * 1e-3 is not
-            time = values.pop(_TIME)[:, 0] / self._per_second
+            time = self._seconds(values.pop(_TIME)[:, 0])
         else:
             count = len(next(iter(values.values())))
             time = (self._count + np.arange(count)) / (self._layout.rate or 1.0)
         self._count += len(time)
         return self._samples.block(time, values)
+
+    def _seconds(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return times as recorded in seconds; the first ones decide the unit if nothing states it."""
+        stamped = bool(self._fields[_TIME].stamped)
+        if stamped or not self.time_unit:
+            self.time_unit, self.doubt = ("s", "") if stamped else judged_unit(time, self._layout.time)
+            self._per_second = _per_second(self.time_unit, self._layout.rate)
+        return time / self._per_second
 
     def taken(
         self, arrays: Mapping[str, np.ndarray], before: int, names: Sequence[str], fields: Fields
@@ -99,6 +112,7 @@ class Columns:
     def notes(self) -> tuple[str, ...]:
         """Return notes on the blocks so far, one sentence each: unreadable fields, odd times, no times."""
         said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
+        said = (*filter(None, [self.doubt]), *said)
         if _TIME not in self._groups:
             return (f"samples have no times: a rate of {self._layout.rate:g} Hz is assumed", *said)
         return said
@@ -111,6 +125,11 @@ class ColumnLog(Log):
         super().__init__(path, path.stat().st_size if path.exists() else 0)
         self._layout = layout
         self._columns: Columns | None = None
+
+    @property
+    def time_unit(self) -> tuple[str, str]:
+        """Unit in which the times were read, and a remark if it was judged from them; "" before the first block."""
+        return ("", "") if self._columns is None else (self._columns.time_unit, self._columns.doubt)
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on the columns read so far, one sentence each."""
@@ -164,10 +183,10 @@ def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
     return {column: (name, k) for name, shape in shapes.items() for k, column in enumerate(_columns(name, shape))}
 
 
-def _per_second(layout: LogLayout) -> float:
-    if layout.time_unit == SAMPLES:
-        return layout.rate or 1.0
-    return float(round(1 / to_si(layout.time_unit, TIME_UNITS, where="time_unit")))
+def _per_second(unit: str, rate: float | None) -> float:
+    if unit == SAMPLES:
+        return rate or 1.0
+    return float(round(1 / to_si(unit, TIME_UNITS, where="time_unit")))
 
 
 def _columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:

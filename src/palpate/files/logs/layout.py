@@ -87,7 +87,8 @@ class LogLayout:
     """The columns or topics of a log that are read, with their units and axes.
 
     Args:
-        time, time_unit: column of the time, and its unit; "samples" for a counter, which needs the rate.
+        time, time_unit: column of the time, and its unit; "samples" for a counter, which needs the rate. None: the unit
+            that the log states, or else the one that its first times suggest (`palpate.files.logs.time_unit`).
         wrench: six columns, force first; None: no wrench is read.
         arrays: other channels; of a log with topics one at most. A wrench is averaged about each row of that.
         images: of a camera, which are read alone: `wrench` is None, and no `arrays`. None: no images are read.
@@ -121,7 +122,7 @@ class LogLayout:
     """
 
     time: str = "time"
-    time_unit: str = "s"
+    time_unit: str | None = None
     wrench: tuple[str, ...] | None = WRENCH_COLUMNS
     arrays: tuple[ArrayChannel, ...] = ()
     images: ImageChannel | None = None
@@ -250,7 +251,7 @@ def require_stated(layout: LogLayout, stated: Stated, path: Path) -> None:
     ):
         for name in columns if unit != SAMPLES else ():
             said = stated.unit(name, kind)
-            if said and not _same(said, unit, table):
+            if said and unit and not _same(said, unit, table):
                 what = f"the log states that {name!r} is in {said!r}, but it is read in {unit!r}."
                 hint = f"Correct the unit in the rig's {key}, or let `palpate rig new` write it."
                 raise InputError(what, where=str(path), hint=hint)

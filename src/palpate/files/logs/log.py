@@ -80,6 +80,11 @@ class Log(Watched, ABC):
             InputError: the log cannot be read, or lacks something that the layout requests.
         """
 
+    @property
+    def time_unit(self) -> tuple[str, str]:
+        """Unit in which the times of a table were read, and a remark if it was judged from them; "" if not known."""
+        return "", ""
+
     def stored(self) -> Iterator[Stored]:
         """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type where that is faster.
 

@@ -15,12 +15,14 @@ from jaxtyping import Float
 from tomlkit.items import Array
 
 from palpate.errors import InputError
+from palpate.files.ati import refuse_calibration
 from palpate.files.tables.lines import open_input
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["load_toml", "toml_array", "toml_lines"]
 
 _LARGEST = 1 << 25  # characters
+_LOOKED_AT = 1 << 12  # characters that tell what a file is
 
 
 def load_toml(path: str | Path) -> dict[str, Any]:
@@ -35,6 +37,7 @@ def load_toml(path: str | Path) -> dict[str, Any]:
             text = file.read(_LARGEST + 1)
         if len(text) > _LARGEST:
             raise InputError("is larger than 32 MB, the limit of a TOML file.", where=str(path))
+        refuse_calibration(text[:_LOOKED_AT], path)
         return tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as problem:
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from palpate.errors import InputError
+from palpate.files.ati import refuse_calibration
 from palpate.files.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, known_unit
 
 __all__ = ["COMMENTS", "LOOKED_AT", "SPACES", "Dialect", "find_dialect", "spaces_to_tabs"]
@@ -25,6 +26,8 @@ _is_number = _NUMBER.fullmatch
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d*|(?:,\d{3}){2,}|(?:'\d{3})+(?:[.,]\d*)?)")
 _EITHER = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")  # a decimal comma, or a thousand
 _FACT = re.compile(r"([^\W\d][^:=,;\t]*?)\s*[:=]\s*([^,;\t]+)")
+_MARKUP = re.compile(rb"\s*(?:<[?!]|<(?s:.)*?(?:</|/>))")  # XML or HTML: a table may begin with `<Pose> x y z` too
+_TAG = re.compile(r"\s*<[^<>]*>[\s,;]*")  # before the names
 _MARK = re.compile(r"^\s*(?:#+|%+|//+|;+)\s*")
 _CALLED = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", SPACES: "spaces"}
 
@@ -70,7 +73,8 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
         InputError: the text is empty, is XML or HTML, has only one column or more than 20,000, an open quote in its
             header, or numbers that have, or may have, marks between thousands.
     """
-    if text[:LOOKED_AT].lstrip().startswith(b"<"):
+    if _MARKUP.match(text[:LOOKED_AT]):
+        refuse_calibration(text[:LOOKED_AT], path)
         raise InputError("is XML or HTML, not a table.", where=str(path))
     lines = [_decoded(line) for line in _whole_lines(text)]
     filled = [k for k, line in enumerate(lines) if line.strip()]
@@ -194,6 +198,8 @@ def _names(
         remark = lines[k].startswith(COMMENTS) or (lines[k].startswith(";") and delimiter != ";")
         marked = _MARK.sub("", lines[k], count=1) if remark else lines[k]
         fields = _parted(marked, delimiter, width)
+        if len(fields) != width and len(bare := _parted(_TAG.sub("", marked, count=1), delimiter, width)) == width:
+            fields = bare
         if _are_units(fields) and len(fields) == width and not units:
             units[k] = fields
         elif 2 * sum(map(bool, map(_is_number, fields))) > len(fields):

@@ -22,12 +22,14 @@ class Fields:
         rows, bad: numbers of rows, and of those with a field that is missing or no number.
         first_bad: place of the first of these; "" without any.
         unread: column -> place and text of its first field that is neither a number nor empty nor nan.
+        stamped: columns of dates or times of day, which were read in seconds.
     """
 
     def __init__(self) -> None:
         self.rows = self.bad = 0
         self.first_bad = ""
         self.unread: dict[str, tuple[str, str]] = {}
+        self.stamped: set[str] = set()
         self._numeric: set[str] = set()
 
     def see(self, name: str, values: Float[np.ndarray, " n"]) -> None:

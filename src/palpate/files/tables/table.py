@@ -121,7 +121,7 @@ class TextTable:
         texts = dict(zip(unclear, self._strings(unclear), strict=True))
         values = np.empty((len(self), len(names)))
         for k, name in enumerate(names):
-            values[:, k] = self._cast(texts[name]) if name in texts else parsed[k].to_numpy()
+            values[:, k] = self._cast(name, texts[name], fields) if name in texts else parsed[k].to_numpy()
             fields.see(name, values[:, k])
             if name in texts and name not in fields.unread:
                 self._find_unread(name, texts[name], values[:, k], fields)
@@ -170,12 +170,14 @@ class TextTable:
         frame = _frame(self._text, self.delimiter, self.path, len(self.names), indices, numbers=numbers)
         return [frame[f"c{index}"] for index in indices]
 
-    def _cast(self, text: pl.Series) -> Float[np.ndarray, " n"]:
+    def _cast(self, name: str, text: pl.Series, fields: Fields) -> Float[np.ndarray, " n"]:
         if self.dialect.decimal == ",":
             text = text.str.replace(",", ".", literal=True)
         numbers = text.cast(pl.Float64, strict=False)
         if len(numbers) and numbers.null_count() == len(numbers):  # may be a clock's
             numbers = seconds(text)
+            if numbers.null_count() < len(numbers):
+                fields.stamped.add(name)
         return numbers.fill_null(float("nan")).to_numpy().copy()
 
 

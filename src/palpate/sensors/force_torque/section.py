@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
-from palpate.files.logs import LogContents, read_recording
+from palpate.files.logs import LogContents, join, open_log
 from palpate.files.logs.layout import LogLayout, axis_matrix
 from palpate.files.logs.opening import survey
 from palpate.files.logs.topics import NONE
@@ -247,11 +247,12 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
     if found is None:
         return None
     bare = replace(found.layout, frames=None, orientation_topic=NONE)  # poses are not needed here
-    recording = read_recording(log, bare)
+    opened = open_log(log, bare)
+    recording = join(list(opened.blocks()))
     if found.time is not None:
         if made_up(contents.names) and found.time.column and (np.diff(recording.time) <= 0).mean() > 0.1:
             return None  # the first of seven columns without names is no time
-        found = found.looked_at(recording, contents.stated)
+        found = found.looked_at(recording, contents.stated, opened.time_unit)
     found = _with_torques(found, recording.wrenches(), None if body is None else body.size)
     lacking = "" if found.time is None else found.time.lacking
     text = _TEXT.format_map({**_USUAL, **found.fields})

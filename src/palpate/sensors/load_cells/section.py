@@ -220,16 +220,17 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
     names, time = _voltage_columns(there), time_column(there)
     if names is None or time is None or wrench_columns(there) is not None:
         return None
-    text = guess.time_table(time, guess.time_unit(time)) + _TEXT.format(where=f"columns = {guess.quoted(names)}")
+    unit, doubts = guess.time_unit(log, time)
+    text = guess.time_table(time, unit) + _TEXT.format(where=f"columns = {guess.quoted(names)}")
     orientation, remarks = guess.orientation_table(there)
     why = f"{len(names)} columns {names[0]} to {names[-1]} look like three voltages for each of {len(names) // 3} cells"
     layout = LogLayout(
         time=time,
-        time_unit=guess.time_unit(time),
+        time_unit=unit,
         wrench=None,
         arrays=(ArrayChannel(VOLTAGE, (len(names),), names, table="load_cells"),),
     )
-    return Guess(why, layout, text + orientation, (*remarks, _ORDER))
+    return Guess(why, layout, text + orientation, (*doubts, *remarks, _ORDER))
 
 
 def _guess_topic(log: Path, contents: LogContents) -> Guess | None:

@@ -265,11 +265,12 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
     cells = tuple(name for name in there if name not in known)
     if time is None or len(cells) < FEWEST or wrench_columns(there) is not None:
         return None
-    unit, (orientation, _) = guess.time_unit(time), guess.orientation_table(there)
+    (unit, doubts), (orientation, _) = guess.time_unit(log, time), guess.orientation_table(there)
     named = "" if len(known) == 1 else f"cells = {guess.quoted(cells)}\n"
     why = f"{len(cells)} columns in addition to the time look like cells"
     around = (guess.time_table(time, unit), orientation)
-    return _guessed((len(cells),), why, named, around, cells=cells, time=time, time_unit=unit)
+    found = _guessed((len(cells),), why, named, around, cells=cells, time=time, time_unit=unit)
+    return replace(found, remarks=(*doubts, *found.remarks))
 
 
 def guess_with_wrench(log: Path, contents: LogContents) -> Guess | None:

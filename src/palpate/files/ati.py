@@ -1,0 +1,90 @@
+"""Read the calibration file (.cal) that ATI ships with a force/torque sensor: an XML of units, ranges and a matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.files.tables.lines import open_input
+from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, to_si
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["AtiCalibration", "refuse_calibration"]
+
+_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+_ROOT = "FTSensor"
+
+
+@takes_arrays
+@dataclass(frozen=True)
+class AtiCalibration:
+    """The calibration of a sensor by its maker.
+
+    Attributes:
+        serial, model, part: such as FT44297, Nano17 and SI-25-0.25; "" if not stated.
+        date: day of the calibration as it is written, month first; "" if not stated.
+        units: units of force and torque that the matrix makes of gauge voltages, as they are written.
+        ranges: (6,) [N, N m] rated range of each axis, force first.
+    """
+
+    serial: str
+    model: str
+    part: str
+    date: str
+    units: tuple[str, str]
+    ranges: Float[np.ndarray, "6"]
+
+    @classmethod
+    def of(cls, path: Path) -> AtiCalibration:
+        """Read a file as an `AtiCalibration`.
+
+        Raises:
+            InputError: the file cannot be read, is not a calibration of ATI, or its units or ranges are not valid.
+        """
+        try:
+            with open_input(path) as file:
+                root = ElementTree.parse(file).getroot()
+        except (OSError, ElementTree.ParseError, UnicodeError, ValueError) as problem:
+            raise InputError(f"is not a calibration of ATI that can be read ({problem}).", where=str(path)) from problem
+        found = root.find("Calibration")
+        if root.tag != _ROOT or found is None:
+            raise InputError(f"is not a calibration of ATI: it has no {_ROOT}/Calibration.", where=str(path))
+        units = found.get("ForceUnits", ""), found.get("TorqueUnits", "")
+        force, torque = (
+            to_si(unit, table, where=str(path)) for unit, table in zip(units, (FORCE_UNITS, TORQUE_UNITS), strict=True)
+        )
+        rated = {axis.get("Name"): axis.get("max", "") for axis in found.iterfind("UserAxis")}
+        ranges = np.array([_positive(rated.get(name, ""), name, path) for name in _AXES])
+        names = root.get("Serial", ""), root.get("BodyStyle", ""), found.get("PartNumber", ""), found.get("CalDate", "")
+        return cls(*names, units, ranges * np.repeat([force, torque], 3))
+
+
+def refuse_calibration(text: bytes | str, path: Path) -> None:
+    """Check that a text that should be something else is not a calibration of ATI.
+
+    Raises:
+        InputError: it is.
+    """
+    if "<FTSensor" in (text.decode(errors="replace") if isinstance(text, bytes) else text):
+        raise InputError(
+            "is ATI's calibration of a force/torque sensor: neither a log nor a model of Palpate.",
+            where=str(path),
+            hint="`palpate inspect` shows its units and ranges for a rig; log forces and torques, not gauge voltages, "
+            "with the sensor's own software, which needs this file.",
+        )
+
+
+def _positive(text: str, name: str, path: Path) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < inf:
+        raise InputError(f"the range (max) of UserAxis {name} is {text!r}, not a positive number.", where=str(path))
+    return value
