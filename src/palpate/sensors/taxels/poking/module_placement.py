@@ -11,11 +11,17 @@ from palpate.errors import InputError
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking.calibrate import TaxelCalibration
+from palpate.sensors.taxels.poking.moved_modules import left_the_start
+from palpate.sensors.taxels.poking.numbering import found_numbering
 from palpate.sensors.taxels.poking.rigid_groups import fitted
 from palpate.surfaces.surface import Surface
 
 __all__ = ["common_layout", "place_modules"]
 
+_WHOSE = {
+    False: "the places contradict the layout's numbers: their taxels",
+    True: "the places contradict the layout's handedness: it is mirrored, and their taxels",
+}
 _ROUNDS = 20  # of turning modules onto their mean
 FEWEST = 3  # taxels of a module
 
@@ -66,6 +72,8 @@ def place_modules(
 ) -> TaxelCalibration:
     """Fit modules to the places of their taxels; return the new places, without covariance, in a `TaxelCalibration`.
 
+    Where the places contradict the layout's numbers or its handedness, it is fitted as they say, with a warning.
+
     Args:
         places: expected places of the taxels, with the module of each.
         layout: of the modules; None: `common_layout` of the places.
@@ -88,8 +96,10 @@ def place_modules(
         raise InputError(
             f"modules {few} have fewer than {FEWEST} taxels with a place, which is too few.", where="places"
         )
-    units = fitted(layout, places.positions, surface)
-    points, normals = units.places
+    numbering = found_numbering(layout, places.positions, known.normals)
+    layout = layout if numbering is None else numbering.of(layout)
+    points, normals = fitted(layout, places.positions, surface).places
+    points = np.where(places.there[:, None], points, np.nan)
     away = np.linalg.norm(points - places.positions, axis=1)
     made = replace(
         places,
@@ -100,7 +110,34 @@ def place_modules(
         module=np.where(np.isfinite(points).all(axis=1), layout.module, -1),
     )
     said = f"taxels moved by {1e3 * np.nanmean(away):.2f} mm on average, {1e3 * np.nanmax(away):.2f} mm at most"
-    return TaxelCalibration(made, 0, 1.0, notes=(said,))
+    doubts = (
+        *(() if numbering is None else (f"{_WHOSE[numbering.mirrored]} {numbering}; they are laid like that",)),
+        *left_the_start(layout, places.positions, points),
+        *(() if surface is not None else (_unsupported(layout, places),)),
+    )
+    return TaxelCalibration(made, 0, 1.0, notes=(said,), warnings=doubts)
+
+
+def _unsupported(layout: ModuleLayout, places: TaxelPlaces) -> str:
+    """Return a warning with the error (rms) of each taxel's place, as predicted from the rest of its module."""
+    usable = np.flatnonzero(places.there & (layout.module >= 0))
+    order = np.zeros(len(layout), dtype=np.int64)
+    for number in range(layout.modules):
+        rows = usable[layout.module[usable] == number]
+        order[rows] = np.arange(len(rows))
+    error = np.full(len(layout), np.nan)
+    for turn in range(int(order.max()) + 1):
+        left = usable[(order[usable] == turn) & (np.bincount(layout.module[usable])[layout.module[usable]] > FEWEST)]
+        weights = np.ones(len(layout))
+        weights[left] = 0.0
+        found = fitted(layout, places.positions, None, weights).places[0]
+        error[left] = np.linalg.norm(found[left] - places.positions[left], axis=1)
+    rms = 1e3 * float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else np.nan
+    return (
+        f"there is no surface: modules are laid flat and free in space, and left-out taxels are {rms:.2f} mm (rms) "
+        "from where the rest of their module predicts them. If the places are known better than that, laying makes "
+        "them worse: add the link's mesh as [surface], or keep the places as they are"
+    )
 
 
 def _outward(places: TaxelPlaces, surface: Surface | None) -> TaxelPlaces:
