@@ -116,7 +116,7 @@ def _view_taxels(path: Path, setup: RigOptions, host: str, port: int) -> None:
     note(places.notes)
     surface = None if rig is None else _body(rig.resolve())
     serve_taxels(
-        places,
+        places if surface is None else places.in_surface(),
         surface,
         path.name,
         facts,

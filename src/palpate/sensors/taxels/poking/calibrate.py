@@ -233,7 +233,8 @@ def _numbered(
         if found is not None:
             layout = found.of(layout)
             said.append(f"the start contradicts the layout's numbers: its taxels {found}; modules are numbered like it")
-    found = _unmirrored(found_numbering(layout, points, outward, weight))
+    expected = None if start is None else start.positions
+    found = _unmirrored(found_numbering(layout, points, outward, weight, start=expected))
     if found is None:
         return layout, start, said
     if start is not None:

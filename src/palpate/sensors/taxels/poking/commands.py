@@ -20,7 +20,7 @@ from palpate.files.logs import contents
 from palpate.sensors.taxels.files import of_taxels
 from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxels.place_formats import SUFFIXES, read_taxel_places, write_taxel_places
-from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.places import SURFACE_POSE, TaxelPlaces
 from palpate.sensors.taxels.poking import Priors, TaxelCalibration, calibrate_taxels
 from palpate.sensors.taxels.poking.activations import Block
 from palpate.sensors.taxels.poking.evaluate_command import is_taxel_file
@@ -106,7 +106,12 @@ class CalibrateTaxels(Calibration):
         table = setup.pokes or RigPokes()
         setup = replace(setup, pokes=replace(table, threshold=self.threshold or table.threshold))
         surface = _in_link(setup)
-        return self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
+        found = self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
+        if setup.link.stated is None or setup.link.stated.pose == RigPose():
+            return found
+        said = "taxels are in the link's frame, in which [surface] pose has the mesh"
+        lost = "" if self.output.suffix.lower() == ".toml" else ": only a .toml keeps that for other commands"
+        return replace(found, notes=[*found.notes, said + lost])
 
     def write(self, found: CalibrationResult) -> None:
         """Write the places of the taxels with their provenance and notes to `output`.
@@ -114,7 +119,10 @@ class CalibrateTaxels(Calibration):
         Raises:
             InputError: the file cannot be written.
         """
-        stated = {"layout": self.layout, "spacing": self.spacing}
+        stated: dict[str, object] = {"layout": self.layout, "spacing": self.spacing}
+        pose = self.stated.surface.pose if self.stated.surface is not None else RigPose()
+        if pose != RigPose():
+            stated[SURFACE_POSE] = " ".join(repr(float(each)) for each in (*pose.xyz, *pose.quaternion_xyzw))
         record = self.record(method=self.method, **{name: each for name, each in stated.items() if each is not None})
         notes = (*found.model.notes, *found.notes)
         write_taxel_places(self.output, replace(found.model, provenance=record, notes=notes))

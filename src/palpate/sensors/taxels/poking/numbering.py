@@ -57,7 +57,12 @@ class Numbering:
 
 @takes_arrays
 def found_numbering(
-    layout: ModuleLayout, places: Vectors, outward: Vectors, weights: Float[np.ndarray, " k"] | None = None
+    layout: ModuleLayout,
+    places: Vectors,
+    outward: Vectors,
+    weights: Float[np.ndarray, " k"] | None = None,
+    *,
+    start: Vectors | None = None,
 ) -> Numbering | None:
     """Return the `Numbering` of modules that fits places clearly better than the layout's; None: there is none.
 
@@ -69,6 +74,8 @@ def found_numbering(
         places: (k, 3) [m] of the taxels, NaN if not known.
         outward: (k, 3) normals of any length, NaN or 0 if not known.
         weights: (k,) of the places; None: equal.
+        start: (k, 3) [m] expected places in the layout's numbers, which choose between numberings that are alike on a
+            symmetric module; None: the lowest first number.
     """
     known = placed(layout, places)
     share = np.where(known, 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
@@ -93,7 +100,15 @@ def found_numbering(
             shape = flat[order].conj() if mirrored else flat[order]
             found.append((_left(shape, seen, share, layout.module, sided), (first, step, mirrored), order))
     least = min(left for left, _, _ in found)
-    left, (first, step, mirrored), order = next(one for one in found if ALIKE * one[0] <= least + 1e-9)
+    alike = [one for one in found if ALIKE * one[0] <= least + 1e-9]
+    alike = [one for one in alike if one[1][2] == alike[0][1][2]]
+
+    def off(order: Int[np.ndarray, " k"]) -> float:
+        if start is None:
+            return 0.0
+        return float(np.nansum(share * np.sum((np.nan_to_num(start[order]) - np.nan_to_num(places)) ** 2, axis=1)))
+
+    left, (first, step, mirrored), order = min(alike, key=lambda one: off(one[2]))
     if left >= CLEAR * found[0][0]:
         return None
     spread = _spread(seen, share, layout.module)
