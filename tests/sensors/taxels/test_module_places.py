@@ -183,6 +183,17 @@ def test_pokes_show_another_numbering(skin: Forearm) -> None:
     np.testing.assert_allclose(by_start.places.positions, started.places.positions, atol=1e-4)
 
 
+def test_pokes_show_a_start_turned_by_a_third_of_a_ring(skin: Forearm) -> None:
+    """It leaves the ring as it is, but not where each taxel is expected."""
+    rng, cad = RNG(12), skin.cad(RNG(6))
+    pokes = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 300).pokes
+    link, turned = Mesh.from_arrays(*skin.cone.mesh()), np.roll(np.arange(12), -4)
+    assert not calibrate_taxels(pokes, surface=link, start=cad, layout=skin.layout).warnings
+    found = calibrate_taxels(pokes, surface=link, start=_numbered(cad, turned), layout=skin.layout)
+    assert any("begin at number 8 of a module and run forwards" in said for said in found.warnings)
+    assert _mean(found.places, skin.places) < _mean(cad, skin.places)
+
+
 ICUB_MOUNT = Pose.from_quaternion([-0.498826, 0.509236, 0.502854, 0.488865], [4.3e-5, 0.144126, -2.7e-5])
 ICUB = ("right_forearm", 4.7), ("pos_right_forearm_lower", 4.9)
 

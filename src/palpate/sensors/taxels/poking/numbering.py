@@ -104,16 +104,19 @@ def found_numbering(
     alike = [one for one in alike if one[1][2] == alike[0][1][2]]
 
     def off(order: Int[np.ndarray, " k"]) -> float:
-        if start is None:
-            return 0.0
-        return float(np.nansum(share * np.sum((np.nan_to_num(start[order]) - np.nan_to_num(places)) ** 2, axis=1)))
+        return 0.0 if start is None else _off(start[order], places, share, layout.module)
 
     left, (first, step, mirrored), order = min(alike, key=lambda one: off(one[2]))
-    if left >= CLEAR * found[0][0]:
-        return None
+    stated = found[0][0]
+    if left >= CLEAR * stated:
+        if off(order) >= CLEAR * off(found[0][2]):
+            return None
+        return Numbering(
+            order, first, step < 0, mirrored, *((off(each) / length) ** 0.5 for each in (order, found[0][2]))
+        )
     spread = _spread(seen, share, layout.module)
     return Numbering(
-        order, first, step < 0, mirrored, *(float((part * spread / length) ** 0.5) for part in (left, found[0][0]))
+        order, first, step < 0, mirrored, *(float((part * spread / length) ** 0.5) for part in (left, stated))
     )
 
 
@@ -165,6 +168,18 @@ def _left(
     both = float(np.where(sided, same, np.maximum(same, other)).sum())
     squares = float(weight @ np.abs(a) ** 2) * float(weight @ np.abs(b) ** 2)
     return 1.0 - both**2 / squares if squares > 0 else 1.0
+
+
+def _off(start: Vectors, places: Vectors, share: Float[np.ndarray, " k"], module: Int[np.ndarray, " k"]) -> float:
+    """Return the weighted sum of squares [m^2] of places from expected ones, about the middles of their modules."""
+    total = 0.0
+    for number in np.unique(module[share > 0]):
+        rows = (module == number) & (share > 0) & np.isfinite(start).all(axis=1)
+        if rows.any():
+            away = places[rows] - start[rows]
+            away = away - np.average(away, axis=0, weights=share[rows])
+            total += float(share[rows] @ np.sum(away**2, axis=1))
+    return total
 
 
 def _spread(seen: Complex[np.ndarray, " k"], share: Float[np.ndarray, " k"], module: Int[np.ndarray, " k"]) -> float:
