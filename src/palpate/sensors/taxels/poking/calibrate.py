@@ -230,23 +230,26 @@ def _numbered(
     if start is not None:
         facing = np.where(np.isfinite(start.normals).all(axis=1, keepdims=True), start.normals, outward)
         found = _unmirrored(found_numbering(layout, start.positions, facing))
-        if found is not None:
+        if found is not None and found.clear:
             layout = found.of(layout)
             said.append(f"the start contradicts the layout's numbers: its taxels {found}; modules are numbered like it")
     expected = None if start is None else start.positions
     found = _unmirrored(found_numbering(layout, points, outward, weight, start=expected))
     if found is None:
         return layout, start, said
+    whose = "the layout's" if start is None else "the layout's and the start's"
+    if not found.clear:
+        said.append(f"the pokes cast doubt on {whose} numbers, which are used: taxels {found}; poke more to be sure")
+        return layout, start, said
     if start is not None:
         start = replace(start, positions=start.positions[found.order], normals=start.normals[found.order])
-    whose = "the layout's" if start is None else "the layout's and the start's"
     said.append(f"the pokes contradict {whose} numbers: taxels {found}; modules are numbered as they answer")
     return found.of(layout), start, said
 
 
 def _unmirrored(found: Numbering | None) -> Numbering | None:
     """Return a numbering; raise an InputError if the layout is mirrored."""
-    if found is not None and found.mirrored:
+    if found is not None and found.mirrored and found.clear:
         raise InputError(
             f"the layout of the modules is mirrored: taxels are {1e3 * found.stated:.1f} mm from it (rms), and "
             f"{1e3 * found.rms:.1f} mm from the same seen from the other side.",

@@ -12,16 +12,12 @@ from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking.calibrate import TaxelCalibration
 from palpate.sensors.taxels.poking.moved_modules import left_the_start
-from palpate.sensors.taxels.poking.numbering import found_numbering
+from palpate.sensors.taxels.poking.numbering import Numbering, found_numbering
 from palpate.sensors.taxels.poking.rigid_groups import fitted
 from palpate.surfaces.surface import Surface
 
 __all__ = ["common_layout", "place_modules"]
 
-_WHOSE = {
-    False: "the places contradict the layout's numbers: their taxels",
-    True: "the places contradict the layout's handedness: it is mirrored, and their taxels",
-}
 _ROUNDS = 20  # of turning modules onto their mean
 FEWEST = 3  # taxels of a module
 
@@ -97,7 +93,7 @@ def place_modules(
             f"modules {few} have fewer than {FEWEST} taxels with a place, which is too few.", where="places"
         )
     numbering = found_numbering(layout, places.positions, known.normals)
-    layout = layout if numbering is None else numbering.of(layout)
+    layout = numbering.of(layout) if numbering is not None and numbering.clear else layout
     points, normals = fitted(layout, places.positions, surface).places
     points = np.where(places.there[:, None], points, np.nan)
     away = np.linalg.norm(points - places.positions, axis=1)
@@ -111,11 +107,19 @@ def place_modules(
     )
     said = f"taxels moved by {1e3 * np.nanmean(away):.2f} mm on average, {1e3 * np.nanmax(away):.2f} mm at most"
     doubts = (
-        *(() if numbering is None else (f"{_WHOSE[numbering.mirrored]} {numbering}; they are laid like that",)),
+        *(() if numbering is None else (_contradicted(numbering),)),
         *left_the_start(layout, places.positions, points),
         *(() if surface is not None else (_unsupported(layout, places),)),
     )
     return TaxelCalibration(made, 0, 1.0, notes=(said,), warnings=doubts)
+
+
+def _contradicted(numbering: Numbering) -> str:
+    """Return a warning that the places contradict the layout, or cast doubt on it."""
+    whose = "handedness: seen from the other side its taxels" if numbering.mirrored else "numbers: its taxels"
+    if numbering.clear:
+        return f"the places contradict the layout's {whose} {numbering}; they are laid like that"
+    return f"the places cast doubt on the layout's {whose} {numbering}; they are laid as stated"
 
 
 def _unsupported(layout: ModuleLayout, places: TaxelPlaces) -> str:

@@ -6,7 +6,8 @@ best turn and one scale for all modules leave the share 1 - (sum |a* b|)^2 / (su
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import nan
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
@@ -17,6 +18,7 @@ from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Numbering", "found_numbering"]
 
+DOUBTED = 0.95  # of the same squares: at least 0.95 in 150 sessions of 60 pokes and more, if the numbering is right
 CLEAR = 0.8  # of the squares that the stated numbering leaves: 0.89 at least the other way round, if it is right
 ALIKE = 0.99  # of the squares: numberings that differ by less are the same on a symmetric module
 FEWEST, TELLING = 3, 5  # taxels of a module with a place, and taxels of a module that has an order
@@ -34,18 +36,20 @@ class Numbering:
         first: index in its module of the first taxel's; backwards: the others follow downwards.
         mirrored: the layout also has to be seen from the other side.
         rms: [m] of the distances that are left; stated: [m] of those that the stated numbering leaves.
+        clear: whether it is beyond doubt that the stated numbering is wrong.
     """
 
     order: Int[np.ndarray, " k"]
     first: int
     backwards: bool
     mirrored: bool
-    rms: float
-    stated: float
+    rms: float = nan
+    stated: float = nan
+    clear: bool = False
 
     def of(self, layout: ModuleLayout) -> ModuleLayout:
-        """Return the `ModuleLayout` in this numbering."""
-        return ModuleLayout(layout.places[self.order], layout.module)
+        """Return the `ModuleLayout` in this numbering, and mirrored if it has to be."""
+        return ModuleLayout(layout.places[self.order] * [1.0, -1.0 if self.mirrored else 1.0], layout.module)
 
     def __str__(self) -> str:
         way = "backwards" if self.backwards else "forwards"
@@ -64,7 +68,7 @@ def found_numbering(
     *,
     start: Vectors | None = None,
 ) -> Numbering | None:
-    """Return the `Numbering` of modules that fits places clearly better than the layout's; None: there is none.
+    """Return the `Numbering` of modules that fits places better than the layout's, clearly or not; None: there is none.
 
     The numbers of all modules may begin at another taxel, run backwards, or be those of the mirrored layout. Without
     normals a mirrored layout cannot be told.
@@ -77,47 +81,58 @@ def found_numbering(
         start: (k, 3) [m] expected places in the layout's numbers, which choose between numberings that are alike on a
             symmetric module; None: the lowest first number.
     """
-    known = placed(layout, places)
-    share = np.where(known, 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
-    count = np.bincount(layout.module[share > 0], minlength=layout.modules)
-    share = np.where((layout.module >= 0) & (count[layout.module] >= FEWEST), share, 0.0)
-    rows, length = _rows(layout), float(share.sum())
-    if not length:
+    share = _shares(layout, places, weights)
+    total = float(share.sum())
+    if not total:
         return None
     seen, sided = _seen(layout, places, outward, share)
     flat = np.nan_to_num(layout.places @ np.array([1.0, 1.0j]))
-    if len(rows[0]) >= TELLING and len({*map(len, rows)}) == 1:
-        block, size = np.stack(rows), len(rows[0])
-        turns = [(first, step) for step in (1, -1) for first in range(size)]
+    ways = _ways(layout, both=bool(sided.any()))
+    left = np.array(
+        [
+            _left(flat[way.order].conj() if way.mirrored else flat[way.order], seen, share, layout.module, sided)
+            for way in ways
+        ]
+    )
+    alike = np.flatnonzero(ALIKE * left <= left.min() + 1e-9)
+    alike = [k for k in alike.tolist() if ways[k].mirrored == ways[alike[0]].mirrored]
+    off = {k: 0.0 if start is None else _off(start[ways[k].order], places, share, layout.module) for k in (0, *alike)}
+    best = min(alike, key=lambda k: off[k])
+    if left[best] < CLEAR * left[0]:
+        squares, clear = left[[best, 0]] * _spread(seen, share, layout.module), True
+    elif off[best] < CLEAR * off[0] and not ways[best].mirrored:
+        squares, clear = np.array([off[best], off[0]]), True
+    elif left[best] < DOUBTED * left[0]:
+        squares, clear = left[[best, 0]] * _spread(seen, share, layout.module), False
     else:
-        block, turns = None, [(0, 1)]
-    found = list[tuple[float, tuple[int, int, bool], Int[np.ndarray, " k"]]]()
-    for mirrored in (False, True) if sided.any() else (False,):
+        return None
+    rms, stated = np.sqrt(squares / total).tolist()
+    return replace(ways[best], rms=rms, stated=stated, clear=clear)
+
+
+def _shares(layout: ModuleLayout, places: Vectors, weights: Float[np.ndarray, " k"] | None) -> Float[np.ndarray, " k"]:
+    """Return the weight of each place; 0 if it is not known, or too few are of its module."""
+    share = np.where(placed(layout, places), 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
+    count = np.bincount(layout.module[share > 0], minlength=layout.modules)
+    enough = np.zeros(len(layout), dtype=bool)
+    enough[share > 0] = count[layout.module[share > 0]] >= FEWEST
+    return np.where(enough, share, 0.0)
+
+
+def _ways(layout: ModuleLayout, *, both: bool) -> list[Numbering]:
+    """Return all numberings, as stated first; `both`: also of the mirrored layout."""
+    rows, turns, block = _rows(layout), [(0, 1)], None
+    if len(rows[0]) >= TELLING and len({*map(len, rows)}) == 1:
+        block = np.stack(rows)
+        turns = [(first, step) for step in (1, -1) for first in range(block.shape[1])]
+    found = list[Numbering]()
+    for mirrored in (False, True) if both else (False,):
         for first, step in turns:
             order = np.arange(len(layout))
             if block is not None:
                 order[block] = block[:, (first + step * np.arange(block.shape[1])) % block.shape[1]]
-            shape = flat[order].conj() if mirrored else flat[order]
-            found.append((_left(shape, seen, share, layout.module, sided), (first, step, mirrored), order))
-    least = min(left for left, _, _ in found)
-    alike = [one for one in found if ALIKE * one[0] <= least + 1e-9]
-    alike = [one for one in alike if one[1][2] == alike[0][1][2]]
-
-    def off(order: Int[np.ndarray, " k"]) -> float:
-        return 0.0 if start is None else _off(start[order], places, share, layout.module)
-
-    left, (first, step, mirrored), order = min(alike, key=lambda one: off(one[2]))
-    stated = found[0][0]
-    if left >= CLEAR * stated:
-        if off(order) >= CLEAR * off(found[0][2]):
-            return None
-        return Numbering(
-            order, first, step < 0, mirrored, *((off(each) / length) ** 0.5 for each in (order, found[0][2]))
-        )
-    spread = _spread(seen, share, layout.module)
-    return Numbering(
-        order, first, step < 0, mirrored, *(float((part * spread / length) ** 0.5) for part in (left, stated))
-    )
+            found.append(Numbering(order, first, step < 0, mirrored))
+    return found
 
 
 def _rows(layout: ModuleLayout) -> list[Int[np.ndarray, " t"]]:
