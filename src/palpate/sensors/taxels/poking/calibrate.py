@@ -12,7 +12,7 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking import paper
-from palpate.sensors.taxels.poking.moved_modules import left_the_start
+from palpate.sensors.taxels.poking.moved_modules import moved_far
 from palpate.sensors.taxels.poking.numbering import Numbering, found_numbering
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
@@ -185,7 +185,7 @@ def _together(
     nuisances = {name: getattr(solution.nuisances, name) for name in ("frames", "common", "bias", "cross_talk")}
     used, doubts = int(np.count_nonzero(solution.weight > 0)), (*renumbered, *_doubts(pokes, solution), *left.notes)
     if start is not None and modules:
-        doubts = (*doubts, *left_the_start(units.layout, start.positions, places.positions))
+        doubts = (*doubts, *moved_far(units.layout, start.positions, places.positions))
     return TaxelCalibration(places, used, solution.noise, nuisances, left, _untouched(places), doubts)
 
 

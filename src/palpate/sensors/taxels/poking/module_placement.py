@@ -11,7 +11,7 @@ from palpate.errors import InputError
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking.calibrate import TaxelCalibration
-from palpate.sensors.taxels.poking.moved_modules import left_the_start
+from palpate.sensors.taxels.poking.moved_modules import moved_far
 from palpate.sensors.taxels.poking.numbering import Numbering, found_numbering
 from palpate.sensors.taxels.poking.rigid_groups import fitted
 from palpate.surfaces.surface import Surface
@@ -108,7 +108,7 @@ def place_modules(
     said = f"taxels moved by {1e3 * np.nanmean(away):.2f} mm on average, {1e3 * np.nanmax(away):.2f} mm at most"
     doubts = (
         *(() if numbering is None else (_contradicted(numbering),)),
-        *left_the_start(layout, places.positions, points),
+        *moved_far(layout, places.positions, points),
         *(() if surface is not None else (_unsupported(layout, places),)),
     )
     return TaxelCalibration(made, 0, 1.0, notes=(said,), warnings=doubts)

@@ -8,13 +8,13 @@ from jaxtyping import Float
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["left_the_start"]
+__all__ = ["moved_far"]
 
 NAMED = 12  # modules in a sentence
 
 
 @takes_arrays
-def left_the_start(
+def moved_far(
     layout: ModuleLayout, before: Float[np.ndarray, "k 3"], after: Float[np.ndarray, "k 3"]
 ) -> tuple[str, ...]:
     """Return a warning, or (), about modules whose taxels moved farther, on average, than the module is large.

@@ -18,7 +18,7 @@ from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Numbering", "found_numbering"]
 
-DOUBTED = 0.95  # of the same squares: at least 0.95 in 150 sessions of 60 pokes and more, if the numbering is right
+DOUBTED = 0.95  # of the same squares: one of 100 sessions of 60 to 200 pokes is below, if the numbering is right
 CLEAR = 0.8  # of the squares that the stated numbering leaves: 0.89 at least the other way round, if it is right
 ALIKE = 0.99  # of the squares: numberings that differ by less are the same on a symmetric module
 FEWEST, TELLING = 3, 5  # taxels of a module with a place, and taxels of a module that has an order
