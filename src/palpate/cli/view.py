@@ -125,7 +125,8 @@ def _view_taxels(path: Path, setup: RigOptions, host: str, port: int) -> None:
     lines(facts)
     note(places.notes)
     surface = None if rig is None else _body(rig.resolve())
-    serve_taxels(places, surface, path.name, facts, host=host, port=port, up=_announce_address)
+    shown = places if surface is None else places.in_surface()
+    serve_taxels(shown, surface, path.name, facts, host=host, port=port, up=_announce_address)
 
 
 def _estimated(path: Path, log: OpenedLog) -> tuple[Scene, list[str]]:

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
+from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.prepared import CompiledSurface
 
@@ -42,6 +43,10 @@ class Surface(Protocol):
 
         Facets are -1 where the surface has none; points and normals are NaN for a point that is NaN.
         """
+        ...
+
+    def transformed(self, pose: Pose) -> Surface:
+        """Return the same surface in another frame; `pose` is T_target_frame."""
         ...
 
     def prepared(self) -> CompiledSurface:

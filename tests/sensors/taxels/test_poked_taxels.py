@@ -346,12 +346,24 @@ def test_every_method_places_what_was_touched(method: str, skin: Forearm, link: 
     assert np.median(error) < (12e-3 if surface is None else 4e-3)
 
 
-def test_a_mirrored_layout_is_refused(skin: Forearm, link: Mesh, session: PokeSession) -> None:
-    """11 mm off, and the covariance of a fit said 1.7 mm."""
-    mirrored = ModuleLayout(skin.layout.places * [-1.0, 1.0], skin.layout.module)
-    for start in (None, skin.cad(RNG(5))):
+def test_a_mirrored_layout_is_refused(skin: Forearm, link: Mesh) -> None:
+    """Of modules that no numbering mirrors; 11 mm off, and the covariance of a fit said 1.7 mm."""
+    rng, shape = RNG(11), skin.shape + [[4e-3 * (k % 4 == 1), 0.0] for k in range(12)]
+    odd = replace(skin, shape=shape)
+    pokes = PokeBench.drawn(rng, skin=odd, errors=MIX, tip=HAND).session(rng, 600).pokes
+    mirrored = ModuleLayout(odd.layout.places * [-1.0, 1.0], odd.layout.module)
+    for start in (None, odd.cad(RNG(5))):
         with pytest.raises(InputError, match="the layout of the modules is mirrored"):
-            calibrate_taxels(session.pokes, surface=link, layout=mirrored, start=start, priors=priors_of(MIX))
+            calibrate_taxels(pokes, surface=link, layout=mirrored, start=start, priors=priors_of(MIX))
+
+
+def test_a_mirrored_ring_is_a_ring_numbered_backwards(skin: Forearm, link: Mesh, session: PokeSession) -> None:
+    mirrored = ModuleLayout(skin.layout.places * [-1.0, 1.0], skin.layout.module)
+    found = calibrate_taxels(
+        session.pokes, surface=link, layout=mirrored, start=skin.cad(RNG(5)), priors=priors_of(MIX)
+    )
+    assert any("run backwards" in said for said in found.warnings)
+    assert np.linalg.norm(found.places.positions - skin.places.positions, axis=1).mean() < 2.5e-3
 
 
 def test_pokes_that_were_left_out_lie_where_the_others_predict(from_cad: TaxelCalibration) -> None:

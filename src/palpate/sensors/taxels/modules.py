@@ -69,6 +69,8 @@ class ModuleLayout(Value):
     def of(cls, places: TaxelPlaces, *, bent: bool = False) -> ModuleLayout:
         """Return the `ModuleLayout` of taxel places, each module laid into the plane that fits it best.
 
+        It is seen from the side of the normals, or of z where they are not known.
+
         Args:
             places: places of taxels with modules.
             bent: flatten modules that are bent as their link is, instead of projecting them.
@@ -79,11 +81,31 @@ class ModuleLayout(Value):
             rows = np.flatnonzero(module == number)
             away = places.positions[rows] - places.positions[rows].mean(axis=0)
             outward = np.nan_to_num(places.normals[rows]).sum(axis=0)
+            outward = outward if outward.any() else np.array([0.0, 0.0, 1.0])
             axes = np.linalg.svd(away, full_matrices=True)[2]
             axes[2] *= np.sign(axes[2] @ outward) or 1.0
             axes[1] = np.cross(axes[2], axes[0])
             flat[rows] = _unbent(away, axes) if bent and len(rows) >= _TELLING else away @ axes[:2].T
         return cls(flat, module)
+
+    def spaced(self, spacing: float) -> ModuleLayout:
+        """Return the `ModuleLayout` scaled so that the taxels of a module have their nearest neighbours at `spacing`.
+
+        Args:
+            spacing: [m], on average over all taxels.
+
+        Raises:
+            InputError: a spacing that is not positive and finite, or no module with two taxels at different places.
+        """
+        near = list[float]()
+        for number in range(self.modules):
+            rows = (self.module == number) & np.isfinite(self.places).all(axis=1)
+            gaps = np.linalg.norm(self.places[rows, None] - self.places[rows], axis=2)
+            near += gaps[~np.eye(len(gaps), dtype=bool)].reshape(len(gaps), -1).min(axis=1, initial=np.inf).tolist()
+        mean = float(np.mean([gap for gap in near if np.isfinite(gap)] or [0.0]))
+        if not (0 < spacing < np.inf and mean > 0):
+            raise InputError(f"a layout cannot be scaled to a spacing of {spacing:g} m.", where="spacing")
+        return ModuleLayout(self.places * (spacing / mean), self.module)
 
 
 def _unbent(away: Float[np.ndarray, "t 3"], axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "t 2"]:

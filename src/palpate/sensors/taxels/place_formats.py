@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
@@ -23,13 +24,18 @@ from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.skin_map.files import fixed_frame
 from palpate.surfaces.mesh import UNITS
 
+if TYPE_CHECKING:
+    from palpate.files.tables.table import TextTable
+
 __all__ = ["SUFFIXES", "holds_taxels", "read_taxel_places", "write_taxel_places"]
 
 _PLACES = ("x", "y", "z")
 _NORMALS = ("nx", "ny", "nz")
+_IDS = ("id", "taxel", "taxel_id", "index", "number")  # names of the column that says which taxel a row is
 _MODULE = 12  # numbers of a module in iCub's files
 _PAD, _NONE = -2, -1  # in taxel2Repr: a thermal pad, no module
 _REPRESENTS = 3  # which taxel of a module stands for it there
+_MOST = 1_000_000  # largest id of a taxel
 _LARGEST = 10.0  # m: no skin of a robot is larger
 _FLAT = 1e-3  # m: taxels that face one way lie in one plane, or the normals are not meant
 _NUMBER = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -41,8 +47,9 @@ def read_taxel_places(path: str | Path) -> TaxelPlaces:
     """Return the `TaxelPlaces` of a file: the model, iCub's positions, a table, or a URDF's frames.
 
     A table has columns x, y, z and, where known, nx, ny, nz and module, in metres or a unit that it states (`x [mm]`,
-    `x_mm`). In iCub's files rows of zeros are no taxel; normals that are zero, or equal all over a body that is not
-    flat, are not known.
+    `x_mm`). A column id (or taxel, taxel_id, index, number) orders the taxels: ids from 0 are their indices, others
+    are taken by size. In iCub's files rows of zeros are no taxel; normals that are zero, or equal all over a body that
+    is not flat, are not known.
 
     Raises:
         InputError: the file cannot be read, is of another kind, has no taxels, or taxels over 10 m from each other.
@@ -87,7 +94,7 @@ def holds_taxels(path: Path) -> bool:
         length = np.linalg.norm(rows[:, 3:], axis=1)
         return bool(len(rows) % _MODULE == 0 and ((length == 0) | (np.abs(length - 1.0) < 0.6)).all())
     names = {split_unit(name.strip())[0].lower() for name in re.split(r"[,;\t]", lines[0].decode(errors="replace"))}
-    return {*_PLACES} <= names <= {*_PLACES, *_NORMALS, "module"}
+    return {*_PLACES} <= names <= {*_PLACES, *_NORMALS, "module", *_IDS}
 
 
 def write_taxel_places(path: str | Path, places: TaxelPlaces, *, name: str = "skin") -> None:
@@ -199,7 +206,7 @@ def _unit_normals(
 
 
 def _read_table(path: Path) -> TaxelPlaces:
-    """Read the columns x, y, z[, nx, ny, nz][, module]."""
+    """Read the columns x, y, z[, nx, ny, nz][, module][, id]."""
     from palpate.files.tables.table import read_table  # here: it loads polars
 
     table = read_table(path)
@@ -208,7 +215,7 @@ def _read_table(path: Path) -> TaxelPlaces:
         raise InputError(
             f"has no places of taxels: its columns are {', '.join(table.names[:12])}.",
             where=str(path),
-            hint="Give columns x,y,z[,nx,ny,nz][,module], iCub's x y z nx ny nz, or a model of `palpate calibrate "
+            hint="Give columns x,y,z[,nx,ny,nz][,module][,id], iCub's x y z nx ny nz, or a model of `palpate calibrate "
             "taxels`.",
         )
     stated = Stated.of_dialect(table.dialect).units
@@ -227,8 +234,26 @@ def _read_table(path: Path) -> TaxelPlaces:
         if odd.any():
             table.refuse(int(np.argmax(odd)), "module must be a whole number, -1: none")
         module = given.astype(np.int64)
-    normals, notes = _unit_normals(positions, normals)
-    return TaxelPlaces(positions, normals, module=module, notes=notes)
+    named = next((columns[name] for name in _IDS if name in columns), None)
+    index = np.arange(len(positions)) if named is None else _ordered(table, named)
+    count = int(index.max(initial=-1)) + 1
+    placed, facing, of = np.full((count, 3), np.nan), np.full((count, 3), np.nan), np.full(count, -1)
+    placed[index], facing[index], of[index] = positions, normals, module
+    facing, notes = _unit_normals(placed, facing)
+    return TaxelPlaces(placed, facing, module=of, notes=notes)
+
+
+def _ordered(table: TextTable, name: str) -> Int[np.ndarray, " n"]:
+    """Return the index (n,) of each row's taxel: its id if ids begin at 0, else its rank among them."""
+    ids = table.numbers([name], strict=True)[0][:, 0]
+    odd = ~(ids == np.round(ids)) | (ids < 0) | (ids > _MOST)  # NaN too
+    if odd.any():
+        table.refuse(int(np.argmax(odd)), f"{name} must be a whole number from 0 to {_MOST:,}")
+    values, first, index = np.unique(ids, return_index=True, return_inverse=True)
+    if len(values) < len(ids):
+        twice = np.setdiff1d(np.arange(len(ids)), first)
+        table.refuse(int(twice[0]), f"{name} {ids[twice[0]]:.0f} names two taxels")
+    return ids.astype(np.int64) if values[:1].tolist() == [0.0] else np.asarray(index, dtype=np.int64).ravel()
 
 
 def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import nan
 
 import numpy as np
@@ -12,8 +12,11 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import Pose
 
-__all__ = ["TaxelPlaces"]
+__all__ = ["SURFACE_POSE", "TaxelPlaces"]
+
+SURFACE_POSE = "surface_pose"  # in the provenance: of the surface in the taxels' frame, x y z [m] qx qy qz qw
 
 
 @takes_arrays
@@ -81,6 +84,30 @@ class TaxelPlaces(Value):
     def modules(self) -> int:
         """Return one more than the largest index of a module."""
         return int(self.module.max(initial=-1)) + 1
+
+    def in_surface(self) -> TaxelPlaces:
+        """Return `TaxelPlaces` in the frame of the surface on which they were found, if its pose was recorded.
+
+        `configurations` stay those of the link.
+
+        Raises:
+            InputError: the record is not seven numbers.
+        """
+        if SURFACE_POSE not in self.provenance:
+            return self
+        try:
+            numbers = np.array(self.provenance[SURFACE_POSE].split(), dtype=np.float64).reshape(7)
+        except ValueError as problem:
+            raise InputError("must be seven numbers, x y z qx qy qz qw.", where=SURFACE_POSE) from problem
+        back = Pose.from_quaternion(numbers[3:], numbers[:3]).inverse()
+        kept = {name: text for name, text in self.provenance.items() if name != SURFACE_POSE}
+        return replace(
+            self,
+            positions=back.apply(self.positions),
+            normals=back.rotate(self.normals),
+            covariance=back.rotation @ self.covariance @ back.rotation.T,
+            provenance=kept,
+        )
 
     def deviations(self) -> Float[np.ndarray, " k"]:
         """Return each place's standard deviation (k,) [m], the root of its covariance's trace; NaN where not known."""

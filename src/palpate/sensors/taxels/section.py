@@ -139,7 +139,7 @@ class SkinSection(SensorSection):
 
     @cached_property
     def _read(self) -> TaxelPlaces:
-        return read_taxel_places(self.link.folder / str(self.table.taxels))
+        return read_taxel_places(self.link.folder / str(self.table.taxels)).in_surface()
 
     @cached_property
     def taxels(self) -> TaxelPlaces:

@@ -12,6 +12,8 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking import paper
+from palpate.sensors.taxels.poking.moved_modules import moved_far
+from palpate.sensors.taxels.poking.numbering import Numbering, found_numbering
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
 from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, placed, single
@@ -31,7 +33,6 @@ ALONE = (
     "there is only one arm configuration: the sensor's bias and the error of the link's frame cannot be told from a "
     "shift of all taxels"
 )
-MIRRORED = 0.5  # of the squared distance from the layout as stated: 0.04 to 0.42 the other way round, if it is right
 
 
 @takes_arrays
@@ -146,6 +147,7 @@ def _together(
 ) -> TaxelCalibration:
     """Fit all taxels in one, with all errors that are estimated."""
     points, outward, weight = _guessed(pokes, surface)
+    renumbered = list[str]()
     if modules:
         layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
         if layout is None or not layout.modules:
@@ -155,15 +157,14 @@ def _together(
                 hint="Give a layout, or a start with modules, or use 'taxels'.",
             )
         few = _few(layout, points)
-        if not few:
-            _require_unmirrored(layout, points, weight, surface)
-        elif start is None:
+        if few and start is None:
             raise NotIdentifiable(
                 f"fewer than {FEWEST} taxels answered on modules {', '.join(few[:NAMED])}: their places cannot be "
                 "found. Poke them, or start from CAD.",
                 rank=layout.modules - len(few),
                 missing=tuple(f"module {number}" for number in few),
             )
+        layout, start, renumbered = _numbered(layout, start, points, outward, 0.0 * weight if few else weight)
         begun = None if start is None else fitted(layout, start.positions, surface)
         units = begun or fitted(layout, points, surface, weight)
     else:
@@ -182,7 +183,9 @@ def _together(
     solution = replace(solution, covariance=left.widening * solution.covariance)
     places = _placed(pokes, solution)
     nuisances = {name: getattr(solution.nuisances, name) for name in ("frames", "common", "bias", "cross_talk")}
-    used, doubts = int(np.count_nonzero(solution.weight > 0)), (*_doubts(pokes, solution), *left.notes)
+    used, doubts = int(np.count_nonzero(solution.weight > 0)), (*renumbered, *_doubts(pokes, solution), *left.notes)
+    if start is not None and modules:
+        doubts = (*doubts, *moved_far(units.layout, start.positions, places.positions))
     return TaxelCalibration(places, used, solution.noise, nuisances, left, _untouched(places), doubts)
 
 
@@ -209,21 +212,51 @@ def _few(layout: ModuleLayout, points: Float[np.ndarray, "k 3"]) -> list[str]:
     return list(map(str, np.flatnonzero(count < FEWEST).tolist()))
 
 
-def _require_unmirrored(
-    layout: ModuleLayout, points: Float[np.ndarray, "k 3"], weight: Float[np.ndarray, " k"], surface: Surface | None
-) -> None:
-    """Raise an InputError if taxels, by the paper's method, fit the mirrored layout much better."""
-    known = placed(layout, points)
-    ways = layout, ModuleLayout(layout.places * [1.0, -1.0], layout.module)
-    away = [np.nan_to_num(fitted(way, points, surface, weight).places[0] - points) for way in ways]
-    stated, mirrored = (float(np.average(np.sum(each**2, axis=1), weights=weight * known)) for each in away)
-    if mirrored < MIRRORED * stated:
+def _numbered(
+    layout: ModuleLayout,
+    start: TaxelPlaces | None,
+    points: Float[np.ndarray, "k 3"],
+    outward: Float[np.ndarray, "k 3"],
+    weight: Float[np.ndarray, " k"],
+) -> tuple[ModuleLayout, TaxelPlaces | None, list[str]]:
+    """Return layout and start in the numbering of the readings, and warnings where it is not the stated one.
+
+    The layout is compared with the start, and then both with places by the paper's method.
+
+    Raises:
+        InputError: the layout is mirrored, which no numbering explains.
+    """
+    said = list[str]()
+    if start is not None:
+        facing = np.where(np.isfinite(start.normals).all(axis=1, keepdims=True), start.normals, outward)
+        found = _unmirrored(found_numbering(layout, start.positions, facing))
+        if found is not None and found.clear:
+            layout = found.of(layout)
+            said.append(f"the start contradicts the layout's numbers: its taxels {found}; modules are numbered like it")
+    expected = None if start is None else start.positions
+    found = _unmirrored(found_numbering(layout, points, outward, weight, start=expected))
+    if found is None:
+        return layout, start, said
+    whose = "the layout's" if start is None else "the layout's and the start's"
+    if not found.clear:
+        said.append(f"the pokes cast doubt on {whose} numbers, which are used: taxels {found}; poke more to be sure")
+        return layout, start, said
+    if start is not None:
+        start = replace(start, positions=start.positions[found.order], normals=start.normals[found.order])
+    said.append(f"the pokes contradict {whose} numbers: taxels {found}; modules are numbered as they answer")
+    return found.of(layout), start, said
+
+
+def _unmirrored(found: Numbering | None) -> Numbering | None:
+    """Return a numbering; raise an InputError if the layout is mirrored."""
+    if found is not None and found.mirrored and found.clear:
         raise InputError(
-            f"the layout of the modules is mirrored: taxels are {1e3 * stated**0.5:.1f} mm from it (rms), and "
-            f"{1e3 * mirrored**0.5:.1f} mm from the same seen from the other side.",
+            f"the layout of the modules is mirrored: taxels are {1e3 * found.stated:.1f} mm from it (rms), and "
+            f"{1e3 * found.rms:.1f} mm from the same seen from the other side.",
             where="layout",
             hint="Layouts are seen from outside: change the sign of one of their coordinates.",
         )
+    return found
 
 
 def _placed(pokes: Pokes, solution: PlacesSolution) -> TaxelPlaces:

@@ -20,12 +20,12 @@ from palpate.files.logs import contents
 from palpate.sensors.taxels.files import of_taxels
 from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxels.place_formats import SUFFIXES, read_taxel_places, write_taxel_places
-from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.places import SURFACE_POSE, TaxelPlaces
 from palpate.sensors.taxels.poking import Priors, TaxelCalibration, calibrate_taxels
 from palpate.sensors.taxels.poking.activations import Block
 from palpate.sensors.taxels.poking.evaluate_command import is_taxel_file
 from palpate.sensors.taxels.poking.files import WRENCH, holds_pokes, open_pokes, read_pokes
-from palpate.sensors.taxels.poking.module_placement import place_modules
+from palpate.sensors.taxels.poking.module_placement import common_layout, place_modules
 from palpate.sensors.taxels.poking.plan import Plan, PossiblePokes, after_calibration, plan_pokes
 from palpate.sensors.taxels.poking.plausibility import believed
 from palpate.sensors.taxels.poking.pokes import Pokes
@@ -34,6 +34,7 @@ from palpate.sensors.taxels.section import SkinSection
 from palpate.setup import load_rig
 from palpate.setup.pokes import RigPokes
 from palpate.setup.setup import Setup
+from palpate.setup.surface import RigPose
 from palpate.setup.tables import RigForceTorque
 from palpate.signals.recording import Recording
 from palpate.surfaces import Surface
@@ -59,7 +60,9 @@ class CalibrateTaxels(Calibration):
         method: modules: rigid modules of known layout, with the errors of sensor and robot; taxels: single taxels, with
             bias and frames; surface, weighted, free: as published, each taxel separately.
         start: file of expected places (CAD), in place of the rig's.
-        layout: of modules, in place of the rig's: ring12, triangle10, triangle10+2, or a file of taxels.
+        layout: of modules, in place of the rig's: ring12, triangle10, triangle10+2, or a file of taxels, of one module
+            or of all.
+        spacing: distance between neighbouring taxels of a module [m], to which the layout is scaled.
         threshold: reading above the baseline at which a taxel answers (default: found from its noise).
     """
 
@@ -69,6 +72,7 @@ class CalibrateTaxels(Calibration):
     method: Annotated[Literal["modules", "taxels", "surface", "weighted", "free"], arg(metavar="NAME")] = "modules"
     start: FileOption = None
     layout: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    spacing: Scalar = None
     threshold: Scalar = None
 
     @cached_property
@@ -95,11 +99,19 @@ class CalibrateTaxels(Calibration):
             hint, kind = f"Use {', '.join(SUFFIXES)}.", self.output.suffix
             raise InputError(f"cannot write places of taxels as {kind!r}.", where=str(self.output), hint=hint)
         require_positive(self.threshold, "--threshold")
+        require_positive(self.spacing, "--spacing")
+        if self.spacing is not None and self.method != "modules":
+            raise InputError("needs --method modules: single taxels have no layout.", where="--spacing")
         setup = self.stated.resolve()
         table = setup.pokes or RigPokes()
         setup = replace(setup, pokes=replace(table, threshold=self.threshold or table.threshold))
-        surface = None if setup.link.stated is None else setup.link.surface()
-        return self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
+        surface = _in_link(setup)
+        found = self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
+        if setup.link.stated is None or setup.link.stated.pose == RigPose():
+            return found
+        said = "taxels are in the link's frame, in which [surface] pose has the mesh"
+        lost = "" if self.output.suffix.lower() == ".toml" else ": only a .toml keeps that for other commands"
+        return replace(found, notes=[*found.notes, said + lost])
 
     def write(self, found: CalibrationResult) -> None:
         """Write the places of the taxels with their provenance and notes to `output`.
@@ -107,7 +119,11 @@ class CalibrateTaxels(Calibration):
         Raises:
             InputError: the file cannot be written.
         """
-        record = {**self.record(method=self.method), **({} if self.layout is None else {"layout": self.layout})}
+        stated: dict[str, object] = {"layout": self.layout, "spacing": self.spacing}
+        pose = self.stated.surface.pose if self.stated.surface is not None else RigPose()
+        if pose != RigPose():
+            stated[SURFACE_POSE] = " ".join(repr(float(each)) for each in (*pose.xyz, *pose.quaternion_xyzw))
+        record = self.record(method=self.method, **{name: each for name, each in stated.items() if each is not None})
         notes = (*found.model.notes, *found.notes)
         write_taxel_places(self.output, replace(found.model, provenance=record, notes=notes))
 
@@ -118,6 +134,9 @@ class CalibrateTaxels(Calibration):
         modules, said = (
             _layout(self.layout, setup, pokes if places is None else places) if self.method == "modules" else (None, [])
         )
+        if self.spacing is not None:
+            modules = ModuleLayout.of(places, bent=True) if modules is None and places is not None else modules
+            modules = None if modules is None else modules.spaced(self.spacing)
         wait("loading the compiled loops (the first time they are compiled, which takes a while) ...")
         found = calibrate_taxels(
             pokes,
@@ -142,10 +161,21 @@ class CalibrateTaxels(Calibration):
             )
         places = read_taxel_places(self.log)
         modules, said = _layout(self.layout, setup, places)
+        if self.spacing is not None:
+            spacing = self.spacing
+            modules = common_layout(places, surface, spacing=spacing) if modules is None else modules.spaced(spacing)
         found = place_modules(places, modules, surface)
         return CalibrationResult(
             of_taxels(found.places), found.places, notes=[*said, *found.notes], warnings=found.warnings
         )
+
+
+def _in_link(setup: Setup) -> Surface | None:
+    """Return the rig's [surface] at its pose in the link's frame, in which the taxels are; None: there is none."""
+    if setup.link.stated is None:
+        return None
+    surface = setup.link.surface()
+    return surface if setup.link.stated.pose == RigPose() else surface.transformed(setup.link.mount)
 
 
 def _pokes(log: Path, setup: Setup, start: TaxelPlaces | None) -> Pokes:
@@ -189,14 +219,19 @@ def _layout(name: str | None, setup: Setup, known: TaxelPlaces | Pokes) -> tuple
     chosen = name or (setup.pokes.layout if setup.pokes is not None else None)
     if chosen is None:
         return None, []
+    taxels = known.taxels if isinstance(known, Pokes) else len(known)
     if chosen not in LAYOUTS:
         path = Path(chosen) if name is not None else setup.link.folder / chosen
         if not path.exists():
             hint = f"Use {', '.join(LAYOUTS)}, or a file of taxels."
             raise InputError(f"{chosen!r} is not known.", where="layout", hint=hint)
-        return ModuleLayout.of(read_taxel_places(path), bent=True), []
-    places = LAYOUTS[chosen]
-    taxels = known.taxels if isinstance(known, Pokes) else len(known)
+        read = read_taxel_places(path)
+        if len(read) == taxels or read.modules > 1:
+            return ModuleLayout.of(read, bent=True), []
+        one = replace(read, module=np.where(read.there, 0, -1))
+        places = ModuleLayout.of(one, bent=True).places
+    else:
+        places = LAYOUTS[chosen]
     count, left = divmod(taxels, len(places))
     if left:
         raise InputError(
@@ -206,7 +241,7 @@ def _layout(name: str | None, setup: Setup, known: TaxelPlaces | Pokes) -> tuple
     if isinstance(known, Pokes):
         there = np.bincount(whole.module, known.counts(), minlength=count)[whole.module] > 0
     else:
-        there = known.there
+        there = np.bincount(whole.module, known.there, minlength=count)[whole.module] > 0
     there = there & np.isfinite(whole.places).all(axis=1)
     kept = np.unique(whole.module[there])
     absent = np.setdiff1d(np.arange(count), kept).tolist()
@@ -292,7 +327,7 @@ def plan_pokes_command(
     keep_inputs(output, (rig, skin, *setup.files().values()))
     if not (wanted >= 0 and pokes >= 1):
         raise InputError("wanted must not be negative, and pokes must be positive.", where="--wanted, --pokes")
-    surface = None if setup.surface is None else setup.surface.load(setup.folder)
+    surface = _in_link(setup.resolve())
     places = read_taxel_places(skin)
     priors = Priors(**table.priors.stated())
     units, known, options = after_calibration(places, surface, priors, start=table.start is not None)

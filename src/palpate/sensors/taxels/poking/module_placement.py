@@ -11,6 +11,8 @@ from palpate.errors import InputError
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking.calibrate import TaxelCalibration
+from palpate.sensors.taxels.poking.moved_modules import moved_far
+from palpate.sensors.taxels.poking.numbering import Numbering, found_numbering
 from palpate.sensors.taxels.poking.rigid_groups import fitted
 from palpate.surfaces.surface import Surface
 
@@ -66,6 +68,8 @@ def place_modules(
 ) -> TaxelCalibration:
     """Fit modules to the places of their taxels; return the new places, without covariance, in a `TaxelCalibration`.
 
+    Where the places contradict the layout's numbers or its handedness, it is fitted as they say, with a warning.
+
     Args:
         places: expected places of the taxels, with the module of each.
         layout: of the modules; None: `common_layout` of the places.
@@ -88,8 +92,10 @@ def place_modules(
         raise InputError(
             f"modules {few} have fewer than {FEWEST} taxels with a place, which is too few.", where="places"
         )
-    units = fitted(layout, places.positions, surface)
-    points, normals = units.places
+    numbering = found_numbering(layout, places.positions, known.normals)
+    layout = numbering.of(layout) if numbering is not None and numbering.clear else layout
+    points, normals = fitted(layout, places.positions, surface).places
+    points = np.where(places.there[:, None], points, np.nan)
     away = np.linalg.norm(points - places.positions, axis=1)
     made = replace(
         places,
@@ -100,7 +106,42 @@ def place_modules(
         module=np.where(np.isfinite(points).all(axis=1), layout.module, -1),
     )
     said = f"taxels moved by {1e3 * np.nanmean(away):.2f} mm on average, {1e3 * np.nanmax(away):.2f} mm at most"
-    return TaxelCalibration(made, 0, 1.0, notes=(said,))
+    doubts = (
+        *(() if numbering is None else (_contradicted(numbering),)),
+        *moved_far(layout, places.positions, points),
+        *(() if surface is not None else (_unsupported(layout, places),)),
+    )
+    return TaxelCalibration(made, 0, 1.0, notes=(said,), warnings=doubts)
+
+
+def _contradicted(numbering: Numbering) -> str:
+    """Return a warning that the places contradict the layout, or cast doubt on it."""
+    whose = "handedness: seen from the other side its taxels" if numbering.mirrored else "numbers: its taxels"
+    if numbering.clear:
+        return f"the places contradict the layout's {whose} {numbering}; they are laid like that"
+    return f"the places cast doubt on the layout's {whose} {numbering}; they are laid as stated"
+
+
+def _unsupported(layout: ModuleLayout, places: TaxelPlaces) -> str:
+    """Return a warning with the error (rms) of each taxel's place, as predicted from the rest of its module."""
+    usable = np.flatnonzero(places.there & (layout.module >= 0))
+    order = np.zeros(len(layout), dtype=np.int64)
+    for number in range(layout.modules):
+        rows = usable[layout.module[usable] == number]
+        order[rows] = np.arange(len(rows))
+    error = np.full(len(layout), np.nan)
+    for turn in range(int(order.max()) + 1):
+        left = usable[(order[usable] == turn) & (np.bincount(layout.module[usable])[layout.module[usable]] > FEWEST)]
+        weights = np.ones(len(layout))
+        weights[left] = 0.0
+        found = fitted(layout, places.positions, None, weights).places[0]
+        error[left] = np.linalg.norm(found[left] - places.positions[left], axis=1)
+    rms = 1e3 * float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else np.nan
+    return (
+        f"there is no surface: modules are laid flat and free in space, and left-out taxels are {rms:.2f} mm (rms) "
+        "from where the rest of their module predicts them. If the places are known better than that, laying makes "
+        "them worse: add the link's mesh as [surface], or keep the places as they are"
+    )
 
 
 def _outward(places: TaxelPlaces, surface: Surface | None) -> TaxelPlaces:

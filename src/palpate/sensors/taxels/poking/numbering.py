@@ -1,0 +1,207 @@
+"""Find how the taxels of modules are numbered, from places that are known roughly.
+
+Of a module's taxels a on the layout and b in the plane seen from outside, as complex numbers about their middles, the
+best turn and one scale for all modules leave the share 1 - (sum |a* b|)^2 / (sum |a|^2 sum |b|^2) of the squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import nan
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+
+from palpate.sensors.taxels.modules import ModuleLayout
+from palpate.sensors.taxels.poking.rigid_groups import frame_about, placed
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Numbering", "found_numbering"]
+
+DOUBTED = 0.95  # of the same squares: one of 100 sessions of 60 to 200 pokes is below, if the numbering is right
+CLEAR = 0.8  # of the squares that the stated numbering leaves: 0.89 at least the other way round, if it is right
+ALIKE = 0.99  # of the squares: numberings that differ by less are the same on a symmetric module
+FEWEST, TELLING = 3, 5  # taxels of a module with a place, and taxels of a module that has an order
+
+Vectors = Float[np.ndarray, "k 3"]
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Numbering:
+    """A numbering of modules that fits their taxels better than the one stated.
+
+    Attributes:
+        order: (k,) the taxel whose stated place each taxel has.
+        first: index in its module of the first taxel's; backwards: the others follow downwards.
+        mirrored: the layout also has to be seen from the other side.
+        rms: [m] of the distances that are left; stated: [m] of those that the stated numbering leaves.
+        clear: whether it is beyond doubt that the stated numbering is wrong.
+    """
+
+    order: Int[np.ndarray, " k"]
+    first: int
+    backwards: bool
+    mirrored: bool
+    rms: float = nan
+    stated: float = nan
+    clear: bool = False
+
+    def of(self, layout: ModuleLayout) -> ModuleLayout:
+        """Return the `ModuleLayout` in this numbering, and mirrored if it has to be."""
+        return ModuleLayout(layout.places[self.order] * [1.0, -1.0 if self.mirrored else 1.0], layout.module)
+
+    def __str__(self) -> str:
+        way = "backwards" if self.backwards else "forwards"
+        return (
+            f"begin at number {self.first} of a module and run {way}: so they fit to {1e3 * self.rms:.1f} mm (rms), "
+            f"and as stated to {1e3 * self.stated:.1f} mm"
+        )
+
+
+@takes_arrays
+def found_numbering(
+    layout: ModuleLayout,
+    places: Vectors,
+    outward: Vectors,
+    weights: Float[np.ndarray, " k"] | None = None,
+    *,
+    start: Vectors | None = None,
+) -> Numbering | None:
+    """Return the `Numbering` of modules that fits places better than the layout's, clearly or not; None: there is none.
+
+    The numbers of all modules may begin at another taxel, run backwards, or be those of the mirrored layout. Without
+    normals a mirrored layout cannot be told.
+
+    Args:
+        layout: as stated.
+        places: (k, 3) [m] of the taxels, NaN if not known.
+        outward: (k, 3) normals of any length, NaN or 0 if not known.
+        weights: (k,) of the places; None: equal.
+        start: (k, 3) [m] expected places in the layout's numbers, which choose between numberings that are alike on a
+            symmetric module; None: the lowest first number.
+    """
+    share = _shares(layout, places, weights)
+    total = float(share.sum())
+    if not total:
+        return None
+    seen, sided = _seen(layout, places, outward, share)
+    flat = np.nan_to_num(layout.places @ np.array([1.0, 1.0j]))
+    ways = _ways(layout, both=bool(sided.any()))
+    left = np.array(
+        [
+            _left(flat[way.order].conj() if way.mirrored else flat[way.order], seen, share, layout.module, sided)
+            for way in ways
+        ]
+    )
+    alike = np.flatnonzero(ALIKE * left <= left.min() + 1e-9)
+    alike = [k for k in alike.tolist() if ways[k].mirrored == ways[alike[0]].mirrored]
+    off = {k: 0.0 if start is None else _off(start[ways[k].order], places, share, layout.module) for k in (0, *alike)}
+    best = min(alike, key=lambda k: off[k])
+    if left[best] < CLEAR * left[0]:
+        squares, clear = left[[best, 0]] * _spread(seen, share, layout.module), True
+    elif off[best] < CLEAR * off[0] and not ways[best].mirrored:
+        squares, clear = np.array([off[best], off[0]]), True
+    elif left[best] < DOUBTED * left[0]:
+        squares, clear = left[[best, 0]] * _spread(seen, share, layout.module), False
+    else:
+        return None
+    rms, stated = np.sqrt(squares / total).tolist()
+    return replace(ways[best], rms=rms, stated=stated, clear=clear)
+
+
+def _shares(layout: ModuleLayout, places: Vectors, weights: Float[np.ndarray, " k"] | None) -> Float[np.ndarray, " k"]:
+    """Return the weight of each place; 0 if it is not known, or too few are of its module."""
+    share = np.where(placed(layout, places), 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
+    count = np.bincount(layout.module[share > 0], minlength=layout.modules)
+    enough = np.zeros(len(layout), dtype=bool)
+    enough[share > 0] = count[layout.module[share > 0]] >= FEWEST
+    return np.where(enough, share, 0.0)
+
+
+def _ways(layout: ModuleLayout, *, both: bool) -> list[Numbering]:
+    """Return all numberings, as stated first; `both`: also of the mirrored layout."""
+    rows, turns, block = _rows(layout), [(0, 1)], None
+    if len(rows[0]) >= TELLING and len({*map(len, rows)}) == 1:
+        block = np.stack(rows)
+        turns = [(first, step) for step in (1, -1) for first in range(block.shape[1])]
+    found = list[Numbering]()
+    for mirrored in (False, True) if both else (False,):
+        for first, step in turns:
+            order = np.arange(len(layout))
+            if block is not None:
+                order[block] = block[:, (first + step * np.arange(block.shape[1])) % block.shape[1]]
+            found.append(Numbering(order, first, step < 0, mirrored))
+    return found
+
+
+def _rows(layout: ModuleLayout) -> list[Int[np.ndarray, " t"]]:
+    there = np.isfinite(layout.places).all(axis=1)
+    return [np.flatnonzero((layout.module == number) & there) for number in range(layout.modules)]
+
+
+def _seen(
+    layout: ModuleLayout, places: Vectors, outward: Vectors, share: Float[np.ndarray, " k"]
+) -> tuple[Complex[np.ndarray, " k"], Bool[np.ndarray, " m"]]:
+    """Return taxels in the plane of their module, seen from outside, and whether the outside of each is known."""
+    seen, sided = np.zeros(len(layout), dtype=np.complex128), np.zeros(layout.modules, dtype=bool)
+    length = np.linalg.norm(outward, axis=1, keepdims=True)
+    unit = np.divide(outward, length, out=np.zeros_like(outward), where=length > 0)
+    for number in range(layout.modules):
+        rows = np.flatnonzero((layout.module == number) & (share > 0))
+        if not len(rows):
+            continue
+        normal = share[rows] @ unit[rows]
+        sided[number] = bool(np.linalg.norm(normal) > 0)
+        away = places[rows] - places[rows].mean(axis=0)
+        normal = normal if sided[number] else np.linalg.svd(away, full_matrices=True)[2][2]
+        frame = frame_about(normal[None], np.array([[1.0, 0.0, 0.0]]))[0]
+        seen[rows] = away @ frame[:, :2] @ np.array([1.0, 1.0j])
+    return seen, sided
+
+
+def _left(
+    flat: Complex[np.ndarray, " k"],
+    seen: Complex[np.ndarray, " k"],
+    share: Float[np.ndarray, " k"],
+    module: Int[np.ndarray, " k"],
+    sided: Bool[np.ndarray, " m"],
+) -> float:
+    """Return the share of the squares of seen places that a layout leaves; without a side the better one counts."""
+    here = share > 0
+    number, weight, a, b = module[here], share[here], flat[here], seen[here]
+    each = np.bincount(number, weight, len(sided))
+    each[each == 0] = 1.0
+
+    def summed(values: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, " m"]:
+        return np.bincount(number, weight * values.real, len(sided)) + 1j * np.bincount(
+            number, weight * values.imag, len(sided)
+        )
+
+    a, b = a - (summed(a) / each)[number], b - (summed(b) / each)[number]
+    same, other = np.abs(summed(a.conj() * b)), np.abs(summed(a * b))
+    both = float(np.where(sided, same, np.maximum(same, other)).sum())
+    squares = float(weight @ np.abs(a) ** 2) * float(weight @ np.abs(b) ** 2)
+    return 1.0 - both**2 / squares if squares > 0 else 1.0
+
+
+def _off(start: Vectors, places: Vectors, share: Float[np.ndarray, " k"], module: Int[np.ndarray, " k"]) -> float:
+    """Return the weighted sum of squares [m^2] of places from expected ones, about the middles of their modules."""
+    total = 0.0
+    for number in np.unique(module[share > 0]):
+        rows = (module == number) & (share > 0) & np.isfinite(start).all(axis=1)
+        if rows.any():
+            away = places[rows] - start[rows]
+            away = away - np.average(away, axis=0, weights=share[rows])
+            total += float(share[rows] @ np.sum(away**2, axis=1))
+    return total
+
+
+def _spread(seen: Complex[np.ndarray, " k"], share: Float[np.ndarray, " k"], module: Int[np.ndarray, " k"]) -> float:
+    """Return the weighted sum of squares [m^2] of seen places about the middles of their modules."""
+    total = 0.0
+    for number in np.unique(module[share > 0]):
+        rows = (module == number) & (share > 0)
+        away = seen[rows] - np.average(seen[rows], weights=share[rows])
+        total += float(share[rows] @ np.abs(away) ** 2)
+    return total
