@@ -73,7 +73,7 @@ def evaluate(
             raise InputError(
                 "works only where the truth is a wrench or a wand.",
                 where=f"--{option}",
-                hint="For other contacts, palpate estimate --report FILE --truth FILE writes the page.",
+                hint="For other truths, palpate estimate LOG --report FILE --truth FILE writes a page of the errors.",
             )
     known = read_ground_truth(truth)
     report = compare(found, known, tolerance=tolerance)

@@ -75,7 +75,8 @@ def inspect(
         _taxels(file)
     elif suffix in (*_MESHES, ".toml", ".urdf", ".xacro"):
         if spectrum is not None:
-            raise InputError("has no spectrum, because it is neither a log nor a result.", where=str(file))
+            what = "has no spectrum, because it is neither a log nor a result."
+            raise InputError(what, where=str(file), hint="Give a log, or contacts of `palpate estimate`.")
         (_toml if suffix == ".toml" else _mesh if suffix in _MESHES else _urdf)(file)
     else:
         _data(whole or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)

@@ -86,7 +86,8 @@ def _layout(log: Path, rig: Path | None) -> LogLayout:
 
 def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, topic: str, domain: int) -> Device:
     if kind == "netft" and source.shape != (6,):
-        raise InputError("has no wrenches, and a Net F/T sends nothing else.", where=str(source.path))
+        hint = "Give a log of a force/torque sensor, or another device (--as)."
+        raise InputError("has no wrenches, and a Net F/T sends nothing else.", where=str(source.path), hint=hint)
     if kind == "netft":
         from palpate.live.netft_device import NetFtDevice
 

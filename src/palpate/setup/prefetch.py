@@ -205,6 +205,7 @@ class LogReader:
             raise InputError(
                 "the process that reads this log ended early: too little memory, or a crash in a library.",
                 where=str(path),
+                hint="Free memory and run it again, or convert the log to Parquet.",
             ) from problem
 
 

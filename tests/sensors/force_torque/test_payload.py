@@ -392,7 +392,7 @@ def test_a_centre_of_mass_beyond_reach_is_said() -> None:
     wrenches = readings(rotations)
     assert "centre of mass is" not in " ".join(identify_payload(wrenches, rotations).notes)
     wrenches[:, 3:] *= 1e3  # N mm taken for N m
-    with pytest.raises(InputError, match=r"centre of mass is .* unless the torque is in N mm"):
+    with pytest.raises(InputError, match=r"centre of mass .* is implausible; it is nearer if the torque is in N mm"):
         identify_payload(wrenches, rotations)
 
 
