@@ -220,7 +220,7 @@ def test_wrong_input_is_named() -> None:
         identify_payload(wrenches, np.where(np.arange(6)[:, None, None] == 4, 1.1 * rotations, rotations))
     with pytest.raises(InputError, match="row 2: the rotation is a reflection"):
         identify_payload(wrenches, np.where(np.arange(6)[:, None, None] == 2, -rotations, rotations))
-    with pytest.raises(InputError, match="each of the 6 rows"):
+    with pytest.raises(InputError, match="none of the 6 rows"):
         identify_payload(np.full((6, 6), np.nan), rotations)
     with pytest.raises(InputError, match="gravity"):
         identify_payload(wrenches, rotations, gravity=[0, 0, 0])
