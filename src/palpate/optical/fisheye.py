@@ -176,7 +176,7 @@ class RingView(Value):
         if pose.translation.shape != (3,) or not abs(pose.translation[2]) > 1e-6:
             raise InputError(
                 "pose must be a single one, with a translation (3,) whose z is not 0: the camera is not in the plane "
-                "of the markers."
+                "of the ring of markers."
             )
         if self.rings.ndim != 1 or not len(self.rings) or self.rings[0] != 0.0 or len(self.angles) % len(self.rings):
             raise InputError(
