@@ -57,7 +57,7 @@ def update_pose(
     """
     wanted, pair = load_toml(source), ("pose", "pose_covariance")
     if not isinstance(wanted.get("surface"), dict):
-        raise InputError("the rig has no [surface].", where=str(source), hint='Add it, with mesh = "FILE".')
+        raise InputError("the rig needs a [surface].", where=str(source), hint='Add one, with mesh = "FILE".')
     surface = {key: value for key, value in wanted["surface"].items() if key not in pair}
     surface["pose"] = {"xyz": pose.translation.tolist(), "quaternion_xyzw": pose.quaternion().tolist()}
     surface["pose_covariance"] = np.asarray(covariance).tolist()
