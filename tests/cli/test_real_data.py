@@ -96,8 +96,7 @@ def test_the_real_payload_in_the_wrong_frame_is_named(
     hundred: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["calibrate", "payload", str(hundred), "-o", str(tmp_path / "payload.toml")])
-    said = capsys.readouterr()
-    assert "--base-frame" in said.out
+    assert 'Write frame = "base"' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -657,7 +657,7 @@ def test_a_frame_of_many_axes_is_filled_row_by_row(monkeypatch: pytest.MonkeyPat
 
 def test_what_does_not_fit_the_sensor_is_refused() -> None:
     start = "[source]\nkind = 'serial'\naddress = 'x'\nframing = "
-    with pytest.raises(InputError, match="applies only to lines"):
+    with pytest.raises(InputError, match="applies only to framing"):
         _port(f"{start}'cobs'\ncolumns = [1]")
     with pytest.raises(InputError, match="cannot come over a serial port"):
         _port(f"{start}'cobs'", "[marker_ring]\n")

@@ -129,7 +129,8 @@ class _Problem:
         if np.count_nonzero(known) < LEAST:
             raise InputError(
                 "hardly any wrench has a pose at every offset of the search.",
-                hint="Check that poses and wrenches overlap in time, search a narrower range, or allow a larger gap.",
+                hint="Check that poses and wrenches overlap in time, search a narrower range, or raise max_gap "
+                "in [orientation].",
             )
         return replace(self, time=time[known], force=force[known])
 
@@ -177,7 +178,10 @@ def _averaged(
     steps = np.diff(time[np.isfinite(time)])
     steps = steps[steps > 0]
     if not len(steps):
-        raise InputError("the times of the wrenches never increase, so their clock cannot be compared.")
+        raise InputError(
+            "the times of the wrenches never increase, so their clock cannot be compared.",
+            hint="Correct the time's column and unit in the rig's [time].",
+        )
     usual = float(np.median(steps))
     each = max(1, int(min(AVERAGE / usual, len(time))))
     count = len(time) // each

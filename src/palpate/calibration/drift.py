@@ -172,7 +172,10 @@ def _usable(
         )
     steps = np.diff(when)
     if np.any(steps < 0):
-        raise InputError("times run backwards: the log starts again, or its rows are out of order.")
+        raise InputError(
+            "times run backwards: the log starts again, or its rows are out of order.",
+            hint="Split the log where it starts again, or sort its rows by time.",
+        )
     if (missing := len(time) - len(when)) > 0:
         notes.append(f"{missing:,} of {len(time):,} samples have no value or no time and were left out")
     gaps = steps[steps > GAP]

@@ -241,7 +241,8 @@ def _require_folder(output: Path) -> None:
     require_folder(output)
     with writing(output):
         if output.exists() and not output.is_dir():
-            raise InputError("is not a folder.", where=str(output), hint="Add -o FOLDER for many logs.")
+            what, hint = "is not a folder, which many logs need.", "Name another with -o FOLDER."
+            raise InputError(what, where=str(output), hint=hint)
         output.mkdir(exist_ok=True)
     reserve_output(output / KEPT)
 

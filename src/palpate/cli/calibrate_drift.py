@@ -84,9 +84,9 @@ def _read(log: Path, opened: OpenedLog) -> tuple[Setup, Recording, tuple[str, ..
     kind = opened.kind
     if not kind.drift:
         raise InputError(
-            f"[{kind.name}] cannot have [drift], which is for force/torque sensors and load cells.",
+            f"is of {kind.called}, and only force/torque sensors and load cells have a [drift].",
             where=str(log),
-            hint=kind.drift_hint,
+            hint=kind.drift_hint or "Give a log of one of these.",
         )
     blocks = list(opened)
     if not any(map(len, blocks)):

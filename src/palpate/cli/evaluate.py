@@ -74,7 +74,7 @@ def evaluate(
         return
     for option, given in (("rig", rig), ("wand", wand), ("output", output)):
         if given is not None:
-            hint = "For other contacts, palpate estimate --report FILE --truth FILE writes the page."
+            hint = "For other truths, palpate estimate LOG --report FILE --truth FILE writes a page of the errors."
             raise InputError("works only where the truth is a wrench or a wand.", where=f"--{option}", hint=hint)
     known = read_ground_truth(truth)
     report = compare(found, known, tolerance=tolerance)

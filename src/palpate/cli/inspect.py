@@ -81,7 +81,8 @@ def inspect(
         _taxels(file)
     elif suffix in (*_MESHES, ".toml", ".urdf", ".xacro", ".cal"):
         if spectrum is not None:
-            raise InputError("has no spectrum, because it is neither a log nor a result.", where=str(file))
+            what = "has no spectrum, because it is neither a log nor a result."
+            raise InputError(what, where=str(file), hint="Give a log, or contacts of `palpate estimate`.")
         {".toml": _toml, ".cal": _ati, **dict.fromkeys(_MESHES, _mesh)}.get(suffix, _urdf)(file)
     else:
         _data(incomplete or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
@@ -201,6 +202,7 @@ def _toml(file: Path) -> None:
         lines((name, value) for name, value in content.items())
 
 
+_USUAL = {"acts_on": "body", "reference": "sensor", "inverse": False, "form": "quaternion"}  # not worth a line
 _IDLE = {  # keys of a table that mean nothing to what its kind is
     "mesh": ("point", "normal", "half_width"),
     "plane": ("crease", "covered"),
@@ -212,14 +214,14 @@ _IDLE = {  # keys of a table that mean nothing to what its kind is
 
 
 def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
-    """Return (dotted key, value) of every setting in force, defaults included."""
+    """Return (dotted key, value) of every setting in force, with most defaults."""
     found: list[tuple[str, object]] = []
     hidden = {"folder", "pose_covariance", *_IDLE.get(getattr(values, "kind", ""), ())}
     if isinstance(values, Rig) and not any(CELLS in each.channels for each in values.kinds):
         hidden.add("contacts")  # a rig's are of taxels
-    for field in fields(values):
+    for field in sorted(fields(values), key=lambda field: field.name not in ("surface", "sensors")):
         value: object = getattr(values, field.name)
-        if value is None or field.name in hidden:
+        if value is None or field.name in hidden or _USUAL.get(field.name) == value:
             continue
         if field.name == "sensors":
             for name, table in values.sensors.items():

@@ -167,9 +167,11 @@ def _ready_ring(path: Path, receiver: Worker, problems: Connection, came: Came) 
             raise KeyboardInterrupt
         if not receiver.alive:
             _raise_problem(problems, 1.0)
-            raise InputError("the receiver ended before it was ready.", where="palpate live")
+            what = "the process that receives samples ended before it was ready, without a message."
+            raise InputError(what, where="palpate live", hint="Free memory, and start again.")
         if time.monotonic() > end:
-            raise InputError(f"the receiver is not ready after {START:g} s.", where="palpate live")
+            what = f"the process that receives samples is not ready after {START:g} s."
+            raise InputError(what, where="palpate live", hint="Check that the device answers, and start again.")
         time.sleep(0.02)
     return StreamBuffer(path)
 

@@ -69,7 +69,8 @@ def draw_spectrum(recording: Recording, output: Path, name: str) -> None:
 def _spectrum(recording: Recording, channel: str) -> Spectrum:
     found = spectrum(recording.time, recording.channels[channel])
     if not found.density.any():
-        raise InputError(f"has no spectrum: {channel} does not change.", where=recording.source)
+        hint = "Connect the sensor, or switch off its driver's dead band, and record again."
+        raise InputError(f"has no spectrum: {channel} does not change.", where=recording.source, hint=hint)
     return found
 
 

@@ -72,7 +72,8 @@ class Status(IntEnum):
 
     def __bool__(self) -> bool:
         raise InputError(
-            "a Status is neither true nor false.", hint=f"Write status == palpate.Status.{self.name}, or if contact:."
+            "a Status is neither true nor false.",
+            hint=f"Write `status == palpate.Status.{self.name}`, or test the contact itself: `if contact`.",
         )
 
 

@@ -292,7 +292,8 @@ def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
     seen = [str(getattr(out, each)) for each in ("dtype", "shape") if hasattr(out, each)] or [type(out).__name__]
     if type(out) is np.ndarray and not carray:
         seen.append("that cannot be written to" if not out.flags.writeable else "that is not contiguous")
-    raise InputError(f"out must be rows of {width} numbers, as `empty` returns them, not {' '.join(seen)}.")
+    what = f"out must be rows of {width} numbers, contiguous and float64, not {' '.join(seen)}."
+    raise InputError(what, hint="Make it with the estimator's `empty(n)`.")
 
 
 def _samples(

@@ -77,7 +77,7 @@ class AlignController:
         surface = estimator.locator.surface
         if law is None and estimator.filter is not None:
             raise InputError(
-                "the estimator has a filter, but the law filters itself.", hint="Build the estimator without it."
+                "the estimator has a filter, but the motion law has its own.", hint="Build the estimator without it."
             )
         if face is None:
             if not isinstance(surface, Mesh):

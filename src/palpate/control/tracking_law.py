@@ -53,8 +53,8 @@ class Follow:
 
         if not (force > 0 and 0 < stiffness <= stiffest < np.inf):  # NaN too
             raise InputError(
-                f"force ({force:g} N) must be positive, and stiffness ({stiffness:g} N/m) between 0 and the "
-                f"stiffest ({stiffest:g} N/m)."
+                f"force ({force:g} N) must be positive, and stiffness ({stiffness:g} N/m) above 0 and at "
+                f"most stiffest ({stiffest:g} N/m)."
             )
         self.face, self.force, self.stiffness, self.stiffest = face, float(force), float(stiffness), float(stiffest)
         self.delay, self.ready = 0.07, False

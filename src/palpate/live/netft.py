@@ -91,8 +91,8 @@ class NetFt:
         self._host = self._resolved()
         self._page = read_page(self._host, self._web, where=self._address, timeout=_PAGE)
         if not self._page.streaming:
-            hint = "Enable RDT on that page, under Communications."
-            raise InputError("does not send samples: RDT is disabled on its page.", where=self._address, hint=hint)
+            hint = "Open it in a browser, and enable RDT under Communications."
+            raise InputError("does not send samples: RDT is disabled on its web page.", where=self._address, hint=hint)
         self._begin()
         try:
             self._await_first()

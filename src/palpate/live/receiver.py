@@ -84,8 +84,8 @@ def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
     if path.exists():
         ring = StreamBuffer(path)
         if ring.form != form:
-            hint = "Remove it, or run `palpate recover`."
-            raise InputError("is from another rig or sensor.", where=str(path), hint=hint)
+            hint = "Save its samples with `palpate recover`, or remove it."
+            raise InputError("was written with another rig or sensor.", where=str(path), hint=hint)
         for _ in range(ring["received"] - ring["answered"]):  # received by one that was killed before it had answered
             ring.answer(np.zeros((0, form.width)), np.zeros(1, dtype=np.int64), known=False)
         return ring

@@ -98,7 +98,8 @@ def only_one(ring: Path) -> Generator[None]:
         try:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as problem:
-            raise InputError("another process already writes its record.", where=str(ring)) from problem
+            what, hint = "another process already writes its record.", "Stop that one, or name another output."
+            raise InputError(what, where=str(ring), hint=hint) from problem
         yield
 
 

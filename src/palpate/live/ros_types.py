@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 from palpate.errors import InputError
+from palpate.files.units import near
 
 __all__ = ["DEFINITIONS", "Raw", "definition", "idl_type", "ros_type_name"]
 
@@ -101,7 +102,8 @@ def idl_type(kind: str) -> Any:
     from cyclonedds.idl import make_idl_struct
 
     if kind not in DEFINITIONS:
-        raise InputError(f"messages of {kind} cannot be read or written.", where="ROS 2")
+        hint = near(kind, DEFINITIONS)
+        raise InputError(f"messages of {kind} cannot be read or written.", where="ROS 2", hint=hint)
     members = {name: _member(what) for what, name in (each.split(" ") for each in DEFINITIONS[kind].split(", "))}
     package, _, name = kind.partition("/")
     made: Any = make_idl_struct(f"{name}_", f"{package}::msg::dds_::{name}_", members, dataclassify=False)

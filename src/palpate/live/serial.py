@@ -234,7 +234,7 @@ def _frames(stated: RigSource, count: int) -> CobsFrames | LineFrames:
     if stated.framing == "cobs":
         if stated.columns is not None:
             hint = 'Remove it, or write framing = "lines".'
-            raise InputError("applies only to lines.", where="source.columns", hint=hint)
+            raise InputError('applies only to framing = "lines".', where="source.columns", hint=hint)
         try:
             from palpate.live.cobs import CobsFrames
         except ImportError as problem:

@@ -34,6 +34,7 @@ __all__ = ["READERS", "StreamBuffer", "latencies"]
 # The head holds numbers that processes share, each in its own cache line and written by one process, except for "asked"
 # (for tares) and "recording"; a description as JSON; the last sentences on events. The slots follow.
 MAGIC, VERSION = b"PALPRING", 1
+_BROKEN = "Remove it; `palpate recover` then completes the record from its .part file alone."
 HEAD = 1 << 16  # bytes before the slots
 LINE = 64  # bytes of a cache line
 _WORDS = (
@@ -146,7 +147,7 @@ class StreamBuffer:
             with path.open("r+b") as file:
                 size = os.fstat(file.fileno()).st_size
                 if size < HEAD or file.read(len(MAGIC)) != MAGIC:
-                    raise InputError("is not a ring of `palpate live`.", where=str(path))
+                    raise InputError("is not a buffer of `palpate live`.", where=str(path), hint=_BROKEN)
                 self._map = mmap.mmap(file.fileno(), 0)
         except OSError as problem:
             raise InputError(f"cannot be opened ({problem.strerror}).", where=str(path)) from problem
@@ -158,7 +159,7 @@ class StreamBuffer:
         self.form = _described(self._map, path)
         slot, count = self.form.slot(), self["slots"]
         if count < LEAST or HEAD + count * slot.itemsize > size:
-            raise InputError("is incomplete: it is shorter than its head states.", where=str(path))
+            raise InputError("is incomplete: it is shorter than its header states.", where=str(path), hint=_BROKEN)
         self.slots = np.frombuffer(self._map, slot, count, HEAD)
         self._memory = np.frombuffer(self._map, "<i8", count * (slot.itemsize // 8), HEAD).reshape(count, -1)
         self._sentences = np.frombuffer(self._map, [("stamp", "<i8"), ("text", f"S{SENTENCE}")], SENTENCES, _SAID)
@@ -335,5 +336,5 @@ def _described(held: mmap.mmap, path: Path) -> SlotForm:
         if not (0 < form.width < 4096 and 0 < form.max_contacts < 4096 and 0 < prod(form.shape) < 1 << 26):
             raise ValueError("sizes")
     except (ValueError, TypeError, KeyError) as problem:
-        raise InputError("is damaged: its description cannot be read.", where=str(path)) from problem
+        raise InputError("is damaged: its header cannot be read.", where=str(path), hint=_BROKEN) from problem
     return form

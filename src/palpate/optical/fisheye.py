@@ -187,7 +187,8 @@ class RingView(Value):
             raise InputError("angles must be three or more finite numbers [rad], one for each marker.")
         if pose.translation.shape != (3,) or not abs(pose.translation[2]) > 1e-6:
             raise InputError(
-                "the pose must be one pose, (3,) translations, with the camera off the ring's plane (z not 0)."
+                "pose must be a single one, with a translation (3,) whose z is not 0: the camera is not in the plane "
+                "of the ring of markers."
             )
         if self.rings.ndim != 1 or not len(self.rings) or self.rings[0] != 0.0 or len(self.angles) % len(self.rings):
             raise InputError(

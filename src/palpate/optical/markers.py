@@ -80,7 +80,7 @@ class MarkerColour:
             raise InputError(f"background must be 0 px or more, not {self.background} px.")
         if not 0 <= self.others <= 8:
             raise InputError(
-                f"others, the share of another colour in sixteenths, must be from 0 to 8, not {self.others}."
+                f"others, the sixteenths of each other channel to subtract, must be from 0 to 8, not {self.others}."
             )
 
     @property

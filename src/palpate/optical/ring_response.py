@@ -88,10 +88,14 @@ class RingResponse(Value):
         if not (self.width > 0).all() or not (self.misfit >= 0).all() or not (self.spread >= 0).all():
             raise InputError("width must be positive, and misfit and spread 0 or more.")
         if not (self.usual[1:] > 0).all() or not self.grip >= 0:
-            raise InputError("deviations of usual must be positive, and grip 0 or more.")
+            raise InputError(
+                f"usual[1:], standard deviations, must be positive, not {self.usual[1:]}, and grip 0 or more, not "
+                f"{self.grip}."
+            )
         if not 0 <= self.dragged[0] < 1 or (self.dragged[0] and not 0 < self.dragged[1] <= self.dragged[2] < np.inf):
             raise InputError(
-                "dragged must be a share from 0 to below 1, then two positive deviations, the larger one last."
+                "dragged must be a share from 0 to below 1, then two positive standard deviations, the larger one "
+                f"last, not {self.dragged}."
             )
         tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,), "usual": (3,)}
         for name, tail in (tails | {"dragged": (3,), "left_out": (4,)}).items():

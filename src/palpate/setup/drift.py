@@ -115,7 +115,8 @@ class RigDrift:
         stated = self._stated(name)
         if stated.size not in (1, channels):
             said = "force and torque" if isinstance(getattr(self, name), RigPair) else f"{stated.size} numbers"
-            raise InputError(f"has {said}, but the sensor has {channels} channels.", where=f"drift.{name}")
+            hint = f"Write one number, or a list of {channels}."
+            raise InputError(f"has {said}, but the sensor has {channels} channels.", where=f"drift.{name}", hint=hint)
         return np.broadcast_to(stated, (channels,)).copy()
 
 

@@ -56,7 +56,7 @@ def update_pose(
     """
     wanted, pair = load_toml(source), ("pose", "pose_covariance")
     if not isinstance(wanted.get("surface"), dict):
-        raise InputError("a rig needs a [surface].", where=str(source))
+        raise InputError("the rig needs a [surface].", where=str(source), hint='Add one, with mesh = "FILE".')
     surface = {key: value for key, value in wanted["surface"].items() if key not in pair}
     surface["pose"] = {"xyz": pose.translation.tolist(), "quaternion_xyzw": pose.quaternion().tolist()}
     surface["pose_covariance"] = np.asarray(covariance).tolist()
@@ -129,7 +129,8 @@ def _write(source: Path, target: Path, wanted: dict[str, Any], name: str, commen
         if _reads_as(text, wanted):
             return write_text(target, text)
     what = f"the result cannot be written into [{name}] in the form that it has."
-    raise InputError(what, where=str(source), hint=f"Write [{name}] as one table.")
+    hint = f"Write it in one place: a header [{name}] with its keys below it."
+    raise InputError(what, where=str(source), hint=hint)
 
 
 def _in_place(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str]) -> str:

@@ -72,7 +72,7 @@ class Link:
     @cached_property
     def _surface(self) -> Surface:
         if self.stated is None:
-            raise InputError("the rig has no [surface].", where="rig")
+            raise InputError("the rig has no [surface].", where="rig", hint='Add it, with mesh = "FILE".')
         files = [path for path in self.stated.files(self.folder).values() if path.is_file()]
         stamps = tuple((path.stat().st_mtime_ns, path.stat().st_size) for path in files)
         return _read(self.stated, self.folder, stamps)

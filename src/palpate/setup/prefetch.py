@@ -195,7 +195,8 @@ class LogReader:
                 yield self._receiver.get()
         except (EOFError, OSError) as problem:
             what = "the process that reads this log ended early: too little memory, or a crash in a library."
-            raise InputError(what, where=str(path)) from problem
+            hint = "Free memory and run it again, or convert the log to Parquet."
+            raise InputError(what, where=str(path), hint=hint) from problem
 
 
 @contextmanager

@@ -253,7 +253,7 @@ def _check_drift(stated: RigDrift, kinds: Sequence[SensorKind], sensors: Mapping
         raise InputError(what, where=str(path), hint="".join(kind.drift_hint for kind in kinds))
     wanted = followed.get(stated.of_wrench)
     if wanted is None:
-        pair = "{ force = ..., torque = ... }"
+        pair = "{ force = ..., torque = ... }, in N/sqrt(s) and N m/sqrt(s)"
         needs = pair if True in followed else "a number, or a list of them, in V/sqrt(s)"
         raise InputError(f"drift.walk of [{first}] must be {needs}.", where=str(path))
     if getattr(sensors.get(wanted), "drift", None) is not None:

@@ -126,7 +126,8 @@ def first_seconds(head: Recording, seconds: float) -> Recording:
     """
     known = head.time[np.isfinite(head.time)]
     if not len(known):
-        raise InputError("has no times, so its first seconds cannot be found.", where=head.source)
+        hint = "Name the column of times, or state rate, in the rig's [time]."
+        raise InputError("has no times, so its first seconds cannot be found.", where=head.source, hint=hint)
     return head.picked(head.time <= known[0] + seconds)
 
 

@@ -130,7 +130,7 @@ class Motion:
             raise InputError(
                 "the log has no acceleration.",
                 where=block.source,
-                hint="Name its columns or topic in the rig's [acceleration], or use from_poses.",
+                hint="Name its columns or topic in the rig's [acceleration], or write from_poses = true there.",
             )
         if self.source == "poses" and not {ORIENTATION, POSITION} <= has:
             raise InputError(

@@ -44,7 +44,7 @@ def require_forward(filter: Filter | None) -> None:
     if filter is not None and filter.zero_phase:
         raise InputError(
             "a filter of zero phase needs later samples, so it cannot answer sample by sample.",
-            hint="Use stream on a log, or a Butterworth filter without zero_phase.",
+            hint="Give the log to the estimator's stream, or use a Butterworth filter without zero_phase.",
         )
 
 

@@ -48,7 +48,10 @@ class BSplineSurface(Value):
         for axis, name in enumerate(("knots_u", "knots_v")):
             knots, degree, count = frozen(getattr(self, name)), self.degree[axis], self.control.shape[axis]
             if not 1 <= degree <= _MOST or knots.shape != (count + degree + 1,) or count <= degree:
-                raise GeometryError(f"{len(knots)} {name} do not fit {count} control points of degree {degree}.")
+                raise GeometryError(
+                    f"{len(knots)} {name} do not fit {count} control points of degree {degree}: {count + degree + 1} "
+                    f"are needed, with a degree from 1 to {_MOST} and more control points than it."
+                )
             if not np.all(np.diff(knots) >= 0) or not knots[degree] < knots[count]:
                 raise GeometryError(f"{name} must not decrease, and must span a range.")
             object.__setattr__(self, name, knots)

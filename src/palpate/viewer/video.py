@@ -31,7 +31,8 @@ class Video:
         cv2 = opencv()
         self._writer: Any = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, size)
         if not self._writer.isOpened():
-            raise InputError("OpenCV cannot write a video here.", where=str(path))
+            what = "OpenCV cannot open this file to write a video (MPEG-4)."
+            raise InputError(what, where=str(path), hint="Check the folder and the free space.")
 
     def add(self, picture: UInt8[np.ndarray, "h w 3"]) -> None:
         """Append a picture to the video, (h, w, 3) uint8 in blue, green, red."""

@@ -148,7 +148,8 @@ def read_truth(task: Task) -> tuple[TrueSamples, Int[np.ndarray, " q"]]:
     rows, _ = table.numbers(("sample", *POINT, *FORCE), strict=True)
     touched = np.isfinite(rows[:, 1])
     if not touched.any():
-        raise InputError("has no row with a contact.", where=str(table.path))
+        hint = "Make the task again with `palpate benchmark make`."
+        raise InputError(f"has no row with a contact: {POINT[0]} is always empty.", where=str(table.path), hint=hint)
     known = rows[touched]
     return TrueSamples(known[:, 0], known[:, 1:4], force=known[:, 4:7]), rows[~touched, 0].astype(np.int64)
 

@@ -79,7 +79,8 @@ def read_results(path: Path) -> tuple[dict[str, object], dict[int, ArenaResult]]
     try:
         found = [from_row(ArenaResult, row) for row in rows]
     except (KeyError, TypeError) as problem:
-        raise InputError(f"does not contain {RESULTS}.", where=str(path), hint="Name another output.") from problem
+        what = f"exists and does not contain {RESULTS}."
+        raise InputError(what, where=str(path), hint="Name another output.") from problem
     return settings, {result.seed: result for result in found}
 
 

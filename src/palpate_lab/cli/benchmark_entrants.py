@@ -87,7 +87,10 @@ def _rows(said: object, task: Task, sample: int, name: str) -> Float[np.ndarray,
         ) from problem
     if given.ndim != 2 or (given.size and given.shape[1] not in WIDTHS):
         shape = "x".join(map(str, np.shape(cast("Any", said))))
-        raise InputError(f"answered with shape {shape}, but a contact has 3, 6 or 12 numbers.", where=where)
+        what = (
+            f"answered with shape {shape}, but a contact has 3 numbers (place), 6 (and force) or 12 (and covariance)."
+        )
+        raise InputError(what, where=where)
     given = given[np.isfinite(given[:, :3]).all(axis=1)] if given.size else full
     if len(given) > task.most:
         raise InputError(f"answered with {len(given)} contacts, but at most {task.most} are possible.", where=where)

@@ -76,7 +76,7 @@ def _estimated(task: Task) -> EntrantResult:
             words = [str(folder / word) if (folder / word.split("/")[0]).exists() else word for word in command.split()]
             words[-1] = str(folder / words[-1])
             if main([*words, "--quiet"]):
-                raise InputError(f"`palpate {command}` failed.", where=task.name)
+                raise InputError(f"`palpate {command}` failed, with the error above.", where=task.name)
         log = folder / ("frames" if task.kind == "marker_ring" else "readings.csv")
         begin = perf_counter()
         found = estimate(log, folder / "rig.toml")

@@ -370,4 +370,5 @@ def places_near(
         kept.append(points[taken])
         if sum(map(len, kept)) >= count:
             return np.concatenate(kept)[:count]
-    raise InputError("no place on the skin is near only these taxels.", where="pokes")
+    what = "no place on the skin is near only the chosen taxels and far enough from the others."
+    raise InputError(what, where="pokes", hint="Choose more taxels, next to each other.")

@@ -117,7 +117,8 @@ def _write_frames(session: RingSession, folder: Path, images: Images, watch: Cal
         for at, frame in enumerate(frames):
             path = folder / "frames" / f"{at:06d}.jpg"
             if not cv2.imwrite(str(path), frame, [cv2.IMWRITE_JPEG_QUALITY, quality]):
-                raise InputError("could not be written.", where=str(path))
+                hint = "Check the folder and the free space."
+                raise InputError("could not be written.", where=str(path), hint=hint)
             watch(at + 1, (at + 1) / len(session.time))
         return
     path, camera = folder / "frames.avi", session.unit.camera

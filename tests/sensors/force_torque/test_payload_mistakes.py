@@ -79,7 +79,7 @@ def test_the_name_undoes_the_mistake(name: str) -> None:
 def test_unchecked_returns_a_payload_with_the_mistake_in_its_notes() -> None:
     wrenches, rotations = as_logged("torque in N mm", *log(24, 5))
     payload = palpate.identify_payload(wrenches, rotations, unchecked=True)
-    assert any("unless the torque is in N mm" in note for note in payload.notes)
+    assert any("nearer if the torque is in N mm" in note for note in payload.notes)
 
 
 def test_a_turned_flange_is_found_to_a_degree() -> None:

@@ -85,7 +85,7 @@ def test_what_cannot_be_meant_is_refused() -> None:
         LoadCells(matrix[:8], np.ones(8))
     with pytest.raises(InputError, match="bias must be"):
         LoadCells(matrix, np.full(12, NOISE), bias=np.zeros(3))
-    with pytest.raises(InputError, match="positive in every direction"):
+    with pytest.raises(InputError, match="positive definite covariance"):
         LoadCells(matrix, np.zeros(12))
     with pytest.raises(InputError, match="indentation"):
         Indentation(-1.0)

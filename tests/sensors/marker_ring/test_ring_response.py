@@ -74,7 +74,7 @@ def test_each_ring_has_the_response_of_its_own_markers() -> None:
     np.testing.assert_allclose(both.misfit, np.concatenate([alone.misfit, 2.0 * alone.misfit]), rtol=1e-6)
     table, _ = both.tables(np.tile(MARKERS, 2), 8)
     np.testing.assert_allclose(table[:, 48:], 2.0 * table[:, :48], rtol=0, atol=1e-9)
-    with pytest.raises(InputError, match="1 rings of markers, but this one has 2"):
+    with pytest.raises(InputError, match="1 rings of markers, but this unit has 2"):
         fit_response(twice, alone)
 
 

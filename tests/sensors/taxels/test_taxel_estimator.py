@@ -455,7 +455,7 @@ def test_a_sheet_that_overlaps_itself_leaves_the_upper_columns_out() -> None:
 
 def test_what_does_not_fit_together_is_refused() -> None:
     body, skin = TaxelBody.sheet(FLAT.layout(), bits=None), _skin()
-    with pytest.raises(InputError, match="have 110 cells, but the body has 6 x 22 cells"):
+    with pytest.raises(InputError, match="frames of 110 cells, but the body has 6 x 22 cells"):
         TaxelEstimator(body, LINEAR, _health(cells=110))
     with pytest.raises(InputError, match="no cell can be used"):
         _skin(dead=np.ones(132, dtype=bool))

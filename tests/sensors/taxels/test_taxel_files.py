@@ -80,7 +80,7 @@ def test_tables_state_their_unit(tmp_path: Path, text: str, x: float) -> None:
     ("name", "text", "said"),
     [
         ("a.txt", "[calibration]\n0 0 0 0 0\n", "line 2: must be six numbers, x y z nx ny nz"),
-        ("a.txt", "name s\ntaxel2Repr (0 1)\n[calibration]\n1 0 0 0 0 0\n1 0 0 0 0 1\n1 1 1 0 0 0\n", "3 rows, but"),
+        ("a.txt", "name s\ntaxel2Repr (0 1)\n[calibration]\n1 0 0 0 0 0\n1 0 0 0 0 1\n1 1 1 0 0 0\n", "3 rows of tax"),
         ("a.txt", "[calibration]\n0 0 0 0 0 0\n", "has no taxels"),
         ("a.csv", "x,y,z\n30,1,2\n310,2,3\n", "up to 280 m from each other.*mm"),
         ("a.csv", "x,y\n1,2\n", "has no places of taxels"),

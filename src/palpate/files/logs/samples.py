@@ -194,9 +194,10 @@ class SampleReader:
         needed += [POSITION] if reference == "base" else []
         if missing := [name for name in needed if name not in channels]:
             raise InputError(
-                f"a torque in another frame or about another point than the sensor's needs the {missing[0]}.",
+                "the torque is in another frame than the force, or not about the sensor's origin; to convert it, the "
+                f"{missing[0]} is needed.",
                 where=self._source,
-                hint="Name it in the rig's [orientation].",
+                hint="Name its columns or topic in the rig's [orientation].",
             )
         rotation = rotation_from_quaternion(channels[ORIENTATION]) if ORIENTATION in needed else np.eye(3)[None]
         if turned:

@@ -105,7 +105,8 @@ def _usual(wrench: Float[np.ndarray, "n 6"], same: Bool[np.ndarray, " n"]) -> fl
     changed = np.flatnonzero(~same)
     if len(wrench) < FEWEST or len(changed) < FEWEST // 2:
         return np.inf
-    bends = np.diff(wrench[changed], 2, axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        bends = np.sign(np.diff(wrench[changed], 2, axis=0))
     bends = bends[np.isfinite(bends).all(axis=1)]
     turns = (bends[1:] * bends[:-1] < 0).mean(axis=0) if len(bends) > 1 else np.zeros(6)
     return float(np.median(np.diff(changed))) if np.count_nonzero(turns > TURNS) >= NOISY else np.inf
@@ -126,5 +127,6 @@ def _dead(wrench: Float[np.ndarray, "n 6"]) -> dict[int, float]:
 
 def _resolved(values: Float[np.ndarray, "n k"]) -> bool:
     """Return whether the usual step of each channel is several of its quanta: a coarse channel may rest by chance."""
-    steps = np.abs(np.diff(values, axis=0))
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = np.abs(np.diff(values, axis=0))
     return all(np.median(each) > FINE * each[each > 0].min(initial=np.inf) for each in steps.T)

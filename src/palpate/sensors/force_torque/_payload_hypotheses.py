@@ -45,7 +45,8 @@ def mistaken(
         return InputError(f"the log fits {better:.0f} times better if {what}.", hint=_mend(best.name))
     if now.lever > FAR and best.lever <= FAR:
         return InputError(
-            f"the centre of mass is {now.lever:.3g} m from the sensor, unless {what}.", hint=_mend(best.name)
+            f"a centre of mass {now.lever:.3g} m from the sensor is implausible; it is nearer if {what}.",
+            hint=_mend(best.name),
         )
     return None
 

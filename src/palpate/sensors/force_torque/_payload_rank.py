@@ -107,10 +107,9 @@ def _turn_across(axis: np.ndarray) -> str:
 def _noise_refusal(weight: np.ndarray, noise: float, count: int, rank: int) -> NotIdentifiable:
     newtons = float(np.linalg.norm(weight))
     return NotIdentifiable(
-        f"a weight of {newtons:.2g} N is too small for the residuals of the fit ({noise:.2g} N in one of "
-        f"{count} readings) and these poses: a direction of weight or force bias is not known to {MAX_SHARE:.0%} of "
-        "it. Turn further, about two axes, or average more samples; if the sensor carries nothing, or its driver "
-        "compensates for gravity already, use a payload without weight (a tare).",
+        f"a weight of {newtons:.2g} N cannot be told from the force bias with these poses and residuals of the fit "
+        f"({noise:.2g} N in one of {count} readings). Turn further, about two axes, or average more samples; if the "
+        "sensor carries nothing, or its driver compensates for gravity already, use a payload without weight (a tare).",
         rank=rank,
         missing=("weight", "force_bias", "center_of_mass"),
     )

@@ -128,7 +128,8 @@ def _usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndar
     _check_rotations(rotations, finite)
     if not finite.any():
         raise InputError(
-            f"each of the {len(wrenches)} rows lacks a number.", hint="Check the columns and the log's length."
+            f"none of the {len(wrenches)} rows is complete: each has a missing value.",
+            hint="Find the column that is empty.",
         )
     return wrenches[finite], rotations[finite], finite
 

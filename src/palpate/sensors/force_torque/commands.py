@@ -106,7 +106,9 @@ def _direction(text: str) -> np.ndarray | None:
     except ValueError:
         direction = np.zeros(0)
     if direction.shape != (3,) or not direction.any():
-        raise InputError(f"--gravity must be a direction, not {text!r}.", hint="Write x,y,z, like 0,0,-1, or free.")
+        raise InputError(
+            f"--gravity must be a direction, not {text!r}.", hint="Write x,y,z, like 0,0,-1, or the word free."
+        )
     return direction
 
 
@@ -144,9 +146,9 @@ class CalibrateClock(Calibration):
         sensor = setup.of(ForceTorqueSection)
         if sensor.table.frame == "base":
             raise InputError(
-                "wrenches in the base frame were rotated with the poses whose clock is to be checked.",
+                "the clock of the poses does not show in wrenches in the base frame, which those poses have rotated.",
                 where=str(self.rig),
-                hint="Record them in the sensor's frame.",
+                hint='Record wrenches in the sensor\'s frame, with frame = "sensor" in [force_torque].',
             )
         path = setup.files().get("payload")
         there = path is not None and path.exists()  # a rig may name it before it is made, which the clock may precede

@@ -406,7 +406,8 @@ class Compensation:
     def _of_mean(self, count: int | None) -> Float[np.ndarray, "6 6"]:
         """Return the noise's covariance of the mean of `count` readings, 0 for None; raise InputError without noise."""
         if self.noise is None:
-            raise InputError("following the zero needs the noise of the sensor.", hint="State noise in [force_torque].")
+            hint = "State noise = { force = ..., torque = ... } in [force_torque]."
+            raise InputError("tracking the bias needs the noise of the sensor.", hint=hint)
         if count is None:
             return np.zeros((6, 6))
         if count not in self._means:

@@ -70,7 +70,8 @@ class CalibrateMounting(Calibration):
         setup, marks = self.stated.resolve("force_torque"), self.marks
         recording = read_recording(self.log, setup.layout())
         if setup.link.stated is None:
-            raise InputError("the rig needs a [surface]: add the mesh that was touched.", where=str(self.rig))
+            hint = 'Add it, with mesh = "FILE" of what was touched.'
+            raise InputError("the rig has no [surface].", where=str(self.rig), hint=hint)
         surface = setup.link.surface().drawn()  # an equation as its fine mesh: evidence counts facets
         wait("preparing the surface")
         wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
@@ -189,10 +190,11 @@ def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstima
         raise InputError(
             f"the log has no press above {on:.3g} N.",
             where=recording.source,
-            hint="Name the payload in the rig, or lower the threshold (contact).",
+            hint="Name the payload in the rig, or lower contact in [estimate].",
         )
     if not np.all(start <= end):  # NaN too
-        raise InputError("times run backwards, or are missing, within a press.", where=recording.source)
+        hint = "Sort the rows of the log by time, and remove those without one."
+        raise InputError("times run backwards, or are missing, within a press.", where=recording.source, hint=hint)
     labels = tuple(f"press {k + 1} at {begin:.2f} s" for k, begin in enumerate(start))
     return TrueTouches(start, end, np.full((len(start), 3), np.nan), labels)
 

@@ -303,7 +303,7 @@ def _covariance(
     if not size.all():
         raise NotIdentifiable(
             "the log shows no depth below the surface at which the force acts, so the law of indentation is not "
-            "determined. Calibrate without indentation, as for a rigid surface.",
+            "determined. Write indentation = false in [load_cells], as for a rigid surface.",
             rank=int(np.count_nonzero(size)),
             missing=("indentation",),
         )

@@ -159,8 +159,8 @@ def identify_load_cells(
     drift, misfit = _unexplained(white, basis, blocks, correlation)
     if misfit > UNEXPLAINED[0] or drift > UNEXPLAINED[1]:
         raise InputError(
-            f"no wrench explains {misfit:.1%} of a reading and a zero that is off by {drift:.0f} times the noise: the "
-            "cells do not measure the load of one body.",
+            f"the cells do not measure the load of one body: no wrench explains {misfit:.1%} of a reading and a drift "
+            f"of {drift:.0f} times the noise.",
             where="voltages",
             hint="Check that each column is the same cell and axis throughout, that all cells are wired, and that "
             "nothing is loose.",
@@ -196,7 +196,9 @@ def _complete(
     t = np.zeros(len(u)) if torques is None else np.asarray(torques, dtype=np.float64)
     whole: Bool[np.ndarray, " n"] = np.all(np.isfinite(np.column_stack([at, u, f, c, t])), axis=1)
     if not whole.any():
-        raise InputError("each row of the log lacks a number.", hint="Check the columns and the log's length.")
+        raise InputError(
+            f"none of the {len(u)} rows is complete: each has a missing value.", hint="Find the column that is empty."
+        )
     return BenchLog(at[whole], u[whole], f[whole], c[whole], t[whole])
 
 

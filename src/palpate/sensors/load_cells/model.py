@@ -104,7 +104,7 @@ class LoadCells(Value):
             notes=tuple(notes),
         )
         if not np.all(np.linalg.eigvalsh(self.noise) > 0):
-            raise InputError("noise must be a covariance that is positive in every direction.", where="load_cells")
+            raise InputError("noise must be a positive definite covariance [V^2].", where="load_cells")
         require_layout(self.positions)
         self.require_rank(np.ones(rows // 3, dtype=bool))
 

@@ -106,6 +106,7 @@ def _at_rest(still: UInt8[np.ndarray, "n h w 3"], body: RingBody) -> tuple[Marke
         raise InputError(
             f"{len(seen[0])} markers are found in the first frame, but the rig states {count}.",
             where="marker_ring.markers",
+            hint="Correct it, or let the log begin with all markers visible and evenly lit.",
         )
     camera = {"camera": body.camera, "height": body.height, "size": (still.shape[2], still.shape[1])}
     view, order = fit_rings(first.pixels, body.radius - body.thickness, body.rings, **camera)
@@ -188,7 +189,9 @@ def _turned(ring: MarkerRing, pixels: np.ndarray, angle: np.ndarray) -> MarkerRi
     offset = float(np.angle(np.exp(1j * (angle - seen)).sum()))
     off, mirrored = (_median_off(sign * angle - seen) for sign in (1.0, -1.0))
     if off > _MIRRORED:
-        hint = "Count them anticlockwise as the camera sees the ring." if mirrored < 0.5 * off else "Correct them."
+        hint = "Check that angle_deg is in degrees, and that each row belongs to its frame."
+        if mirrored < 0.5 * off:
+            hint = "Count them anticlockwise as the camera sees the ring."
         raise InputError("the angles of the truth are not those at which the markers move.", where="truth", hint=hint)
     c, s = np.cos(offset), np.sin(offset)
     turn = Pose(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))

@@ -146,8 +146,9 @@ class CalibrateCamera(Calibration):
         """
         columns, _, rows = self.board.lower().partition("x")
         if not (columns.isdigit() and rows.isdigit() and int(columns) > 2 and int(rows) > 2):
-            hint = "Write the numbers of its inner corners, as 9x6."
-            raise InputError(f"must be the size of a board, not {self.board!r}.", where="--board", hint=hint)
+            hint = "Write them as 9x6."
+            what = f"must be columns and rows of the board's inner corners, at least 3 each, not {self.board!r}."
+            raise InputError(what, where="--board", hint=hint)
         require_positive(self.square if np.isfinite(self.square) else np.nan, "--square")
         pictures, count = _pictures(self.log)
         fit = calibrate_board([frame for _, frame in pictures], (int(columns), int(rows)), self.square)

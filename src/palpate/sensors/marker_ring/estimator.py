@@ -170,7 +170,8 @@ class RingEstimator(ContactEstimator):
         """
         pixels = shaped(pixels, (len(self.ring), 2), "pixels")
         if not any(frame is each for each in FrameProblem):
-            raise InputError(f"frame must be a FrameProblem, not {frame!r:.60}.")
+            known = ", ".join(FrameProblem.__members__)
+            raise InputError(f"frame must be a FrameProblem ({known}), not {frame!r:.60}.")
         return self._write(instant(time), pixels, int(frame), rows_of(out, self._width))
 
     def _write(self, time: float, pixels: np.ndarray, state: int, rows: np.ndarray) -> int:

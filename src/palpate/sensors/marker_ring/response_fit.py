@@ -113,7 +113,8 @@ def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
     if len(presses) < _LEAST:
         raise InputError(f"{len(presses)} presses are too few: the fit needs at least {_LEAST}.", where="truth")
     if before is not None and before.rings != presses.rings:
-        raise InputError(f"the other unit has {before.rings} rings of markers, but this one has {presses.rings}.")
+        what = f"the model of another unit has {before.rings} rings of markers, but this unit has {presses.rings}."
+        raise InputError(what, where="like", hint="Name a unit with as many rings, or calibrate without one.")
     share = np.abs(presses.shear / presses.force)[presses.force >= np.median(presses.force)]
     steep = float(np.nanquantile(share, 0.95)) if np.isfinite(share).any() else 0.0
     if steep > _STEEPEST:

@@ -103,7 +103,8 @@ def _divider(
 ) -> Intensity:
     if scale is None or reference is None or not (scale > 0 and reference > 0):
         raise InputError(
-            "a divider needs its full scale and its reference resistor.", hint="Add --scale 1024 --reference 10."
+            "a divider needs its reading without load (scale) and its resistor (reference).",
+            hint="Add --scale and --reference, such as --scale 1024 --reference 10.",
         )
     known = np.isfinite(force) & np.isfinite(reading)
     lowest = float(reading[known].min(initial=np.inf))

@@ -98,7 +98,8 @@ def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
         with suppress(InputError):  # it does not rise
             fits.append(_two_range(float(joint))(force, signed))
     if not fits:
-        raise InputError("no curve of two ranges that rises with force fits the log.", where="intensity")
+        what, hint = "no curve of two ranges that rises with force fits the log.", "Use another kind, such as auto."
+        raise InputError(what, where="intensity", hint=hint)
     return min(fits, key=lambda fit: fit.residual)
 
 

@@ -222,8 +222,9 @@ class TaxelEstimator(ContactEstimator):
     def _know(self, health: Health) -> None:
         if health.baseline.shape != (len(self.body),):
             raise InputError(
-                f"the frames examined have {health.baseline.size} cells, but the body has {self.body.named()}.",
+                f"health is of frames of {health.baseline.size} cells, but the body has {self.body.named()}.",
                 where="taxels",
+                hint="Examine frames of this body.",
             )
         if not (self.body.usable & health.good).any():
             raise InputError("no cell can be used: all are masked, dead or stuck.", where="taxels")

@@ -254,11 +254,13 @@ class TaxelBody(Value):
             InputError: the recording has no readings of taxels, or its frames have another size.
         """
         if CELLS not in recording.channels:
-            raise InputError("has no readings of taxels.", where=recording.source)
+            hint = "Name their columns (cells) or topic in the rig's [skin]."
+            raise InputError("has no readings of taxels.", where=recording.source, hint=hint)
         cells = self.picked(recording.channels[CELLS])
         if cells.shape[1:] not in (self.shape, (len(self),)):
             size = " x ".join(map(str, cells.shape[1:]))
-            raise InputError(f"has frames of {size} cells, but the body has {self.named()}.", where=recording.source)
+            what = f"has frames of {size} cells, but the body has {self.named()}."
+            raise InputError(what, where=recording.source, hint="Correct the map, the taxels or the cells in [skin].")
         rows = np.ascontiguousarray(cells).reshape(len(cells), -1).view()
         if np.nanmax(np.abs(rows), initial=0.0) > LARGEST:  # a fault of the log
             rows = np.where(np.abs(rows) <= LARGEST, rows, np.nan)

@@ -150,7 +150,8 @@ def _read_icub(content: bytes, path: Path) -> TaxelPlaces:
         except ValueError as problem:
             raise InputError("taxel2Repr must be whole numbers.", where=str(path)) from problem
         if len(groups) < len(rows) or (groups[len(rows) :] >= 0).any():  # it may go on with numbers of no taxel
-            raise InputError(f"has {len(rows)} rows, but taxel2Repr has {len(groups)} numbers.", where=str(path))
+            what = f"has {len(rows)} rows of taxels, but taxel2Repr has {len(groups)} numbers."
+            raise InputError(what, where=str(path), hint="Write in taxel2Repr one number for each row.")
         groups = groups[: len(rows)]
         there &= groups >= 0
     positions = np.where(there[:, None], rows[:, :3], np.nan)

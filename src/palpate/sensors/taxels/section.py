@@ -125,7 +125,8 @@ class SkinSection(SensorSection):
             InputError: the rig states no map, or one that cannot be read or has other rows and columns.
         """
         if self.table.map is None:
-            raise InputError("the rig's [skin] is not a sheet: it has no map.", where="skin.map")
+            hint = "Make one with `palpate map skin`, then name its file: map = FILE."
+            raise InputError("the rig's [skin] is not a sheet: it has no map.", where="skin.map", hint=hint)
         path = self.link.folder / self.table.map
         found = read_skin_map(path)
         rows, columns = self.table.rows or found.rows, self.table.columns or found.columns

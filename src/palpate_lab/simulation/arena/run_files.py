@@ -238,7 +238,8 @@ class RunRecorder:
     def _camera(self, stamp: int, robot: int, image: UInt8[np.ndarray, "h w 3"]) -> None:
         made, data = self._cv2.imencode(".jpg", image, [self._cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         if not made:
-            raise InputError("OpenCV cannot write JPEG here.", where="camera")
+            hint = "pip install 'palpate[camera]'"
+            raise InputError("the installed OpenCV cannot encode JPEG.", where="camera", hint=hint)
         head = header(self._bag.types, stamp, f"robot_{robot + 1}/camera")
         self._bag.write(stamp, f"/robot_{robot + 1}/{_CAMERA}", self._type(_IMAGE)(head, "jpeg", data.ravel()))
 

@@ -354,7 +354,8 @@ class PhantomLab:
             damped: np.ndarray = jacobian @ jacobian.T + 1e-3 * size * np.eye(6)
             solved: np.ndarray = np.linalg.solve(damped, error)
             data.qpos += np.clip(jacobian.T @ solved, -radians(10), radians(10))
-        raise InputError(f"the arm cannot reach a pose over {self.settings.place}.", where="moving phantom")
+        what = f"the arm cannot reach a pose over the phantom at {self.settings.place} m."
+        raise InputError(what, where="place", hint="Move it nearer to the arm, such as to (0.40, 0, 0.15).")
 
     def _advance(self) -> None:
         """Advance the physics by one step; measurements in it belong to its beginning."""

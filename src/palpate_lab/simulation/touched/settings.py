@@ -113,7 +113,8 @@ class ForearmSettings:
         if not 0.0 < self.sheet.radius < inf:
             raise InputError("the sheet must be wrapped round a cylinder, so its radius must be positive and finite.")
         if self.unseen > 0.0 and self.bare < 0.03:
-            raise InputError("touches next to the sheet (unseen) need 30 mm of bare cylinder.")
+            what = f"touches next to the sheet (unseen) need bare ends of 30 mm or more, not {1e3 * self.bare:g} mm."
+            raise InputError(what, hint="Raise bare, or set unseen to 0.")
 
     @property
     def covered(self) -> float:

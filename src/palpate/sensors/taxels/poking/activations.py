@@ -120,8 +120,8 @@ class AnswerReader:
             raise InputError(
                 f"{np.count_nonzero(stuck)} of {len(stuck)} taxels answer nearly always, or never return to rest.",
                 where="frames",
-                hint="Raise the threshold in the rig's [pokes], or name an intensity with falling curves if readings "
-                "fall under load.",
+                hint="Raise threshold in the rig's [pokes]; if readings fall under load, name an intensity with "
+                "falling curves in [skin].",
             )
         kept = ~stuck[taxel]
         fell = self._first - self._rest > FELL * self._delta

@@ -105,7 +105,7 @@ def calibrate_taxels(
         return _together(pokes, method == "modules", surface, start, layout, priors or Priors())
     if method == "surface" and surface is None:
         raise InputError(
-            "this method needs the link's surface.", where="method", hint="Give a surface, or use 'weighted'."
+            "this method needs the link's surface.", where="method", hint="Add [surface] to the rig, or use 'weighted'."
         )
     return _each(pokes, method, surface)
 
@@ -154,13 +154,13 @@ def _together(
             raise InputError(
                 "modules need a layout.",
                 where="method",
-                hint="Give a layout, or a start with modules, or use 'taxels'.",
+                hint="Give a layout, or a start whose taxels have module numbers, or use 'taxels'.",
             )
         few = _few(layout, points)
         if few and start is None:
             raise NotIdentifiable(
                 f"fewer than {FEWEST} taxels answered on modules {', '.join(few[:NAMED])}: their places cannot be "
-                "found. Poke them, or start from CAD.",
+                "found. Poke them, or give their places by CAD as start.",
                 rank=layout.modules - len(few),
                 missing=tuple(f"module {number}" for number in few),
             )

@@ -70,7 +70,9 @@ class Pokes(Value):
         whole = len(self.taxel) == len(self.response) and len(self.starts) == count + 1
         if not whole or self.starts[0] or self.starts[-1] != len(self.taxel) or len(self.configuration) != count:
             raise InputError(
-                "starts, taxel, response and configuration must fit each other and the pokes.", where="pokes"
+                f"of {count} pokes, configuration must have {count} entries, and starts {count + 1}, from 0 to the "
+                "length of taxel and response.",
+                where="pokes",
             )
         if len(self.taxel) and not 0 <= self.taxel.min() <= self.taxel.max() < self.taxels:
             raise InputError(f"taxels of answers must be below {self.taxels}, counted from 0.", where="pokes")

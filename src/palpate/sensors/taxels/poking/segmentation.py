@@ -176,8 +176,8 @@ def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"
         raise InputError(
             "does not state the pose of the link in the sensor's frame.",
             where=block.source,
-            hint="In the rig's [pokes], name sensor and link (frames of /tf, or links of a urdf), columns and "
-            "position, or a pose.",
+            hint="Write in the rig's [pokes] either sensor and link (frames of /tf, or links of a urdf), or columns "
+            "and position, or a topic, or a constant pose.",
         )
     return block.channels[ORIENTATION], block.channels[POSITION]
 

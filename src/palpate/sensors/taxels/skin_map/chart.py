@@ -146,6 +146,7 @@ def round_chart(
     point = point + direction * (direction @ (origin - point))
     spoke = across @ (origin - point)
     if not np.linalg.norm(spoke) > 0:
-        raise InputError("the axis must not pass through the origin.", where="axis", hint="Give the axis of the link.")
+        what = "the axis must not pass through the sheet's origin, from which angles about it are counted."
+        raise InputError(what, where="axis", hint="Give the axis of the link, about which the sheet is wrapped.")
     spoke /= np.linalg.norm(spoke)
     return Chart(True, point, np.stack([spoke, np.cross(spoke, direction), direction]))

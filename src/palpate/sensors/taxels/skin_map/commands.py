@@ -133,7 +133,7 @@ def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(
 def _pair(text: str, name: str) -> tuple[float, float]:
     values = _numbers(text, name, None)
     if len(values) not in (1, 2):
-        raise InputError(f"must be one number or two, not {text!r}.", where=name)
+        raise InputError(f"must be one number, or two with a comma between, not {text!r}.", where=name)
     return values[0], values[-1]
 
 

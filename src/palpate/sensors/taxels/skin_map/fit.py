@@ -64,7 +64,7 @@ def fit(
     _bspline.normal_equations(inside, points, directions, *knots, *degree, starts, spokes, band, vector)
     if not _band.solve_band(band, vector):
         raise GeometryError(
-            "the mesh does not determine the surface there: use fewer control points, or another region."
+            "the mesh has too few points to fit the surface: use fewer control points, or other heights and angles."
         )
     control = starts + vector.reshape(*starts.shape[:2], 1) * spokes
     if periodic:

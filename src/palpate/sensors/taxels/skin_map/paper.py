@@ -51,7 +51,7 @@ def paper_surface(
     offsets = cut(chart, triangles, heights, spokes).offset
     if not np.isfinite(offsets).all():
         raise GeometryError(
-            "a section of the mesh is not complete: give heights between which all sections are complete."
+            "a section of the mesh is not a closed curve (a hole or an end): give a span of heights in which all are."
         )
     closed = np.append(spokes, spokes[0] + 2 * np.pi)
     offsets = np.concatenate([offsets, offsets[:, :1]], axis=1)

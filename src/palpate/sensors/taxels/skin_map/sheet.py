@@ -174,7 +174,8 @@ def fit_stretch(
                 f"cell ({row}, {column}) is not on the sheet of {sheet.rows} x {sheet.columns} cells, counted from 0."
             )
     if not where:
-        raise InputError("at least one known cell is needed to fit the stretch.", where="known")
+        hint = "Give the measured place of one: {(row, column): (x, y, z)}."
+        raise InputError("at least one known cell is needed to fit the stretch.", where="known", hint=hint)
     cells = tuple(np.array(list(where)).T)
     points = np.stack(list(where.values()))
 

@@ -163,7 +163,9 @@ def full_sections(site: Site, planes: Planes | None = None) -> tuple[Chart, Span
     chart, sections = _round(site, planes or _ANY)
     rows, _, periodic = _block(site, sections, True)
     if not periodic:
-        raise GeometryError("the link does not close about an axis, as the paper's method needs: use isometric.")
+        raise GeometryError(
+            "the link does not close about an axis, as method 'paper' needs: use 'isometric', or give another axis."
+        )
     return chart, (float(sections.u[rows.start]), float(sections.u[rows.stop - 1]))
 
 
@@ -244,8 +246,8 @@ def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, sl
     if high - low < 3 or columns.stop - columns.start < 4:
         raise GeometryError(
             "the link cannot be cut into a grid around the sheet's origin: "
-            f"it has {high - low + 1} complete sections of {columns.stop - columns.start} spokes there. Give the axis "
-            "of the link, or a mesh that is complete there."
+            f"{max(0, high - low + 1)} sections across the axis are complete there, in {columns.stop - columns.start} "
+            "directions, and 4 of both are needed. Give the axis of the link, or a mesh that is complete there."
         )
     rows = _without_rims(slice(low, high + 1), site.normals, sections.facet[:, columns])
     return rows, columns, periodic
