@@ -1,21 +1,24 @@
-"""Name the usual mistake about frame, sign, axes or point of wrenches that do not fit the body as they are taken."""
+"""Name the usual mistake about frame, sign, axes, point or poses of wrenches that do not fit the body as taken."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from palpate.contact.estimate import Status
 from palpate.contact.locate import Locator
 from palpate.spatial.pose import Pose
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
 __all__: list[str] = []  # for this package alone
 
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line
-TRIED = 100  # loaded samples, evenly spread
+TRIED = 60  # loaded samples, evenly spread
 FEWEST = 3  # touches without which nothing is said
 FITS = 0.85  # share of samples that a contact explains where the meaning is right
 BETTER = 3.0  # how many times fewer samples without an explanation the named meaning must leave
@@ -25,30 +28,51 @@ ONE_SIDED = 0.8  # share of these touches on the side of the sensor
 QUARTER = (("x", "z", "-y"), ("x", "-z", "y"), ("z", "y", "-x"), ("-z", "y", "x"), ("y", "-x", "z"), ("-y", "x", "z"))
 TURNED = (*QUARTER, ("x", "-y", "-z"), ("-x", "y", "-z"), ("-x", "-y", "z"))
 SWAPPED = (("y", "x", "z"), ("z", "y", "x"), ("x", "z", "y"))
+FORMS = {  # numbers of an orientation -> its forms
+    3: ("rotation_vector", "euler_xyz", "euler_zyx", "euler_XYZ", "euler_ZYX"),
+    4: ("quaternion_wxyz", "quaternion"),
+}
+PLAIN = ("x", "y", "z")
+Rotations = Float[np.ndarray, "n 3 3"]
 MIRRORED = (("-x", "y", "z"), ("x", "-y", "z"), ("x", "y", "-z"))
 
 
 class Known(NamedTuple):
-    """Samples of a log: wrenches as they are taken, and the poses of the sensor.
+    """Samples of a log: wrenches as they are taken, the poses of the sensor, and what the rig states.
 
     Attributes:
         wrench: (n, 6) about and along the sensor's frame [N, N m], force first.
         rotation: (n, 3, 3) of the sensor in the base; None: unknown.
         position: (n, 3) of the sensor in the base [m]; None: unknown.
         frame: along which the log has the force: "sensor" or "base".
+        reference: point of the logged torque: "sensor", "base", or a point (3,) [m] in the sensor's frame.
+        acts_on: "body" or "environment".
+        axes, torque_axes: logged axes that are the sensor's x, y, z, of the force and of the torque.
+        form: of the orientation, as in a rig.
     """
 
     wrench: Float[np.ndarray, "n 6"]
     rotation: Float[np.ndarray, "n 3 3"] | None
     position: Float[np.ndarray, "n 3"] | None
-    frame: str
+    frame: str = "sensor"
+    reference: str | tuple[float, ...] = "sensor"
+    acts_on: str = "body"
+    axes: Sequence[str] = PLAIN
+    torque_axes: Sequence[str] = PLAIN
+    form: str = "quaternion"
+
+    def shift(self, reference: str | tuple[float, ...], rotation: Rotations | None = None) -> Float[np.ndarray, "n 3"]:
+        """Return the point (n, 3) [m] in the sensor's frame, whose rotations may be others than those known."""
+        if reference != "base" or self.position is None or self.rotation is None:
+            return np.tile(np.zeros(3) if isinstance(reference, str) else reference, (len(self.wrench), 1))
+        return -np.einsum("nji,nj->ni", self.rotation if rotation is None else rotation, self.position)
 
 
 class _Meaning(NamedTuple):
-    """Lines for the rig, and the wrenches (n, 6) that they would make."""
+    """Lines for the rig, and the wrenches (..., n, 6) that they would make; one of several is enough."""
 
     lines: str
-    wrench: Float[np.ndarray, "n 6"]
+    wrench: Float[np.ndarray, "*several n 6"]
 
 
 def other_meaning(known: Known, locator: Locator, mount: Pose) -> str:
@@ -62,19 +86,23 @@ def other_meaning(known: Known, locator: Locator, mount: Pose) -> str:
     known = _loaded(known)
     if not len(known.wrench):
         return ""
-    shares = [_explained(known.wrench, locator, mount).mean()]
-    if shares[0] > FITS:
+    share = _share(known.wrench, locator, mount)
+    if share > FITS:
         return ""
-    tried = list(_meanings(known, mount.apply(locator.surface.centre)))
-    shares += [float(_explained(each.wrench, locator, mount).mean()) for each in tried]
-    best = max(shares[1:])
-    if best < FITS or BETTER * (1.0 - best) > 1.0 - shares[0]:
-        return ""
-    alike = [each.lines for each, share in zip(tried, shares[1:], strict=True) if share > best - ALIKE][:3]
-    return (
-        f"a contact explains {shares[0]:.0%} of the loaded samples as the rig takes them, and {best:.0%} with "
-        f"{', or '.join(alike)}: check which of frame, sign, axes, point and orientation the log has"
-    )
+    raw = _moved(known.wrench, -known.shift(known.reference))
+    frames = list(_frames(known, raw))
+    tried = [*_points(known, frames), *_orientations(known, raw), *_axes(known, raw)]
+    for each in (tried, _fitted(frames, mount.apply(locator.surface.centre))):
+        fits = [(meaning.lines, _share(meaning.wrench, locator, mount)) for meaning in each]
+        best = max(fit for _, fit in fits)
+        if best >= FITS and BETTER * (1.0 - best) <= 1.0 - share:
+            alike = [lines for lines, fit in fits if fit > best - ALIKE]
+            more = f", and as well with {len(alike) - 3} more" if len(alike) > 3 else ""
+            return (
+                f"a contact explains {share:.0%} of the loaded samples as the rig takes them, and {best:.0%} with "
+                f"{', or '.join(alike[:3])}{more}: if that is what the log has, state it in the rig"
+            )
+    return ""
 
 
 def reversed_sign(known: Known, locator: Locator, mount: Pose) -> str:
@@ -95,10 +123,11 @@ def reversed_sign(known: Known, locator: Locator, mount: Pose) -> str:
     towards = decided & (sides < 0.0) & (opposite > FACING)
     if np.count_nonzero(towards) < FEWEST or towards.sum() < ONE_SIDED * decided.sum() or decided.mean() < 0.1:
         return ""
+    meant = ("environment", "robot does to the world") if known.acts_on == "body" else ("body", "world does to it")
     return (
-        f"{towards.sum() / decided.sum():.0%} of the touches at the two ends of the body press on the one at the sensor, "
-        "which holds it: if nothing touches there, the wrench is what the robot does to the world: "
-        'state acts_on = "environment" in [force_torque], or "body" if that is stated'
+        f"{towards.sum() / decided.sum():.0%} of the touches at the two ends of the body press on the one at the "
+        f"sensor, which holds it: if nothing touches there, the wrench is what the {meant[1]}: state "
+        f'acts_on = "{meant[0]}" in [force_torque]'
     )
 
 
@@ -113,12 +142,14 @@ def _loaded(known: Known) -> Known:
     touches = np.count_nonzero(np.diff(np.concatenate([[False], loaded]).astype(int)) == 1)
     rows = np.flatnonzero(loaded)[:: max(1, int(loaded.sum()) // TRIED)] if touches >= FEWEST else np.arange(0)
     rotation, position = (None if each is None else each[rows] for each in (known.rotation, known.position))
-    return Known(known.wrench[rows], rotation, position, known.frame)
+    return known._replace(wrench=known.wrench[rows], rotation=rotation, position=position)
 
 
-def _explained(wrench: Float[np.ndarray, "n 6"], locator: Locator, mount: Pose) -> Bool[np.ndarray, " n"]:
-    found = locator.run(wrench @ mount.inverse().wrench_matrix().T, sequential=False)
-    return np.asarray(found.status) <= Status.AMBIGUOUS
+def _share(wrench: Float[np.ndarray, "*several n 6"], locator: Locator, mount: Pose) -> float:
+    """Return the share of the samples that a contact explains, at least one of several wrenches each."""
+    found = locator.run(wrench.reshape(-1, 6) @ mount.inverse().wrench_matrix().T, sequential=False)
+    explained = (np.asarray(found.status) <= Status.AMBIGUOUS).reshape(-1, wrench.shape[-2])
+    return float(explained.any(axis=0).mean())
 
 
 def _sides(wrench: Float[np.ndarray, "n 6"], locator: Locator, mount: Pose) -> Float[np.ndarray, " n"]:
@@ -129,82 +160,120 @@ def _sides(wrench: Float[np.ndarray, "n 6"], locator: Locator, mount: Pose) -> F
     return np.where((np.asarray(found.status) <= Status.AMBIGUOUS) & np.isfinite(cosine), cosine, 0.0)
 
 
-def _meanings(known: Known, centre: Float[np.ndarray, "3"]) -> Iterator[_Meaning]:
-    """Yield the usual mistakes, the likelier ones first."""
-    framed = [_Meaning("", known.wrench), *_frames(known)]
-    yield from framed[1:]
-    yield from _orientations(known)
-    yield from _axes(known)
-    for each in framed:
-        point = _point(each.wrench, centre)
-        moved = each.wrench.copy()
-        moved[:, 3:] += np.cross(point, moved[:, :3])
-        numbers = ", ".join(f"{number:.3f}" for number in point)
-        yield _Meaning(f"{each.lines}{' and ' * bool(each.lines)}reference about [{numbers}]", moved)
-
-
-def _frames(known: Known) -> Iterator[_Meaning]:
+def _frames(known: Known, raw: Float[np.ndarray, "n 6"]) -> Iterator[_Meaning]:
+    """Yield the logged wrench along the sensor's axes, by each frame that force and torque may have."""
+    yield _Meaning("", raw)
     if known.rotation is None:
         return
     other = "base" if known.frame == "sensor" else "sensor"
-    turned = _turned(known.wrench, known.rotation if other == "sensor" else known.rotation.swapaxes(1, 2))
-    force, torque = turned[:, :3], turned[:, 3:]
+    turned = _turned(raw, known.rotation if other == "sensor" else known.rotation.swapaxes(1, 2))
     yield _Meaning(f'frame = "{other}"', turned)
-    yield _Meaning(f'torque_frame = "{other}"', np.hstack([known.wrench[:, :3], torque]))
-    yield _Meaning(f'frame = "{other}" and torque_frame = "{known.frame}"', np.hstack([force, known.wrench[:, 3:]]))
-    if known.position is None:
-        return
-    there = np.einsum("nji,nj->ni", known.rotation, known.position)  # along the sensor's axes
-    for lines, wrench in (("", known.wrench), (f'frame = "{other}" and ', turned)):
-        for point, sign in (("base", -1.0), ("sensor", 1.0)):
-            moved = wrench.copy()
-            moved[:, 3:] += sign * np.cross(there, moved[:, :3])
-            yield _Meaning(f'{lines}reference = "{point}"', moved)
+    yield _Meaning(f'torque_frame = "{other}"', np.hstack([raw[:, :3], turned[:, 3:]]))
+    lines = f'frame = "{other}" and torque_frame = "{known.frame}"'
+    yield _Meaning(lines, np.hstack([turned[:, :3], raw[:, 3:]]))
 
 
-def _orientations(known: Known) -> Iterator[_Meaning]:
+def _points(known: Known, frames: Sequence[_Meaning]) -> Iterator[_Meaning]:
+    """Yield wrenches of each frame about the points that can be named, but for what the rig states."""
+    posed = known.position is not None and known.rotation is not None
+    others = [name for name in ("sensor", "base") if name != known.reference and (posed or name == "sensor")]
+    for each in frames:
+        if each.lines:
+            yield _Meaning(each.lines, _moved(each.wrench, known.shift(known.reference)))
+    for each in frames:
+        for name in others:
+            lines = " and ".join(filter(None, (each.lines, f'reference = "{name}"')))
+            yield _Meaning(lines, _moved(each.wrench, known.shift(name)))
+
+
+def _fitted(frames: Sequence[_Meaning], centre: Float[np.ndarray, "3"]) -> Iterator[_Meaning]:
+    """Yield wrenches of each frame about the point by which they fit the body best."""
+    for each in frames:
+        point = _point(each.wrench, centre)
+        numbers = ", ".join(f"{number + 0.0:.3f}" for number in point)
+        lines = " and ".join(filter(None, (each.lines, f"reference = about [{numbers}], such as a flange or a TCP")))
+        yield _Meaning(lines, _moved(each.wrench, point))
+
+
+def _orientations(known: Known, raw: Float[np.ndarray, "n 6"]) -> Iterator[_Meaning]:
     """Yield other forms of the orientation, along which a wrench of the base is turned."""
-    if known.frame != "base" or known.rotation is None:
+    if "base" not in (known.frame, known.reference) or known.rotation is None:
         return
     from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
     read = Rotation.from_matrix(known.rotation)
-    quaternion, vector = read.as_quat(), read.as_rotvec()
-    others = {
-        "inverse = true": read.inv(),
-        'form = "quaternion_wxyz"': Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]),
-        'form = "quaternion"': Rotation.from_quat(quaternion[:, [3, 0, 1, 2]]),
-        'form = "euler_xyz"': Rotation.from_euler("xyz", vector),
-        'form = "euler_XYZ"': Rotation.from_euler("XYZ", vector),
-        'form = "rotation_vector"': Rotation.from_rotvec(read.as_euler("xyz")),
-        'form = "euler_XYZ" (moving axes)': Rotation.from_euler("XYZ", read.as_euler("xyz")),
-    }
-    for lines, other in others.items():
-        yield _Meaning(f"{lines} in [orientation]", _turned(known.wrench, (other.inv() * read).as_matrix()))
+    others = {"inverse = true": [read.inv()]}
+    for form in FORMS.get(_numbers(known.form), ()):
+        if known.form.removesuffix("_deg") != form:
+            unit = "_deg" * (known.form.endswith("_deg") and form.startswith("euler"))
+            others[f'form = "{form}{unit}"'] = [_rotation(form, each) for each in _recorded(known.form, read)]
+    for lines, rotations in others.items():
+        made = [(other.as_matrix(), (other.inv() * read).as_matrix()) for other in rotations]
+        turned = [
+            _moved(_turned(raw, back) if known.frame == "base" else raw, known.shift(known.reference, there))
+            for there, back in made
+        ]
+        yield _Meaning(f"{lines} in [orientation]", np.array(turned))
 
 
-def _axes(known: Known) -> Iterator[_Meaning]:
+def _numbers(form: str) -> int:
+    return 4 if form.startswith("quaternion") else 9 if form.startswith("matrix") else 3
+
+
+def _recorded(form: str, read: Rotation) -> list[Float[np.ndarray, "n k"]]:
+    """Return the numbers from which rotations may have been read, in rad: angles have more than one form."""
+    if form.startswith("quaternion"):
+        return [read.as_quat()[:, [3, 0, 1, 2] if form.endswith("wxyz") else [0, 1, 2, 3]]]
+    if form == "rotation_vector":
+        vector = read.as_rotvec()
+        angle = np.linalg.norm(vector, axis=1, keepdims=True)
+        return [vector, vector * (1.0 - 2.0 * np.pi / np.maximum(angle, 1e-9))]
+    angles = read.as_euler(form.split("_")[1])
+    return [angles, np.array([np.pi, np.pi, np.pi]) + angles * [1.0, -1.0, 1.0]]
+
+
+def _rotation(form: str, numbers: Float[np.ndarray, "n k"]) -> Rotation:
+    from scipy.spatial.transform import Rotation
+
+    if form.startswith("quaternion"):
+        return Rotation.from_quat(numbers[:, [1, 2, 3, 0] if form.endswith("wxyz") else [0, 1, 2, 3]])
+    return Rotation.from_rotvec(numbers) if form == "rotation_vector" else Rotation.from_euler(form[6:], numbers)
+
+
+def _axes(known: Known, raw: Float[np.ndarray, "n 6"]) -> Iterator[_Meaning]:
     """Yield other axes of force and torque, of one of them, or of both by the rule of the left hand."""
-    plain, back = np.eye(3), np.swapaxes
+    plain, shift = np.eye(3), known.shift(known.reference)
     into = known.rotation if known.frame == "base" and known.rotation is not None else plain[None]
-    logged = _turned(known.wrench, into)
+    logged = _turned(raw, into)
+    tried = [(plain, -plain)]
     for axes in (*MIRRORED, *SWAPPED, *TURNED):
-        matrix, named = _matrix(axes), str(list(axes)).replace("'", '"')
-        hand = " and left_handed = true" * (axes not in TURNED)
-        same = ' and torque_axes = ["x", "y", "z"]'
-        tried = [(f"axes = {named}{hand}", matrix, matrix), (f"torque_axes = {named}", plain, matrix)]
-        if axes not in TURNED:
-            ruled = str([f"-{axis}".replace("--", "") for axis in axes]).replace("'", '"')
-            tried += [(f"axes = {named}{hand}{same}", matrix, plain)]
-            tried += [(f"axes = {named}{hand} and torque_axes = {ruled}", matrix, -matrix)]
-        for lines, force, torque in tried:
-            made = np.hstack([logged[:, :3] @ force.T, logged[:, 3:] @ torque.T])
-            yield _Meaning(lines, _turned(made, back(into, 1, 2)))
-    reverse = np.hstack([logged[:, :3], -logged[:, 3:]])
-    yield _Meaning('torque_axes = ["-x", "-y", "-z"]', _turned(reverse, back(into, 1, 2)))
+        matrix = _matrix(axes)
+        tried += [(matrix, matrix), (plain, matrix)]
+        tried += [] if axes in TURNED else [(matrix, plain), (matrix, -matrix)]
+    for force, torque in tried:
+        made = np.hstack([logged[:, :3] @ force.T, logged[:, 3:] @ torque.T])
+        lines = _lines(force @ _matrix(known.axes), torque @ _matrix(known.torque_axes))
+        yield _Meaning(lines, _moved(_turned(made, into.swapaxes(1, 2)), shift))
 
 
-def _matrix(axes: tuple[str, ...]) -> Float[np.ndarray, "3 3"]:
+def _lines(force: Float[np.ndarray, "3 3"], torque: Float[np.ndarray, "3 3"]) -> str:
+    """Return the keys of a rig for the axes of force and torque."""
+    hand = ", left_handed = true" if np.linalg.det(force) < 0 else ""
+    other = "" if np.array_equal(force, torque) else f", torque_axes = {_named(torque)}"
+    return f"axes = {_named(force)}{hand}{other}"
+
+
+def _named(matrix: Float[np.ndarray, "3 3"]) -> str:
+    names = [f'"{"-" if row.sum() < 0 else ""}{"xyz"[np.argmax(np.abs(row))]}"' for row in matrix]
+    return f"[{', '.join(names)}]"
+
+
+def _moved(wrench: Float[np.ndarray, "n 6"], point: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "n 6"]:
+    """Return wrenches about the origin, whose torque was about a point [m]."""
+    return np.hstack([wrench[:, :3], wrench[:, 3:] + np.cross(point, wrench[:, :3])])
+
+
+def _matrix(axes: Sequence[str]) -> Float[np.ndarray, "3 3"]:
     matrix = np.zeros((3, 3))
     for row, axis in enumerate(axes):
         matrix[row, "xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0

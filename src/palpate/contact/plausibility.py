@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -170,12 +171,16 @@ class Plausibility:
         locator: on the surface.
         unfiltered: turns a recording into wrenches (n, 6) about the surface's frame, force first [N, N m].
         mount: T_sensor_surface.
+
+    Attributes:
+        stated: what a rig states of the wrench: fields of `Known`.
     """
 
     def __init__(
         self, locator: Locator, unfiltered: Callable[[Recording], Float[np.ndarray, "n 6"]], mount: Pose
     ) -> None:
         self._locator, self._unfiltered, self._mount = locator, unfiltered, mount
+        self.stated: Mapping[str, Any] = {}
 
     @property
     def size(self) -> float:
@@ -195,9 +200,9 @@ class Plausibility:
         surface = self._locator.surface
         sensed = self._unfiltered(recording) @ self._mount.wrench_matrix().T  # saturated: a wrong unit does that
         judged = (
+            *self._meanings(recording, sensed),
             lines_of_action(sensed, self._mount.apply(surface.centre), surface.size),
             never_at_rest(sensed, self._locator.on),
-            *self._meanings(recording, sensed),
         )
         return [warning for warning in judged if warning]
 
@@ -208,7 +213,7 @@ class Plausibility:
             return ()
         posed = ORIENTATION in channels
         rotation = rotation_from_quaternion(channels[ORIENTATION]) if posed else None
-        known = Known(sensed, rotation, channels.get(POSITION), recording.frame)
+        known = Known(sensed, rotation, channels.get(POSITION), recording.frame, **self.stated)
         return tuple(judge(known, self._locator, self._mount) for judge in (other_meaning, reversed_sign))
 
 

@@ -95,6 +95,8 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
     fields |= {"frame": meaning.frame} | ({"torque_unit": torque} if torque else {})
     if settings := meaning.settings:
         fields["meaning"] = "".join(f"{key} = {quoted(value)}\n" for key, value in settings.items())
+    if meaning.unknown or meaning.reference != "sensor":
+        fields["unsure"] = "# "  # the noise of the torque is another one about another point
     remarks = [*_said(wrench, others, meaning, names), *remarks]
     acceleration = acceleration_columns([name for name in names if name not in wrench]) or ()
     layout = LogLayout(
