@@ -107,7 +107,7 @@ MAKERS = {
         replace(_BASED, point=FLANGE, form="rotation_vector"),
         {"force_torque": {"reference": list(FLANGE)}},
     ),
-    # IFL-CAMP/iiwa_stack CartesianWrench, epfl-lasa/iiwa_ros issue 19: along the flange's axes; A, B, C are about z, y, x
+    # IFL-CAMP/iiwa_stack CartesianWrench, epfl-lasa/iiwa_ros issue 19: along the flange's axes; A, B, C about z, y, x
     "KUKA": Maker(
         _words("CartesianWrench.wrench.force.{}", "CartesianWrench.wrench.torque.{}"),
         ("A [deg]", "B [deg]", "C [deg]"),
@@ -123,7 +123,7 @@ MAKERS = {
         replace(_BASED, form="euler_xyz_deg"),
         {"force_torque": {"frame": "base"}},
     ),
-    # doosan-robot2 RobotStateRt.msg: external_tcp_force along the axes of the base, before V2.8 torques along the tool's
+    # doosan-robot2 RobotStateRt.msg: external_tcp_force along the axes of the base
     "Doosan": Maker(_six("external_tcp_force[{}]"), _ARM, ("p_x", "p_y", "p_z"), _BASED, {"orientation": {}}),
     # roboticslab-uc3m/kinematics-dynamics issue 191: axes of the left hand
     "JR3": Maker(
@@ -185,7 +185,12 @@ class Table:
         if self.mistake == "point":
             return replace(usual, point=FLANGE if usual.point in ((0.0, 0.0, 0.0), "base") else (0.0, 0.0, 0.0))
         if self.mistake == "handedness":
-            return replace(usual, force_axes=usual.force_axes @ MIRROR)
+            force, torque = ((True, False), (False, True), (True, True))[[*MAKERS].index(self.maker) % 3]
+            return replace(
+                usual,
+                force_axes=usual.force_axes @ (MIRROR if force else IDENTITY),
+                torque_axes=usual.torque_axes @ (MIRROR if torque else IDENTITY),
+            )
         if self.mistake == "orientation":
             return replace(usual, form=_OTHERS.get(usual.form, "quaternion_wxyz"))
         return usual

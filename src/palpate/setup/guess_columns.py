@@ -112,6 +112,8 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
         acceleration_unit=_acceleration_unit(acceleration, contents.stated) or "m/s^2",
     )
     why = f"columns {', '.join(wrench)} look like forces and torques"
+    if not (meaning.whose or meaning.unknown):
+        why += ", of what acts on the body, along the sensor's axes and about its origin (acts_on, frame, reference)"
     return WrenchColumns(why, layout, fields, tuple(remarks), time, acceleration)
 
 

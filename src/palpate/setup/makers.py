@@ -58,8 +58,8 @@ _WRENCHES = {
         "acts_on and reference in [force_torque] by a press whose place is known",
     ),
     r"jr3": NamedWrench(
-        unknown="the axes of JR3 sensors are left-handed unless the driver corrects them: check axes and left_handed in "
-        '[force_torque], as axes = ["-x", "y", "z"] and left_handed = true',
+        unknown="the axes of JR3 sensors are left-handed unless the driver corrects them: check axes and left_handed "
+        'in [force_torque], as axes = ["-x", "y", "z"] and left_handed = true',
     ),
     r"fActualETT": NamedWrench(
         "of a Doosan arm, its force along the axes of the base and its torque along those of the tool",
