@@ -306,8 +306,9 @@ class Outcome:
     """What became of a table.
 
     Attributes:
-        verdict: "right"; "named": a sentence has the key that mends it, with its value; "listed": among others without
-            a value; "warned" of something else; "refused" for another reason; "silent".
+        verdict: "right"; "named": a warning, refusal or check has the key that mends it; "listed": a warning has it
+            among others; "warned" of something else; "stated": `rig new` says by this key what it takes the wrench for;
+            "refused" for another reason; "silent".
         said: checks of `rig new` and warnings of `estimate`.
         warnings: of `estimate`.
     """
@@ -334,7 +335,8 @@ def tried(table: Table, folder: Path) -> Outcome:
         return _judged(table, "refused", said)
     checks = "".join(re.findall(r"check: (?!every line).*\n(?:    .*\n)*", made))
     warned = "".join(re.findall(r"warning: .*\n(?:    .*\n)*", said))
-    return _judged(table, "right" if _right(found, session) else "silent", checks + warned, warned.count("warning:"))
+    wrong = "stated" if table.mistake and re.search(KEYS[table.mistake], " ".join(made.split())) else "silent"
+    return _judged(table, "right" if _right(found, session) else wrong, checks + warned, warned.count("warning:"))
 
 
 def _judged(table: Table, verdict: str, said: str, warnings: int = 0) -> Outcome:
@@ -406,6 +408,7 @@ def _wrong(found: Mapping[Table, Outcome]) -> Iterator[Row]:
         ("refused without naming it", "<= 10 %", ("refused",), None),
         ("its key is only listed among others", "", ("listed",), None),
         ("warned of something else", "", ("warned",), None),
+        ("only stated by `rig new` as what the wrench is taken for", "", ("stated",), None),
         ("wrong in silence", "0", ("silent",), None),
     ):
         these = [table for table, outcome in found.items() if outcome.verdict in words]

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 __all__: list[str] = []  # for this package alone
 
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line
-TRIED = 60  # loaded samples, evenly spread
+TRIED = 50  # loaded samples, evenly spread
 FEWEST = 3  # touches without which nothing is said
+DOUBTED = 0.6  # share of samples that a contact explains, above which the meaning is taken as right
 FITS = 0.85  # share of samples that a contact explains where the meaning is right
 BETTER = 3.0  # how many times fewer samples without an explanation the named meaning must leave
 ALIKE = 0.03  # shares that do not differ
@@ -87,13 +88,17 @@ def other_meaning(known: Known, locator: Locator, mount: Pose) -> str:
     if not len(known.wrench):
         return ""
     share = _share(known.wrench, locator, mount)
-    if share > FITS:
+    if share > DOUBTED:
         return ""
     raw = _moved(known.wrench, -known.shift(known.reference))
     frames = list(_frames(known, raw))
     tried = [*_points(known, frames), *_orientations(known, raw), *_axes(known, raw)]
-    for each in (tried, _fitted(frames, mount.apply(locator.surface.centre))):
-        fits = [(meaning.lines, _share(meaning.wrench, locator, mount)) for meaning in each]
+    centre, size = mount.apply(locator.surface.centre), locator.surface.size
+    for each in (tried, _fitted(frames, centre)):
+        hits = [meaning for meaning in each if _near(meaning.wrench, centre, size) >= FITS]
+        fits = [(meaning.lines, _share(meaning.wrench, locator, mount)) for meaning in hits]
+        if not fits:
+            continue
         best = max(fit for _, fit in fits)
         if best >= FITS and BETTER * (1.0 - best) <= 1.0 - share:
             alike = [lines for lines, fit in fits if fit > best - ALIKE]
@@ -143,6 +148,13 @@ def _loaded(known: Known) -> Known:
     rows = np.flatnonzero(loaded)[:: max(1, int(loaded.sum()) // TRIED)] if touches >= FEWEST else np.arange(0)
     rotation, position = (None if each is None else each[rows] for each in (known.rotation, known.position))
     return known._replace(wrench=known.wrench[rows], rotation=rotation, position=position)
+
+
+def _near(wrench: Float[np.ndarray, "*several n 6"], centre: Float[np.ndarray, "3"], size: float) -> float:
+    """Return the share of the samples whose line of force passes the ball about a body: the others need no search."""
+    force, torque = wrench[..., :3], wrench[..., 3:]
+    away = np.linalg.norm(np.cross(force, torque - np.cross(centre, force)), axis=-1) / (force**2).sum(axis=-1)
+    return float((away < 0.55 * size).reshape(-1, wrench.shape[-2]).any(axis=0).mean())
 
 
 def _share(wrench: Float[np.ndarray, "*several n 6"], locator: Locator, mount: Pose) -> float:
