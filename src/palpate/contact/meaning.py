@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from palpate.contact.estimate import Status
 from palpate.contact.locate import Locator
@@ -19,13 +19,14 @@ __all__: list[str] = []  # for this package alone
 
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line
 TRIED = 50  # loaded samples, evenly spread
-FEWEST = 3  # touches without which nothing is said
+FEWEST = 3  # touches without which nothing is said,
+TWO = 2  # and those of them on the side of the sensor
 DOUBTED = 0.6  # share of samples that a contact explains, above which the meaning is taken as right
 FITS = 0.85  # share of samples that a contact explains where the meaning is right
 BETTER = 3.0  # how many times fewer samples without an explanation the named meaning must leave
 ALIKE = 0.03  # shares that do not differ
 FACING = 0.7  # cosine to the direction from the sensor, beyond which a touch is on one of two sides
-ONE_SIDED = 0.8  # share of these touches on the side of the sensor
+ONE_SIDED = 0.7  # share of the samples that decide, for a reaction
 QUARTER = (("x", "z", "-y"), ("x", "-z", "y"), ("z", "y", "-x"), ("-z", "y", "x"), ("y", "-x", "z"), ("-y", "x", "z"))
 TURNED = (*QUARTER, ("x", "-y", "-z"), ("-x", "y", "-z"), ("-x", "-y", "z"))
 SWAPPED = (("y", "x", "z"), ("z", "y", "x"), ("x", "z", "y"))
@@ -84,7 +85,7 @@ def other_meaning(known: Known, locator: Locator, mount: Pose) -> str:
         locator: on the body.
         mount: T_sensor_surface.
     """
-    known = _loaded(known)
+    known, _ = _loaded(known)
     if not len(known.wrench):
         return ""
     share = _share(known.wrench, locator, mount)
@@ -111,43 +112,45 @@ def other_meaning(known: Known, locator: Locator, mount: Pose) -> str:
 
 
 def reversed_sign(known: Known, locator: Locator, mount: Pose) -> str:
-    """Return a warning if the touches press from the sensor's side of the body, where it is held; else "".
+    """Return a warning if touches press from the sensor's side of the body, where it is held, or pull; else "".
 
-    A reaction has the line of the force that caused it, so only the side on which it leaves the body differs.
+    A reaction has the line of the force that caused it, so only the side on which it leaves the body differs: that may
+    be the one that is held, or one that the force meets beyond the bound of friction.
 
     Args:
         known: samples in the order of time.
         locator: on the body.
         mount: T_sensor_surface.
     """
-    known = _loaded(known)
+    known, touch = _loaded(known)
     if not len(known.wrench):
         return ""
     sides, opposite = (_sides(sign * known.wrench, locator, mount) for sign in (1.0, -1.0))
-    decided = np.abs(sides) > FACING
-    towards = decided & (sides < 0.0) & (opposite > FACING)
-    if np.count_nonzero(towards) < FEWEST or towards.sum() < ONE_SIDED * decided.sum() or decided.mean() < 0.1:
+    stated = (sides > FACING) | (np.isfinite(sides) & np.isnan(opposite))
+    reversed_ = ((sides < -FACING) & (opposite > 0.0)) | (np.isfinite(opposite) & np.isnan(sides))
+    if len(np.unique(touch[reversed_])) < TWO or reversed_.sum() < ONE_SIDED * (stated | reversed_).sum():
         return ""
     meant = ("environment", "robot does to the world") if known.acts_on == "body" else ("body", "world does to it")
     return (
-        f"{towards.sum() / decided.sum():.0%} of the touches at the two ends of the body press on the one at the "
-        f"sensor, which holds it: if nothing touches there, the wrench is what the {meant[1]}: state "
-        f'acts_on = "{meant[0]}" in [force_torque]'
+        f"{reversed_.sum() / len(touch):.0%} of the loaded samples press on the end of the body at the sensor, which "
+        "holds it, or only their reaction fits the body: if nothing touches there, the wrench is what the "
+        f'{meant[1]}: state acts_on = "{meant[0]}" in [force_torque]'
     )
 
 
-def _loaded(known: Known) -> Known:
-    """Return some of the loaded samples; none where there are too few touches."""
+def _loaded(known: Known) -> tuple[Known, Int[np.ndarray, " n"]]:
+    """Return some of the loaded samples, none where there are too few touches, and the number of the touch of each."""
     strength = np.linalg.norm(known.wrench[:, :3], axis=1)
     for values in (known.wrench, known.rotation, known.position):
         if values is not None:
             strength[~np.isfinite(values).reshape(len(values), -1).all(axis=1)] = 0.0
     loaded = strength > 0.0
     loaded &= strength >= LOADED * np.percentile(strength[loaded], 95) if loaded.any() else False
-    touches = np.count_nonzero(np.diff(np.concatenate([[False], loaded]).astype(int)) == 1)
-    rows = np.flatnonzero(loaded)[:: max(1, int(loaded.sum()) // TRIED)] if touches >= FEWEST else np.arange(0)
+    touch = np.cumsum(np.diff(np.concatenate([[False], loaded]).astype(int)) == 1)
+    some = len(touch) and touch[-1] >= FEWEST
+    rows = np.flatnonzero(loaded)[:: max(1, int(loaded.sum()) // TRIED)] if some else np.arange(0)
     rotation, position = (None if each is None else each[rows] for each in (known.rotation, known.position))
-    return known._replace(wrench=known.wrench[rows], rotation=rotation, position=position)
+    return known._replace(wrench=known.wrench[rows], rotation=rotation, position=position), touch[rows]
 
 
 def _near(wrench: Float[np.ndarray, "*several n 6"], centre: Float[np.ndarray, "3"], size: float) -> float:
@@ -165,11 +168,11 @@ def _share(wrench: Float[np.ndarray, "*several n 6"], locator: Locator, mount: P
 
 
 def _sides(wrench: Float[np.ndarray, "n 6"], locator: Locator, mount: Pose) -> Float[np.ndarray, " n"]:
-    """Return the cosine between normals and directions from the sensor (n,); 0 where no contact is."""
+    """Return the cosine between normals and directions from the sensor (n,); NaN where there is no contact."""
     found = locator.run(wrench @ mount.inverse().wrench_matrix().T, sequential=False)
     away = found.point - mount.inverse().translation
     cosine = np.einsum("nk,nk->n", away, found.normal) / np.maximum(np.linalg.norm(away, axis=1), 1e-12)
-    return np.where((np.asarray(found.status) <= Status.AMBIGUOUS) & np.isfinite(cosine), cosine, 0.0)
+    return np.where((np.asarray(found.status) <= Status.AMBIGUOUS) & np.isfinite(cosine), cosine, np.nan)
 
 
 def _frames(known: Known, raw: Float[np.ndarray, "n 6"]) -> Iterator[_Meaning]:
