@@ -27,6 +27,7 @@ from evidence import (
     laws,
     load_cells,
     marker_images,
+    meanings,
     native,
     noise,
     pad,
@@ -81,6 +82,7 @@ THEMES: dict[str, Theme] = {
     "entries": entries.rows,
     "native": native.rows,
     "files": files.rows,
+    "meanings": meanings.rows,
     "processes": processes.rows,
 }
 

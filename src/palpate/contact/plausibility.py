@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,9 +12,10 @@ from jaxtyping import Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.contact.locate import Locator
-from palpate.signals.recording import Recording
+from palpate.contact.meaning import Known, other_meaning, reversed_sign
+from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 from palpate.spatial.arguments import takes_arrays
-from palpate.spatial.pose import Pose
+from palpate.spatial.pose import Pose, rotation_from_quaternion
 
 __all__ = ["Plausibility", "RequiredBounds", "lines_of_action", "never_at_rest", "unbelievable", "unexplained"]
 
@@ -56,8 +58,8 @@ def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray
     if far > 0.5:
         return (
             f"in {far:.0%} of the loaded samples the line of the force is further from the middle of the body "
-            "than the body is large: check the units of the torque and of the mesh (N mm, mm), and that bias and "
-            "payload are removed"
+            "than the body is large: check the units of the torque and of the mesh (N mm, mm), the frame and reference "
+            "of the wrench, and that bias and payload are removed"
         )
     return ""
 
@@ -169,12 +171,16 @@ class Plausibility:
         locator: on the surface.
         unfiltered: turns a recording into wrenches (n, 6) about the surface's frame, force first [N, N m].
         mount: T_sensor_surface.
+
+    Attributes:
+        stated: what a rig states of the wrench: fields of `Known`.
     """
 
     def __init__(
         self, locator: Locator, unfiltered: Callable[[Recording], Float[np.ndarray, "n 6"]], mount: Pose
     ) -> None:
         self._locator, self._unfiltered, self._mount = locator, unfiltered, mount
+        self.stated: Mapping[str, Any] = {}
 
     @property
     def size(self) -> float:
@@ -194,10 +200,21 @@ class Plausibility:
         surface = self._locator.surface
         sensed = self._unfiltered(recording) @ self._mount.wrench_matrix().T  # saturated: a wrong unit does that
         judged = (
+            *self._meanings(recording, sensed),
             lines_of_action(sensed, self._mount.apply(surface.centre), surface.size),
             never_at_rest(sensed, self._locator.on),
         )
         return [warning for warning in judged if warning]
+
+    def _meanings(self, recording: Recording, sensed: Float[np.ndarray, "n 6"]) -> tuple[str, ...]:
+        """Return warnings on what a recorded wrench means, each "" if there is none; () for another sensor."""
+        channels = recording.channels
+        if not {FORCE, TORQUE} <= channels.keys():
+            return ()
+        posed = ORIENTATION in channels
+        rotation = rotation_from_quaternion(channels[ORIENTATION]) if posed else None
+        known = Known(sensed, rotation, channels.get(POSITION), recording.frame, **self.stated)
+        return tuple(judge(known, self._locator, self._mount) for judge in (other_meaning, reversed_sign))
 
 
 @takes_arrays
@@ -225,8 +242,8 @@ def unexplained(counts: Int[np.ndarray, " s"], required: RequiredBounds | None =
     if beyond + off <= 0.5:
         return [said]
     return [
-        f"{said}: check the units of the torque and of the mesh, bias and payload and their units, the pose of the "
-        "surface, and that the normals of an open mesh point outward"
+        f"{said}: check the units of the torque and of the mesh, frame, axes and reference of the wrench, bias and "
+        "payload and their units, the pose of the surface, and that the normals of an open mesh point outward"
     ]
 
 

@@ -98,6 +98,8 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
     fields |= {"frame": meaning.frame} | ({"torque_unit": torque} if torque else {})
     if settings := meaning.settings:
         fields["meaning"] = "".join(f"{key} = {quoted(value)}\n" for key, value in settings.items())
+    if meaning.unknown or meaning.reference != "sensor":
+        fields["unsure"] = "# "  # the noise of the torque is another one about another point
     remarks = [*_said(wrench, others, meaning, names), *remarks]
     acceleration = acceleration_columns([name for name in names if name not in wrench]) or ()
     layout = LogLayout(
@@ -113,6 +115,8 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
         acceleration_unit=_acceleration_unit(acceleration, contents.stated) or "m/s^2",
     )
     why = f"columns {', '.join(wrench)} look like forces and torques"
+    if not meaning.whose:
+        why += ", of what acts on the body, along the sensor's axes and about its origin (acts_on, frame, reference)"
     return WrenchColumns(why, layout, fields, tuple(remarks), time, acceleration)
 
 
@@ -154,7 +158,7 @@ def _said(
             said.append(f"{unknown[-1]!r} in {name!r} is not known as a unit: check units in [force_torque]")
             break
     if meaning.whose:
-        settings = {"frame": meaning.frame, **meaning.settings}
+        settings = {"frame": meaning.frame, "acts_on": meaning.acts_on, **meaning.settings}
         stated = ", ".join(f"{key} = {value!r}" for key, value in settings.items())
         said.append(f"{wrench[0]!r} ... is the wrench {meaning.whose}: {stated}")
     if meaning.unknown:

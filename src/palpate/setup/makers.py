@@ -52,6 +52,15 @@ _WRENCHES = {
         unknown="a UR arm of the CB series writes torques about the TCP, one of the e-Series about the tool flange: "
         "state that point as reference [x, y, z] in [force_torque], in m in the frame of the logged pose",
     ),
+    r"external_tcp_force": NamedWrench("of a Doosan arm along the axes of its base", frame="base"),
+    r"tool_external_wrench": NamedWrench(
+        unknown="a Kinova arm's interface does not state the axes of tool_external_wrench, nor its point: check frame, "
+        "acts_on and reference in [force_torque] by a press whose place is known",
+    ),
+    r"jr3": NamedWrench(
+        unknown="the axes of JR3 sensors are left-handed unless the driver corrects them: check axes and left_handed "
+        'in [force_torque], as axes = ["-x", "y", "z"] and left_handed = true',
+    ),
     r"fActualETT": NamedWrench(
         "of a Doosan arm, its force along the axes of the base and its torque along those of the tool",
         frame="base",
@@ -94,6 +103,8 @@ _THREE = (  # names of three columns, form, remark
     (("roll", "pitch", "yaw"), "euler_xyz", "are taken for angles about fixed axes x, y, z"),
     (("rx", "ry", "rz"), "rotation_vector", _VECTOR),
     (("ox", "oy", "oz"), "rotation_vector", _VECTOR),
+    (("a", "b", "c"), "euler_ZYX_deg", "are taken for a KUKA arm's angles about moving axes z, y, x in degrees"),
+    (tuple(f"toolposetheta{axis}" for axis in "xyz"), "euler_xyz_deg", "are the angles of a Kinova arm's tool"),
 )
 
 
@@ -116,8 +127,10 @@ def named_pose(names: Sequence[str]) -> NamedPose | None:
     for words, form, remark in _THREE:
         if set(words) <= bare.keys():
             columns = tuple(bare[word] for word in words)
-            unit = "_deg" if form.startswith("euler") and "deg" in (split_unit(columns[0])[1] or columns[0]) else ""
-            return NamedPose(columns, f"{form}{unit}", position, sure=False, remark=f"{columns[0]!r} ... {remark}")
+            stated = form == "euler_xyz" and "deg" in (split_unit(columns[0])[1] or columns[0])
+            sure = words[0].startswith("toolpose")
+            form = f"{form}{'_deg' * stated}"
+            return NamedPose(columns, form, position, sure, remark=f"{columns[0]!r} ... {remark}")
     return None
 
 

@@ -36,10 +36,11 @@ _TORQUE = (
     _axes("torque|moment", "[0-3]"),
 )
 _SIX = re.compile(
-    r"^(?P<head>.*?(?:wrench|f_ext_hat_k|force_torque|tcp_force|fts?)(?:_?data|_?raw)?)[\W_]*(?P<axis>\d)\W*$", re.I
+    r"^(?P<head>.*?(?:wrench|f_ext_hat_k|force_torque|tcp_force|fActualETT|fts?)(?:_?data|_?raw)?)[\W_]*(?P<axis>\d)\W*$",
+    re.I,
 )
 _QUATERNION = (_axes("orientation|rotation|quaternion|quat|rot|q", "[xyzw]"),)
-_POSITION = (_axes("position|translation|pos|p"),)
+_POSITION = (_axes("position|translation|pose|pos|p"),)
 _ACCELERATION = (_axes("linear[\\W_]*acceleration|acceleration|accel|acc|beschleunigung|(?<![a-z])a"),)
 _TIME = (
     *("time", "timestamp", "t", "stamp", "time_s", "seconds", "sec", "s", "zeit", "x_value", "duration"),
@@ -49,7 +50,9 @@ _DERIVED = re.compile(  # words of wrenches that were not measured: these come l
     r"(?:^|[\W_])(?:desired|des|command\w*|cmd|target|set_?point|ref|reference|bias|offset|std|sigma|error|noise)(?=[\W_]|$)",
     re.IGNORECASE,
 )
-_BASED = re.compile("O_F_ext_hat_K|actual_TCP_force|fActualETT", re.IGNORECASE)  # along the axes of a base
+_BASED = re.compile(
+    "O_F_ext_hat_K|actual_TCP_force|external_tcp_force|fActualETT", re.IGNORECASE
+)  # along the axes of a base
 _COUNTER = re.compile(
     r"^(?:.*[\W_])?(?:samples?|seq|sequence|index|idx|counter|count|frame|packet|no|nr|n|#)\.?$", re.I
 )

@@ -108,4 +108,15 @@ class SensorPose:
         side = 3 if values.shape[1] == 9 else 4
         matrices = values.reshape(-1, side, side)
         matrices = matrices if self._form == "matrix_rows" else matrices.swapaxes(1, 2)
+        if side == 4 and _transposed(matrices):
+            other = "matrix_columns" if self._form == "matrix_rows" else "matrix_rows"
+            hint = f'Write form = "{other}".'
+            raise InputError("has its positions in the last row, not column.", where="orientation.form", hint=hint)
         return matrices[:, :3, :3], matrices[:, :3, 3] if side == 4 else None
+
+
+def _transposed(matrices: Float[np.ndarray, "n 4 4"]) -> bool:
+    """Return whether 0, 0, 0, 1 stands in the last column of the poses, and not in their last row."""
+    known = matrices[np.isfinite(matrices).all(axis=(1, 2))]
+    row, column = (np.abs(part[:, :3]).max(initial=0.0) for part in (known[:, 3], known[:, :, 3]))
+    return bool(column < 1e-6 < row)

@@ -55,7 +55,7 @@ frame = "{frame}"                     # "sensor", or "base", which needs an orie
 
 {orientation}{acceleration}"""
 _MEANING = """\
-# acts_on = "environment"            # if the wrench is what the robot does to the world
+# acts_on = "environment"            # if the wrench is what the robot does to the world: touches come out opposite
 # reference = [0, 0, 0.1]            # m in the sensor's frame: the point of the torque, if not its origin; or "base"
 """
 _USUAL = {
@@ -183,9 +183,17 @@ def compensation(setup: Setup, head: Recording | None) -> Compensation:
 
 
 def _build(setup: Setup) -> BuiltEstimator:
-    stated, head = setup.of(ForceTorqueSection).table.noise is not None, setup.head
-    sensor = compensation(setup, head)
+    table, head = setup.of(ForceTorqueSection).table, setup.head
+    stated, sensor = table.noise is not None, compensation(setup, head)
     made = wrench_estimator(setup, sensor, tare=setup.estimate.tare, drift=setup.followed(6))
+    if made.estimator.plausibility is not None:
+        made.estimator.plausibility.stated = {
+            "reference": table.reference,
+            "acts_on": table.acts_on,
+            "axes": table.axes,
+            "torque_axes": table.torque_axes or table.axes,
+            "form": setup.layout().orientation_form,
+        }
     made.settings["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
     made.notes[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(sensor.payload, setup.estimate.tare)]
     made.warnings += [] if head is None else [*_noise_warnings(setup, head), *_turned(sensor, head)]
