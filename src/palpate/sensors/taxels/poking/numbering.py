@@ -174,9 +174,8 @@ def _left(
     each[each == 0] = 1.0
 
     def summed(values: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, " m"]:
-        return np.bincount(number, weight * values.real, len(sided)) + 1j * np.bincount(
-            number, weight * values.imag, len(sided)
-        )
+        real, imaginary = weight * np.real(values), weight * np.imag(values)
+        return np.bincount(number, real, len(sided)) + 1j * np.bincount(number, imaginary, len(sided))
 
     a, b = a - (summed(a) / each)[number], b - (summed(b) / each)[number]
     same, other = np.abs(summed(a.conj() * b)), np.abs(summed(a * b))
