@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -243,7 +243,8 @@ def _recorded(form: str, read: Rotation) -> list[Float[np.ndarray, "n k"]]:
         vector = read.as_rotvec()
         angle = np.linalg.norm(vector, axis=1, keepdims=True)
         return [vector, vector * (1.0 - 2.0 * np.pi / np.maximum(angle, 1e-9))]
-    angles = read.as_euler(form.split("_")[1])
+    axes: Any = form.split("_")[1]
+    angles: Float[np.ndarray, "n 3"] = read.as_euler(axes)
     return [angles, np.array([np.pi, np.pi, np.pi]) + angles * [1.0, -1.0, 1.0]]
 
 
@@ -308,4 +309,5 @@ def _point(wrench: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"]) -> 
     force, torque = wrench[:, :3], wrench[:, 3:] - np.cross(centre, wrench[:, :3])
     square = np.einsum("nk,nk->n", force, force)[:, None]
     across = np.eye(3) - np.einsum("ni,nj->nij", force, force) / square[:, :, None]
-    return -np.linalg.lstsq(across.sum(axis=0), (np.cross(force, torque) / square).sum(axis=0), rcond=1e-6)[0]
+    found = np.linalg.lstsq(across.sum(axis=0), (np.cross(force, torque) / square).sum(axis=0), rcond=1e-6)[0]
+    return -np.asarray(found, dtype=np.float64)
