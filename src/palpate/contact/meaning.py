@@ -309,5 +309,5 @@ def _point(wrench: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"]) -> 
     force, torque = wrench[:, :3], wrench[:, 3:] - np.cross(centre, wrench[:, :3])
     square = np.einsum("nk,nk->n", force, force)[:, None]
     across = np.eye(3) - np.einsum("ni,nj->nij", force, force) / square[:, :, None]
-    found = np.linalg.lstsq(across.sum(axis=0), (np.cross(force, torque) / square).sum(axis=0), rcond=1e-6)[0]
-    return -np.asarray(found, dtype=np.float64)
+    sides: Float[np.ndarray, "3"] = (np.cross(force, torque) / square).sum(axis=0)
+    return -np.asarray(np.linalg.lstsq(across.sum(axis=0), sides, rcond=1e-6)[0], dtype=np.float64)
