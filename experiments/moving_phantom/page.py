@@ -243,9 +243,9 @@ cycle of delay, 30 ms of lag) and the phantom are simulated (`palpate_lab.simula
 identified in free poses, as one would; nothing of the truth enters the loop. The probe is convex, 60 mm by 18 mm,
 unless said.
 
-**The paper's law** is (7) to (10) with its Kalman filter and low-pass, soft finger (`palpate_lab.papers.probe_law`). The
-paper states no gains: damping (282 N s/m) and mass (10 kg) are fitted to the range of its force in vertical motion, one
-bandwidth (2.6 rad/s) to its mean in-plane angle, at T = 10 s both; everything else is predicted. **Ours** is
+**The paper's law** is (7) to (10) with its Kalman filter and low-pass, soft finger (`palpate_lab.papers.probe_law`).
+The paper states no gains: damping (282 N s/m) and mass (10 kg) are fitted to the range of its force in vertical motion,
+one bandwidth (2.6 rad/s) to its mean in-plane angle, at T = 10 s both; everything else is predicted. **Ours** is
 `palpate.AlignController` with its defaults: it assumes no sine. Seeds of noise are 100 and up; nothing was chosen on
 them.
 
