@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import palpate
+from evidence import payload_mistakes
 from evidence.row import Row, shared, skipped
 from palpate.spatial.pose import rotation_from_quaternion
 
@@ -21,13 +22,14 @@ SWAP = [0, 2, 1, 3, 5, 4]
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """The same small and full: it takes a second."""
+    """Real recordings, turns about one axis, and mistakes."""
     folder = shared()
     if folder is None:
         yield from skipped(NAME, "seven and a hundred real poses", "", COMMAND)
     else:
         yield from _real(folder / "data" / "payload")
     yield from _one_axis()
+    yield from payload_mistakes.rows(small)
 
 
 def _real(folder: Path) -> Iterator[Row]:

@@ -9,47 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import palpate
+from evidence.payload_mistakes import CENTRE, WEIGHT, as_logged, log
 from palpate.cli import main
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.force_torque._payload_mistakes import AS_IS, MISTAKES, REVERSED, turned
 from palpate.sensors.force_torque._payload_search import likely, search
-
-WEIGHT, CENTRE = np.array([0.0, 0.0, -9.0]), np.array([0.02, -0.03, 0.05])
-MIRROR, SWAP = np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[0, 2, 1]]
-
-
-def log(count: int, seed: int, turn: Rotation | None = None) -> tuple[np.ndarray, np.ndarray, Rotation]:
-    """Return forces, torques and logged rotations of poses, two of which were touched."""
-    rng = np.random.default_rng(seed)
-    flange = Rotation.random(count, random_state=rng)
-    weights = (flange if turn is None else flange * turn).inv().apply(WEIGHT)
-    force = weights + [5.0, -2.0, 8.0] + rng.normal(size=(count, 3)) * 0.07
-    torque = np.cross(CENTRE, weights) + [0.3, -0.2, 0.1] + rng.normal(size=(count, 3)) * 0.004
-    touched = rng.choice(count, 2, replace=False)
-    force[touched] += rng.normal(size=(2, 3)) * 5.0
-    torque[touched] += rng.normal(size=(2, 3)) * 0.5
-    return force, torque, flange
-
-
-def as_logged(name: str, force: np.ndarray, torque: np.ndarray, flange: Rotation) -> tuple[np.ndarray, np.ndarray]:
-    """Return wrenches and rotation matrices as a log with the mistake has them, written without the code under test."""
-    if name == "inverse rotations":
-        flange = flange.inv()
-    if name == "w first":
-        flange = Rotation.from_quat(flange.as_quat()[:, [3, 0, 1, 2]])
-    if name.startswith("base frame"):
-        force = force if "(torque)" in name else flange.apply(force)
-        torque = torque if "(force)" in name else flange.apply(torque)
-    for word, matrix in (("x mirrored", MIRROR), ("y and z swapped", SWAP)):
-        if word in name:
-            force = force if "(torque)" in name else force @ matrix
-            torque = torque if "(force)" in name else torque @ matrix
-    if name == REVERSED:
-        force, torque = -force, -torque
-    if name == "torque in N mm":
-        torque = 1e3 * torque
-    return np.concatenate([force, torque], axis=1), flange.as_matrix()
-
 
 NAMES = [
     AS_IS,
