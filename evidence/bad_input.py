@@ -187,7 +187,7 @@ CASES = (
     Case("a gap", _log(lambda t: pl.concat([t[:100], t[300:]])), 0, ("gap",)),
     Case("torque in N mm declared as N m", _newton_millimetres, 0, ("units of the torque",)),
     Case("the same, the rig stating the sensor's range", _beyond_range, 0, ("unit",)),
-    Case("mesh in mm declared as m", _rig('unit = "mm"', 'unit = "m"'), 0, ("unit",)),
+    Case("mesh in mm declared as m", _rig('unit = "mm"', 'unit = "m"'), 1, ("unit",)),
     Case("open mesh", _mesh(lambda triangles: triangles[20:]), 0, ("not closed",)),
     Case("zero-area facets", _mesh(lambda t: np.concatenate([t, t[:9, [0, 1, 1]]])), 0, ("without area",)),
     Case("flipped normals", _mesh(lambda triangles: triangles[:, ::-1]), 0, ("turned",)),

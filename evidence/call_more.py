@@ -135,7 +135,7 @@ def _live() -> None:
     status_word("Net F/T").bad(np.array([0, 1 << 31]))
     LivePoses(None).at(np.array([0, 10**9]))
     image_message(0, "camera", np.zeros((4, 5, 3), np.uint8))
-    TimeGuess("time", "").judged(np.arange(50) * 0.01)
+    TimeGuess("time", "").judged(np.arange(50) * 0.01, "s", "")
 
 
 def _drawn() -> None:

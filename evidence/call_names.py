@@ -13,8 +13,8 @@ UNCALLED = {  # and why; a class stands for its methods
     "sensors.taxels.estimator.TaxelEstimator.answer": _HANDED,
     "live.stream_buffer.StreamBuffer": _HANDED,
     "live.stream_buffer.latencies": _HANDED,
+    "live.sequence.SequenceCounters.follow": _HANDED,
     "signals.recording.split_channels": _HANDED,
-    "signals.smoothing.BothWays": _HANDED,
     "signals.smoothing.Forward": _HANDED,
     "signals.zero_filter.FilterStep": _HANDED,
     "signals.zero_filter.ZeroWindow": _HANDED,
@@ -22,7 +22,6 @@ UNCALLED = {  # and why; a class stands for its methods
     "viewer.server.Served.look": "its argument is a function",
     "palpate_lab.viewer.live_probe.LiveProbe": "opens a server",
     "viewer.video.Video.add": "writes a video",
-    "sensors.load_cells.design_report.Design.with_changes": _HANDED,
     "palpate_lab.benchmark.task.TaskTruth.of": _HANDED,
     "palpate_lab.benchmark.task.write_body": "writes a file of a body that it is given",
     "sensors.taxels.poking.files.read_pokes": "of its arguments only the noise is an array",
@@ -133,7 +132,6 @@ LATER = frozenset(  # what only examples and commands that take a while make arg
         "sensors.marker_ring.layer.RingLayer",
         "sensors.marker_ring.layer.RingLayer.feed",
         "viewer.plots.touch_errors",
-        "viewer.run_report.Run",
     ]
 )
 

@@ -60,7 +60,7 @@ REAL = (
         1,
         ("no column is recognised as the time",),
     ),
-    Real("nano17/calibration_files_FT44297.cal", "ATI's calibration file, no log", 1, ("is XML",)),
+    Real("nano17/calibration_files_FT44297.cal", "ATI's calibration file, no log", 1, ("is ATI's calibration",)),
     Real(
         "payload/recorded_messages_wrench_100.txt",
         "100 wrenches along the axes of the base, without names or times",

@@ -175,7 +175,7 @@ def spoil(values: np.ndarray, kind: str) -> np.ndarray:
     ("kind", "said"),
     [
         ("short", "at least 60 s are needed"),
-        ("dead", "fz never changes"),
+        ("dead", "z of the force is 0 in all rows"),
         ("jump", "the zero jumped"),
         ("swing", "the arm"),
     ],
@@ -198,7 +198,7 @@ def test_what_is_no_free_log_is_refused_and_nothing_is_written(
         (RIG + "drift = { force = 0.002, torque = 0.0001 }\n", (), "[force_torque] already states a drift"),
         (RIG, ("--window", "0"), "--window"),
         (RIG + '[drift]\nwalk = { force = 1, torque = 1 }\ntemperature = "celsius"\n', (), "no column 'celsius'"),
-        ('[surface]\nkind = "plane"\n[skin]\ncount = 6\n[time]\nrate = 50\n', (), "[skin]"),
+        ('[surface]\nkind = "plane"\n[skin]\ncount = 6\n[time]\nrate = 50\n', (), "only force/torque sensors"),
     ],
 )
 def test_calls_that_cannot_be_meant(

@@ -113,7 +113,7 @@ def test_a_torque_about_the_base_needs_poses(tmp_path: Path) -> None:
     force, torque, _, _ = session(2)
     columns = {"time": np.arange(40) / 100, **dict(zip(WRENCH_COLUMNS, np.hstack([force, torque]).T, strict=True))}
     log = written(tmp_path / "log.csv", columns)
-    with pytest.raises(InputError, match="needs the orientation"):
+    with pytest.raises(InputError, match="the orientation is needed"):
         read_recording(log, LogLayout(reference="base"))
     shifted = read_recording(log, LogLayout(reference=(0.0, 0.0, 0.1))).wrenches()
     np.testing.assert_allclose(shifted[:, 3:], torque + np.cross([0.0, 0.0, 0.1], force))

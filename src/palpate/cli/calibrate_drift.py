@@ -91,7 +91,10 @@ def _read(log: Path, opened: OpenedLog) -> tuple[Setup, Recording, tuple[str, ..
     blocks = list(opened)
     if not any(map(len, blocks)):
         raise InputError("holds no samples.", where=str(log))
-    return opened.setup, join(blocks), opened.notes()
+    recording = join(blocks)
+    if not any(np.isfinite(recording.channels[name]).any() for name in kind.channels):
+        raise InputError("no sample can be used.", where=str(log), hint=" ".join(opened.notes()))
+    return opened.setup, recording, opened.notes()
 
 
 def _require_one(setup: Setup, rig: Path) -> None:

@@ -198,6 +198,7 @@ def test_pokes_show_a_start_turned_by_a_third_of_a_ring(skin: Forearm) -> None:
     assert _mean(found.places, skin.places) < _mean(cad, skin.places)
 
 
+UPRIGHT = Pose.from_rotation_vector([np.pi / 2, 0.0, 0.0], np.zeros(3))  # the file is Y_UP and is turned when read
 ICUB_MOUNT = Pose.from_quaternion([-0.498826, 0.509236, 0.502854, 0.488865], [4.3e-5, 0.144126, -2.7e-5])
 ICUB = ("right_forearm", 4.7), ("pos_right_forearm_lower", 4.9)
 
@@ -208,7 +209,7 @@ def test_the_real_modules_run_backwards_from_number_one(name: str, most: float, 
     places, authors = (
         read_taxel_places(shared / "data" / "icub" / f"{name}_{kind}.txt") for kind in ("nomesh", "mesh")
     )
-    link = Mesh.load(shared / "data" / "icub" / "icub_r_forearm.dae", "m").transformed(ICUB_MOUNT)
+    link = Mesh.load(shared / "data" / "icub" / "icub_r_forearm.dae", "m").transformed(ICUB_MOUNT @ UPRIGHT.inverse())
     layout = ModuleLayout.repeated(LAYOUTS["ring12"] * SPACING / 6e-3, len(places) // 12)
     known = np.bincount(layout.module, places.there)[layout.module] > 0
     kept = np.unique(layout.module[known])

@@ -207,7 +207,7 @@ def test_the_papers_way_is_there_by_name(wrist_like: Mesh) -> None:
         ({"origin": (0.0, 0.0, 0.2)}, "off the surface"),
         ({"origin": (np.nan, 0.0, 0.0)}, "three finite numbers"),
         ({"heading": (0.0, 0.0, 0.0)}, "points along the normal"),
-        ({"planes": Planes(heights=np.array([0.5, 0.6]))}, "no two of the planes across meet the link"),
+        ({"planes": Planes(heights=np.array([0.5, 0.6]))}, "no two of the planes across the axis meet the link"),
     ],
 )
 def test_what_cannot_be_mapped_is_refused_with_the_reason(

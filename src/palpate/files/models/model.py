@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from palpate.errors import InputError
 from palpate.files.schema import TableForm
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Lines", "Model", "span"]
 
@@ -37,11 +39,14 @@ class Model:
     forms: Mapping[type, TableForm]
 
 
+@takes_arrays
 def span(values: Float[np.ndarray, " n"]) -> str:
     """Return the least and the largest of some values as text, "0.1 to 2", or "2" if they are equal.
 
     Raises:
-        ValueError: there are no values.
+        InputError: there are no values, or they have another shape.
     """
+    if not len(values):
+        raise InputError("there are no values to summarise.")
     low, high = f"{values.min():.3g}", f"{values.max():.3g}"
     return low if low == high else f"{low} to {high}"
