@@ -76,7 +76,8 @@ class WorkerSupervisor:
                 said = f"the {worker.name} {why} too often, and is not started again"
                 ring.say(said)
                 if worker is self.workers[0]:
-                    raise InputError(f"{said}.", where="palpate live")
+                    hint = "Free memory, check the device, and start again; `palpate recover` completes a record."
+                    raise InputError(f"{said}.", where="palpate live", hint=hint)
                 continue
             worker.start()
             ring.say(f"the {worker.name} {why}, and was started again")

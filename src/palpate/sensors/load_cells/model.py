@@ -212,7 +212,7 @@ class LoadCells(Value):
         count = np.count_nonzero(kept)
         if count < 6:
             raise NotIdentifiable(
-                f"{count // 3} sound cells cannot determine the six numbers of a wrench: at least three are needed.",
+                f"only {count // 3} of the load cells work, and a wrench needs three: repair cells, or leave fewer out.",
                 rank=int(count),
                 missing=("wrench",),
             )
