@@ -266,8 +266,8 @@ class ContactEstimate(Value):
             surface: the body, in the frame of these estimates; None: the estimates alone.
 
         Raises:
-            InputError: no surface, or a mesh file that cannot be read or has no unit.
-            GeometryError: the mesh has no usable facet.
+            InputError: `surface` is no surface, or a mesh file that cannot be read or has no unit.
+            GeometryError: the mesh has no usable facet, or an implicit surface cannot be drawn.
         """
         return by_name("palpate.viewer.notebook.drawing_of_estimates")(self, surface)
 

@@ -171,7 +171,8 @@ class ContactEstimator(ABC):
         """Yield the `Contacts` of each block of a log, in the surface's frame.
 
         Raises:
-            InputError: a channel is missing or has another shape.
+            InputError: the log cannot be read on, a channel is missing or has another shape, or a skin's first frames
+                are too few or show no usable cell.
         """
         return (contacts for _, contacts in self.pairs(blocks))
 

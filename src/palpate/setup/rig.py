@@ -172,8 +172,10 @@ class Rig(SharedTables):
 
         Raises:
             InputError: the rig lacks something, a file that it names cannot be used, a filter does not fit the rate, or
-                the log does not begin at rest although it must.
+                the log cannot be read, has no samples, lacks something that the rig requests, or does not begin at rest
+                although it must.
             GeometryError: the file of the surface has no usable surface.
+            NotIdentifiable: the load cells that the rig uses do not determine a wrench.
         """
         rig = self if rate is None else replace(self, filter=replace(self.filter, rate=rate))
         if log is None:

@@ -212,7 +212,7 @@ class LoadCells(Value):
         count = np.count_nonzero(kept)
         if count < 6:
             raise NotIdentifiable(
-                f"only {count // 3} of the load cells work, and a wrench needs three: repair cells, or leave fewer out.",
+                f"only {count // 3} of the load cells work, and a wrench needs three: leave fewer out, or repair.",
                 rank=int(count),
                 missing=("wrench",),
             )

@@ -52,7 +52,8 @@ def read_taxel_places(path: str | Path) -> TaxelPlaces:
     is not flat, are not known.
 
     Raises:
-        InputError: the file cannot be read, is of another kind, has no taxels, or taxels over 10 m from each other.
+        InputError: the file cannot be read, is of another kind, has a row, id, module or unit that cannot be used, no
+            taxels, or taxels over 10 m from each other.
     """
     path = Path(path)
     with open_input(path) as file:
