@@ -232,7 +232,7 @@ class RingView(Value):
 
     @cached_property
     def numbers(self) -> tuple[Float[np.ndarray, " 10"], Float[np.ndarray, " 12"]]:
-        """Lens (10,) and pose (12,): the pose's rotation row by row, then its translation [m]."""
+        """Numbers (10,) of the lens, as `Fisheye.numbers`, and (12,) of the pose: rotation by rows, translation [m]."""
         return self.camera.numbers, np.concatenate([self.pose.rotation.reshape(-1), self.pose.translation])
 
     def to_plane_with_slope(

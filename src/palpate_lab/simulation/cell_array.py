@@ -72,7 +72,7 @@ class CellArray:
         return len(self.position)
 
     def shares(self) -> Float[np.ndarray, "k 3 6"]:
-        """Return the matrices (k, 3, 6) of f_i = shares_i W.
+        """Return matrices (k, 3, 6) [1, 1/m]: f_i = shares_i W is the force on cell i by a wrench W, force first.
 
         Raises:
             GeometryError: the frame can turn without loading a cell.

@@ -78,7 +78,7 @@ class TextTable:
         return rows
 
     def strings(self, name: str) -> pl.Series:
-        """Return one column as text, stripped, null where empty.
+        """Return one column as a polars Series (n,) of text, stripped, null where empty.
 
         Raises:
             InputError: the column is missing or occurs more than once.

@@ -109,7 +109,7 @@ def stated_sensor(setup: Setup, recording: Recording | None = None) -> ForceTorq
 
     Raises:
         InputError: the rig has no [force_torque], its payload's file cannot be read, or the recording has no forces or
-            torques, or accelerations of another kind than stated.
+            torques, no positions although accelerations come from poses, or accelerations of another kind than stated.
     """
     wrench = setup.of(ForceTorqueSection).table
     deviation, spectrum = (None, None) if recording is None else _noise_of(setup, recording)

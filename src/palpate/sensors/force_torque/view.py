@@ -72,7 +72,11 @@ def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float)
 
 
 def force_torque(setup: Setup, payload: Payload | None, mount: Pose) -> Section:
-    """Return the `Section` of the report on payload, mounting, wrench and orientation."""
+    """Return the `Section` of the report on payload, mounting, wrench and orientation.
+
+    Raises:
+        InputError: the rig has no [force_torque].
+    """
     none = [("payload", "none: wrenches are taken as they are")]
     facts = none if payload is None else list(MODELS["payload"].summary(payload))
     facts += _mounting(mount, setup.link.mount_covariance)

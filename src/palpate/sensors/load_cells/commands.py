@@ -132,6 +132,7 @@ def design_load_cells(
         InputError: a number is not allowed, rig or model cannot be read or lack a key, the page cannot be written or
             would replace an input, or the package for reports is not installed.
         NotIdentifiable: the cells do not determine a wrench.
+        GeometryError: the file of the surface has no usable surface.
     """
     require_report()
     for name, value in (("accuracy", accuracy), ("force", force), ("tared", tared)):

@@ -93,8 +93,8 @@ def find_pokes(parts: Iterable[Recording | Block], search: PokeSearch | None = N
 
     Raises:
         InputError: nothing answers, most taxels always answer, too few frames of taxels are complete, no wrench has a
-            time, a block lacks force or torque, there is no free motion before the first poke, no rest between pokes, no
-            pose, no usable poke, or no time in common; or blocks or `search.start` have another number of taxels.
+            time, a block lacks force or torque, there is no free motion before the first poke, no rest between pokes,
+            no pose, no usable poke, or no time in common; or blocks or `search.start` have another number of taxels.
     """
     search = search or PokeSearch()
     samples, answers, said = _read(parts, search)
