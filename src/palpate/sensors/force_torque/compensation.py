@@ -274,7 +274,7 @@ class Compensation:
         return int(bool(self._stated[:3].any()))
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n 19"]:
-        """Return columns (n, 19): readings (6) [N, N m], rotations by rows (9), accelerations (3), their deviation [m/s^2].
+        """Return (n, 19): readings (6) [N, N m], rotations by rows (9), accelerations (3), their deviation [m/s^2].
 
         Raises:
             InputError: forces or torques are missing, or an orientation is needed and there is none.
