@@ -364,6 +364,7 @@ def test_silence_return_and_jumping_stamps_are_said(domain: int, monkeypatch: py
         _gathered(source, 1, batch)
         jumped = [said for said in source.events() if "jumped" in said]
         assert jumped == ([] if not jump else [f"the stamps of '/ft' jumped by {jump}"])
+    monkeypatch.setattr("palpate.live.ros2.SILENT", 1.0)  # its leaving is known by then, on a busy machine too
     device.close()
     _until(
         lambda: source.receive(batch, 0.0) == 0 and any("nobody publishes it now" in said for said in source.events())
