@@ -253,7 +253,7 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def _shape(body: str) -> trimesh.Trimesh:
-    """A body beside the sensor's axis, in m in its frame."""
+    """Make a body that lies off the sensor's axis, in m in the sensor's frame."""
     shape = trimesh.creation.box((0.05, 0.036, 0.07)) if body == "box" else trimesh.creation.icosphere(5, 0.03)
     shape.apply_translation((0.014, -0.009, 0.085))
     return shape
@@ -311,12 +311,12 @@ class Outcome:
         verdict: "right"; "named": a warning or refusal has the key that mends it; "listed": a warning has it
             among others; "warned" of something else; "stated": `rig new` says by this key what it takes the wrench for;
             "refused" for another reason; "silent".
-        said: warnings of `estimate`, or a refusal.
+        message: what `estimate` warned of, or why it refused.
         warnings: of `estimate`.
     """
 
     verdict: str
-    said: str
+    message: str
     warnings: int
 
 

@@ -45,6 +45,17 @@ def test_a_dead_channel_makes_every_sample_invalid() -> None:
     assert "z of the force is 0.0165 in all rows" in notes[0]
 
 
+@pytest.mark.parametrize("missing", [False, True])
+def test_a_channel_that_comes_alive_is_noted_for_the_samples_before(missing: bool) -> None:
+    wrench = noisy()
+    wrench[:1500, 2] = 0.0165
+    wrench[800] = np.nan if missing else wrench[800]  # a missing row is no sign of life
+    stuck, notes = found(wrench)
+    np.testing.assert_array_equal(np.flatnonzero(stuck), np.arange(1400))  # by whole blocks
+    assert len(notes) == 1
+    assert "z of the force is 0.0165 in all rows before 14.000 s" in notes[0]
+
+
 def test_good_logs_are_left_alone() -> None:
     count = 3000
     ramp = np.clip(np.sin(np.arange(count) / 300), 0.0, None)[:, None] * np.array([1, 2, 3, 0.1, 0.2, 0.3])

@@ -11,9 +11,10 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.urdf import Urdf
-from palpate.setup.guess import PLAUSIBLE, mesh_size, quoted
+from palpate.setup.guess import mesh_size, quoted
 from palpate.spatial.pose import Pose
 from palpate.surfaces.collada import ColladaAsset
+from palpate.surfaces.mesh import plausible_size
 
 __all__ = ["GivenBody"]
 
@@ -143,7 +144,7 @@ class GivenBody:
             return [*([taken] if stated or self.unit != "m" else []), *filter(None, [self.asset.note])]
         said = [f"the surface is the {self.geometry} geometry of link {self.link!r}, {self.size * 1e3:.4g} mm across"]
         said += self.notes
-        if not PLAUSIBLE[0] <= self.size <= PLAUSIBLE[1]:
+        if not plausible_size(self.size):
             why = "that is an unusual size of a robot's link"
             said.append(f"{why}: check the scale of its mesh in the URDF (0.001 for mm)")
         if self.mounting(frame) is not None:

@@ -13,10 +13,9 @@ from palpate.files.logs.layout import ORIENTATION_COLUMNS, LogLayout
 from palpate.files.logs.topics import RESULTS
 from palpate.setup.makers import named_pose
 from palpate.surfaces.collada import ColladaAsset
-from palpate.surfaces.mesh import UNITS, Mesh, unit_named
+from palpate.surfaces.mesh import UNITS, Mesh, plausible_size, unit_named
 
 __all__ = [
-    "PLAUSIBLE",
     "array_topic",
     "frames_table",
     "mesh_size",
@@ -28,7 +27,6 @@ __all__ = [
     "topics_of",
 ]
 
-PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
 _OFFSET = "offset = 0.0                         # s added to their stamps; written by `palpate calibrate clock`"
 
 
@@ -133,6 +131,7 @@ def mesh_size(path: Path) -> tuple[str, float]:
         return unit_named(own), Mesh.load(path).size
     raw = Mesh.load(path, unit="m").size
     for unit in ("mm", "m", "cm", "um"):
-        if PLAUSIBLE[0] <= raw * UNITS[unit] <= (2.0 if unit == "mm" else PLAUSIBLE[1]):
-            return unit, raw * UNITS[unit]
+        size = raw * UNITS[unit]
+        if plausible_size(size) and not (unit == "mm" and size > 2.0):
+            return unit, size
     return "m", raw

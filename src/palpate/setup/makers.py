@@ -1,4 +1,4 @@
-"""What the names of columns in a maker's log mean: frame, point and sign of a wrench, and the form of a pose."""
+"""Read frame, point and sign of a wrench, and the form of a pose, from the column names of makers' logs."""
 
 from __future__ import annotations
 

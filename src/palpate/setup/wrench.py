@@ -11,7 +11,6 @@ from palpate.contact.plausibility import lines_of_action
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.setup.built import BuiltEstimator
-from palpate.setup.guess import PLAUSIBLE
 from palpate.setup.setup import Setup
 from palpate.setup.tables import RigFilter
 from palpate.signals.drift import Drift
@@ -19,6 +18,7 @@ from palpate.signals.recording import FORCE, TORQUE, Recording
 from palpate.signals.wrench_sensor import WrenchSensor
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
+from palpate.surfaces.mesh import plausible_size
 
 __all__ = ["first_seconds", "noted_filter", "wrench_estimator"]
 
@@ -96,7 +96,7 @@ def wrench_estimator(
 
 def _require_size(mesh: Mesh, name: str, mount: Pose, head: Recording) -> None:
     """Raise an InputError where a mesh has no usual size and the log's wrenches do not fit it: its unit is wrong."""
-    if PLAUSIBLE[0] <= mesh.size <= PLAUSIBLE[1] or not {FORCE, TORQUE} <= head.channels.keys():
+    if plausible_size(mesh.size) or not {FORCE, TORQUE} <= head.channels.keys():
         return
     wrenches = head.wrenches()
     changes = wrenches - np.nanmedian(wrenches, axis=0) if np.isfinite(wrenches).any() else wrenches

@@ -98,8 +98,6 @@ def test_residuals_of_no_reason_are_refused_unless_forced() -> None:
 )
 def test_real_poses_with_a_common_mistake(shared: Path, tmp_path: Path, capsys, case: str, said: str) -> None:
     given = shared / "cases" / "ft" / "payload_frames" / f"{case}.csv"
-    if not given.exists():
-        pytest.skip("no such case here")
     output = tmp_path / "payload.toml"
     code = main(["calibrate", "payload", str(given), "-o", str(output)])
     assert (code == 0) is (said == "")

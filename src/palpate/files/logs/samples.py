@@ -65,10 +65,8 @@ class SampleReader:
         self._as_it_is = bool(np.array_equal(self._picked, np.arange(6)) and (self._factors == 1.0).all())
         self._acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
         self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
-        self._layout, self._pose = (
-            layout,
-            SensorPose(layout.orientation_form, inverse=layout.inverse, sensor_rotation=layout.sensor_rotation),
-        )
+        self._layout = layout
+        self._pose = SensorPose(layout.orientation_form, inverse=layout.inverse, sensor_rotation=layout.sensor_rotation)
         self._images, self._both = layout.images is not None, bool(layout.arrays) and layout.wrench is not None
         self._times, self._stuck = _Times(), StuckWrenches()
         self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
@@ -142,10 +140,7 @@ class SampleReader:
             (beyond, f"{beyond} poses or accelerations are infinite or beyond 1e9 and were left out"),
             *((count, f"{count} rows have a {name} that is infinite or beyond 1e9") for name, count in arrays),
             *self._times.oddities(),
-            (
-                none,
-                f"{none} {self._pose.named} and were left out",
-            ),
+            (none, f"{none} {self._pose.named} and were left out"),
             (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
         )
         return (*self._stuck.notes(), *(sentence for count, sentence in said if count))

@@ -41,7 +41,7 @@ class StuckWrenches:
         self._run = 0  # rows before this block that equal the last one
         self._usual: float | None = None  # rows between two changes; None: not known yet, inf: a log without noise
         self._dead: dict[int, float] = {}  # channel that never changes -> its value
-        self._rows = 0
+        self._revived: dict[int, tuple[float, float]] = {}  # one that changed later -> its value, and since when [s]
         self._found: list[_Stretch] = []
 
     def find(self, time: Float[np.ndarray, " n"], wrench: Float[np.ndarray, "n 6"]) -> Bool[np.ndarray, " n"]:
@@ -61,7 +61,6 @@ class StuckWrenches:
         if self._usual is None:
             self._usual = _usual(wrench, same)
             self._dead = _dead(wrench) if np.isfinite(self._usual) else {}
-        self._rows += len(wrench)
         starts = np.flatnonzero(~same | (np.arange(len(same)) == 0))
         for start, end in zip(starts, np.append(starts[1:], len(same)), strict=True):
             before = self._run + 1 if start == 0 and same[0] else 0
@@ -72,15 +71,23 @@ class StuckWrenches:
                 self._note(time[first:end], zero=zero, goes_on=before > 0)
         self._run = int(len(same) - 1 - starts[-1]) + (self._run + 1 if len(starts) == 1 and same[0] else 0)
         self._last = wrench[-1:].copy()
-        self._dead = {channel: value for channel, value in self._dead.items() if (wrench[:, channel] == value).all()}
+        for channel, value in list(self._dead.items()):
+            other = (wrench[:, channel] != value) & np.isfinite(wrench[:, channel])
+            if other.any():
+                self._revived[channel] = self._dead.pop(channel), float(time[0])
         return stuck | bool(self._dead)
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on what was found so far, one sentence each."""
         said = [
-            f"{'xyz'[channel % 3]} of the {'torque' if channel > 2 else 'force'} is {value:g} in all rows while others "
+            f"{_named(channel)} is {value:g} in all rows while others "
             "change: it is dead or not measured, so the samples are invalid"
             for channel, value in self._dead.items()
+        ]
+        said += [
+            f"{_named(channel)} is {value:g} in all rows before {since:.3f} s while others change: it is dead or not "
+            "measured there, so these samples are invalid"
+            for channel, (value, since) in self._revived.items()
         ]
         said += [
             f"the wrench {'is exactly zero' if each.zero else 'does not change'} from {each.start:.3f} s to "
@@ -98,6 +105,10 @@ class StuckWrenches:
             self._found[-1].end, self._found[-1].rows = float(time[-1]), self._found[-1].rows + len(time)
         else:
             self._found.append(_Stretch(float(time[0]), float(time[-1]), len(time), zero))
+
+
+def _named(channel: int) -> str:
+    return f"{'xyz'[channel % 3]} of the {'torque' if channel > 2 else 'force'}"
 
 
 def _usual(wrench: Float[np.ndarray, "n 6"], same: Bool[np.ndarray, " n"]) -> float:

@@ -48,6 +48,9 @@ def judged_unit(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
 
     The unit follows from the size of times since 1970, and for other times from the rate and the length of the log that
     result: whole numbers 0, 1, 2, ... are milliseconds, and seconds where there are too few for that.
+
+    Raises:
+        InputError: time has another shape.
     """
     known = time[np.isfinite(time)]
     largest = np.abs(known).max(initial=0.0)

@@ -134,7 +134,7 @@ class Errors:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """One sentence in a tuple where the bias drifts; else ()."""
+        """Return a tuple of one sentence where the bias drifts; else ()."""
         if not self.walk.any():
             return ()
         blocks = len(set(self.block.tolist()))

@@ -96,14 +96,15 @@ def found_numbering(
     )
     alike = np.flatnonzero(ALIKE * left <= left.min() + 1e-9)
     alike = [k for k in alike.tolist() if ways[k].mirrored == ways[alike[0]].mirrored]
-    off = {k: 0.0 if start is None else _off(start[ways[k].order], places, share, layout.module) for k in (0, *alike)}
+    module = layout.module
+    off = {k: 0.0 if start is None else _squares(places - start[ways[k].order], share, module) for k in (0, *alike)}
     best = min(alike, key=lambda k: off[k])
     if left[best] < CLEAR * left[0]:
-        squares, clear = left[[best, 0]] * _spread(seen, share, layout.module), True
+        squares, clear = left[[best, 0]] * _squares(seen[:, None], share, module), True
     elif off[best] < CLEAR * off[0] and not ways[best].mirrored:
         squares, clear = np.array([off[best], off[0]]), True
     elif left[best] < DOUBTED * left[0]:
-        squares, clear = left[[best, 0]] * _spread(seen, share, layout.module), False
+        squares, clear = left[[best, 0]] * _squares(seen[:, None], share, module), False
     else:
         return None
     rms, stated = np.sqrt(squares / total).tolist()
@@ -184,23 +185,11 @@ def _left(
     return 1.0 - both**2 / squares if squares > 0 else 1.0
 
 
-def _off(start: Vectors, places: Vectors, share: Float[np.ndarray, " k"], module: Int[np.ndarray, " k"]) -> float:
-    """Return the weighted sum of squares [m^2] of places from expected ones, about the middles of their modules."""
-    total = 0.0
-    for number in np.unique(module[share > 0]):
-        rows = (module == number) & (share > 0) & np.isfinite(start).all(axis=1)
-        if rows.any():
-            away = places[rows] - start[rows]
-            away = away - np.average(away, axis=0, weights=share[rows])
-            total += float(share[rows] @ np.sum(away**2, axis=1))
-    return total
-
-
-def _spread(seen: Complex[np.ndarray, " k"], share: Float[np.ndarray, " k"], module: Int[np.ndarray, " k"]) -> float:
-    """Return the weighted sum of squares [m^2] of seen places about the middles of their modules."""
-    total = 0.0
-    for number in np.unique(module[share > 0]):
-        rows = (module == number) & (share > 0)
-        away = seen[rows] - np.average(seen[rows], weights=share[rows])
-        total += float(share[rows] @ np.abs(away) ** 2)
+def _squares(away: np.ndarray, share: Float[np.ndarray, " k"], module: Int[np.ndarray, " k"]) -> float:
+    """Return the weighted sum of squares [m^2] of vectors (k, d) about the mean of their module; NaN are left out."""
+    total, there = 0.0, (share > 0) & np.isfinite(away).all(axis=1)
+    for number in np.unique(module[there]):
+        rows = there & (module == number)
+        from_mean = away[rows] - np.average(away[rows], axis=0, weights=share[rows])
+        total += float(share[rows] @ np.sum(np.abs(from_mean) ** 2, axis=1))
     return total
