@@ -35,7 +35,10 @@ _KINDS: dict[Any, WidgetKind] = {
     viser.GuiCheckboxHandle: WidgetKind.CHECK,
     viser.GuiTextHandle: WidgetKind.WRITE,
 }
-_ENTER = '<!doctype html><meta http-equiv="refresh" content="0; url=/"><title>Palpate</title>'
+_ENTER = (
+    '<!doctype html><link rel="icon" href="data:,">'  # without one a slow browser asks for /favicon.ico: 404
+    '<meta http-equiv="refresh" content="0; url=/"><title>Palpate</title>'
+)
 
 
 def listening(guard: Guard, host: str, port: int) -> viser.ViserServer:
