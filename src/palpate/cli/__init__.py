@@ -48,18 +48,18 @@ def _run(argv: Sequence[str] | None) -> int:
             print(f"palpate {__version__}")
             return 0
         with importing():  # imports here, not above: Ctrl-C may fall on them
-            from palpate.cli.app import run
+            from palpate.cli.app import find
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not fit the terminal's encoding
         if {"-h", "--help"} & set(words):  # nothing but the parser speaks
-            run(words)
+            find(words)()
             return 0
         with importing():
             from palpate.console.console import spoken
             from palpate.files.output_lock import reserving
         # these two are of every command, wherever they stand
         with reserving(), spoken(quiet="--quiet" in words, json="--json" in words):
-            run([word for word in words if word not in ("--quiet", "--json")])
+            find([word for word in words if word not in ("--quiet", "--json")])()
     except PalpateError as problem:
         print(f"palpate: {problem}", file=sys.stderr)
         return FAILED

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from shutil import get_terminal_size
 from textwrap import wrap
@@ -16,7 +17,7 @@ from palpate.cli.spelling import command_of, unknown_command, unknown_option
 from palpate.errors import PalpateError
 from palpate.interrupts import importing
 
-__all__ = ["run"]
+__all__ = ["find"]
 
 USAGE = 2  # the exit code of a call that the parser refuses
 
@@ -140,12 +141,14 @@ def _noted() -> Generator[None]:
         BROKEN.append(str(problem))
 
 
-def run(argv: Sequence[str]) -> None:
-    """Parse and run one command; `argv` has no program name.
+def find(argv: Sequence[str]) -> Callable[[], None]:
+    """Return a function that runs the command that `argv`, without a program name, calls.
+
+    It raises `SystemExit` after --help, with 0 or None; for a misspelt option, with a sentence; for another wrong call,
+    with 2; and what the command raises.
 
     Raises:
-        SystemExit: after --help, with 0 or None; for a misspelt word, with a sentence; for another wrong call, with 2.
-        BaseException: what the command raises.
+        SystemExit: there is no such command, with a sentence.
     """
     words = list(argv)
     named = [word for word in words if not word.startswith("-")]
@@ -157,14 +160,13 @@ def run(argv: Sequence[str]) -> None:
     helps = bool({"-h", "--help"} & set(words))
     called = command_of(words, names)
     if any(word.startswith("--tyro-") for word in words):
-        _complete(words)
-    elif " ".join(called) in _EACH:
-        _call(called, words, helps)
-    elif helps:
-        print(_listed(called))
-    else:
-        missing = f"a command is missing; `{' '.join(['palpate', *called, '--help'])}` lists them."
-        raise SystemExit(unknown_option(words, called, _options(called)) or missing)
+        return partial(_complete, words)
+    if " ".join(called) in _EACH:
+        return partial(_call, called, words, helps)
+    if helps:
+        return partial(print, _listed(called))
+    missing = f"a command is missing; `{' '.join(['palpate', *called, '--help'])}` lists them."
+    raise SystemExit(unknown_option(words, called, _options(called)) or missing)
 
 
 def _call(called: tuple[str, ...], words: list[str], helps: bool) -> None:

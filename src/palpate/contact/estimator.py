@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple, cast
 
@@ -133,7 +134,7 @@ class ContactEstimator(ABC):
         Raises:
             InputError: a channel is missing or has another shape.
         """
-        return (self.answer(block, watched) for block in blocks)
+        return map(partial(self.answer, watched=watched), blocks)
 
     def empty(self, *batch: int) -> Float[np.ndarray, "*batch width"]:
         """Return zeros (*batch, width) to write into: `ROW`, `features`, and the identity if `most` is above 1."""

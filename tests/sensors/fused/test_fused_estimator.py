@@ -183,7 +183,11 @@ def test_means_have_less_noise(estimator: FusedEstimator, log: Recording) -> Non
     one = replace(part, channels={**part.channels, AVERAGED: np.ones((len(part), 1))})
     means = estimator.run(part).features["force_xx"]
     estimator.reset()
-    assert np.nanmean(means) < np.nanmean(estimator.run(one).features["force_xx"])
+    single = estimator.run(one)
+    assert np.nanmean(means) < np.nanmean(single.features["force_xx"])
+    estimator.reset()
+    bare = replace(part, channels={name: values for name, values in part.channels.items() if name != AVERAGED})
+    np.testing.assert_array_equal(estimator.run(bare).point, single.point)  # each wrench is one reading
 
 
 def test_on_logs_the_zero_beside_a_skin_is_smoothed_from_both_sides(estimator: FusedEstimator, log: Recording) -> None:

@@ -45,6 +45,12 @@ def _without_torsion(wrench: np.ndarray, spread: np.ndarray) -> np.ndarray:
     return wrench
 
 
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_a_wrench_needs_three_cells(count: int) -> None:
+    with pytest.raises(InputError, match="at least three cells"):
+        nominal_cells(np.eye(3)[:count], GAIN, NOISE)
+
+
 def test_slopes_are_those_of_the_line_of_action_where_no_torque_arises() -> None:
     """Changes of a wrench that keep F . M = 0 move the contact along with the line of action."""
     rng = np.random.default_rng(0)

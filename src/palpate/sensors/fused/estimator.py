@@ -221,7 +221,7 @@ class FusedEstimator(ContactEstimator):
                 samples, part = block.picked(cut), rows[ends[cut.start] : ends[cut.stop]]
                 last = cut is cuts[-1]
                 answered = Answered(samples, part, counts[cut], seen if last else None)
-                averaged = samples.channels[AVERAGED][:, 0]
+                averaged = samples.channels.get(AVERAGED, np.ones((len(samples), 1)))[:, 0]
                 yield Piece(samples, block if last else None, self._touches(part), averaged, answered)
 
     def _rejoined(self, pieces: Iterable[tuple[Piece, Wrenches]]) -> Iterator[Answered]:

@@ -148,7 +148,7 @@ def nominal_cells(
         NotIdentifiable: the positions do not determine a wrench.
     """
     places = shaped(positions, (None, 3), "positions")
-    maps = np.concatenate([np.concatenate([np.eye(3), skew(place)]) for place in places], axis=1)
+    maps = np.hstack([np.zeros((6, 0)), *(np.vstack([np.eye(3), skew(place)]) for place in places)])
     balance = maps @ maps.T
     if np.linalg.cond(balance / np.outer(_ARMS, _ARMS)) > _FLAT:
         shares = np.zeros((maps.shape[1], 6))  # LoadCells names the missing direction

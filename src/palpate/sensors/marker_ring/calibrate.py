@@ -83,7 +83,7 @@ def calibrate_marker_ring(
         free = truth.free[: sum(map(len, first))]
         if not free.all() or len(free) >= _LOOKED:
             break
-    start = np.concatenate(first)
+    start = np.concatenate(first) if first else np.zeros((0, 1, 1, 3), dtype=np.uint8)
     tracker, area = _at_rest(start[: min(_leading(free), _LOOKED)], body)
     pixels = np.concatenate([_tracked(tracker, frames) for frames in chain([start], images)])
     if len(pixels) != len(truth.angle):
