@@ -60,8 +60,10 @@ def _session() -> tuple[np.ndarray, ContactEstimate]:
 
 
 def _assert_close(found: Events, known: Events) -> None:
-    pairs = [(name, getattr(found, name), value) for name, value in vars(known).items() if name != "features"]
+    single = vars(known).keys() - {"features", "paths"}
+    pairs = [(name, getattr(found, name), getattr(known, name)) for name in single]
     pairs += [(name, found.features[name], value) for name, value in known.features.items()]
+    pairs += [("paths", one, other) for one, other in zip(found.paths, known.paths, strict=True)]
     for name, one, other in pairs:
         # sums in another order
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15, err_msg=name)
@@ -72,7 +74,10 @@ def test_what_the_touches_were() -> None:
     assert len(found) == 2
     np.testing.assert_allclose(found.start, [0.1, 1.0])
     np.testing.assert_allclose(found.end, [0.5, 2.0])
-    np.testing.assert_allclose(found.point, [[0.01, 0.02, 0.03], [0.01, 0, 0]], atol=1e-15)
+    np.testing.assert_allclose(found.point, [[0.01, 0.02, 0.03], [0.01, 0, 0]], atol=1e-15)  # where it peaks
+    assert [len(path) for path in found.paths] == [5, 11]  # 0.1 to 0.5 s, 1.0 to 2.0 s
+    np.testing.assert_allclose(found.paths[1][5], [1.5, 0.01, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(found[1].path[10], [2.0, 0.02, 0.0, 0.0], atol=1e-15)
     np.testing.assert_allclose(found.normal, [[0, 0, 1], [0, 0, 1]])
     assert found.peak_force.tolist() == [2.0, 7.0]
     assert found.peak_time[1] == 1.5
@@ -84,7 +89,7 @@ def test_what_the_touches_were() -> None:
     np.testing.assert_allclose(found.slid, [0, 0.018], atol=2e-5)
 
 
-def test_the_place_is_as_sure_as_a_sample_and_no_surer() -> None:
+def test_the_place_is_as_sure_as_its_sample() -> None:
     found = find_touches(*_session())
     np.testing.assert_allclose(found.deviation, 1e-3)
     np.testing.assert_allclose(found.covariance[0], 1e-6 * np.diag([1, 1, 0]), atol=1e-20)
@@ -127,20 +132,56 @@ def test_a_gap_in_the_log_ends_a_touch_and_times_that_are_missing_do_not() -> No
     assert found.samples.tolist() == [980, 1000]
 
 
-def test_a_sample_that_is_surer_weighs_more() -> None:
-    time = np.arange(100) / RATE
-    point = np.zeros((100, 3))
-    point[50:, 0] = 0.01
-    estimate = _estimate(np.full(100, Status.CONTACT), point, np.ones(100))
-    covariance = estimate.covariance.copy()
-    covariance[50:] *= 4.0
-    weighed = ContactEstimate(**{**vars(estimate), "covariance": covariance})
-    found = find_touches(time, weighed)
-    assert found.point[0, 0] == pytest.approx(0.002)  # (1 * 0 + 1/4 * 0.01) / (1 + 1/4)
-    unknown = ContactEstimate(**{**vars(estimate), "covariance": np.full((100, 3, 3), np.nan)})
-    found = find_touches(time, unknown)
-    assert found.point[0, 0] == pytest.approx(0.005)
+@pytest.mark.parametrize("free", [1, 2])
+def test_presses_with_a_free_frame_between_them_are_touches_of_their_own(free: int) -> None:
+    """48 presses at one place, of six frames each at 30 Hz."""
+    frames = np.arange(48 * (6 + free))
+    pressed = frames % (6 + free) < 6
+    status = np.where(pressed, Status.CONTACT, Status.NO_CONTACT)
+    assert len(find_touches(frames / 30.0, _estimate(status, np.zeros((len(frames), 3)), 1.0 * pressed))) == 48
+
+
+def _jumping(*places: tuple[int, float], status: Status = Status.CONTACT) -> Events:
+    """Samples of one contact at places along x [m], as many as stated at each, with 0.1 mm of noise."""
+    x = np.concatenate([np.full(count, place) for count, place in places])
+    point = np.zeros((len(x), 3))
+    point[:, 0] = x + 1e-4 * np.random.default_rng(0).normal(size=len(x))
+    return find_touches(np.arange(len(x)) / RATE, _estimate(np.full(len(x), status), point, np.ones(len(x)), 1e-4))
+
+
+def test_a_point_that_jumps_is_of_another_touch() -> None:
+    found = _jumping((200, 0.0), (200, 0.01), (200, 0.02))
+    assert found.samples.tolist() == [200, 200, 200]
+    np.testing.assert_allclose(found.point[:, 0], [0.0, 0.01, 0.02], atol=5e-4)
+    assert len(_jumping((200, 0.0), (200, 0.01), status=Status.AMBIGUOUS)) == 1
+
+
+def test_a_point_that_slides_or_is_unknown_is_of_one_touch() -> None:
+    slide = _jumping(*((1, 0.0004 * k) for k in range(300)))  # 0.4 m/s
+    assert len(slide) == 1
+    assert slide.slid[0] == pytest.approx(0.08, rel=0.1)  # from one mean over 0.1 s to the next but one
+    point = np.zeros((300, 3))
+    point[100:, 0] = 0.1
+    estimate = _estimate(np.full(300, Status.CONTACT), point, np.ones(300))
+    unknown = replace(estimate, covariance=np.full((300, 3, 3), np.nan))
+    found = find_touches(np.arange(300) / RATE, unknown)
+    assert len(found) == 1
     assert np.isnan(found.deviation).all()
+
+
+def test_a_point_that_is_back_at_once_has_not_left() -> None:
+    found = _jumping((100, 0.0), (1, 0.02), (100, 0.0), (10, 0.02), (5, 0.04), (100, 0.02))
+    assert found.samples.tolist() == [200, 110]
+
+
+@pytest.mark.parametrize("turns", [0.0, 0.5, 3.0])
+def test_a_slide_on_a_curved_body_is_placed_on_it(turns: float) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi * turns, 4000)
+    point = 0.02 * np.stack([np.cos(angle), np.sin(angle), np.zeros(4000)], axis=1)
+    force = 1.0 + np.sin(np.linspace(0, np.pi, 4000))
+    found = find_touches(np.arange(4000) / RATE, _estimate(np.full(4000, Status.CONTACT), point, force))
+    assert np.linalg.norm(found.point, axis=1) == pytest.approx(0.02)
+    assert np.linalg.norm(found.paths[0][:, 1:], axis=1) == pytest.approx(np.full(40, 0.02))
 
 
 @pytest.mark.parametrize("count", [0, 1, 50])
@@ -154,9 +195,11 @@ def test_without_contact_there_are_no_touches(count: int) -> None:
 
 def test_values_are_frozen() -> None:
     found = find_touches(*_session())
-    for name in vars(found).keys() - {"features"}:
+    for name in vars(found).keys() - {"features", "paths"}:
         with pytest.raises(ValueError, match="read-only"):
             getattr(found, name)[0] = 0
+    with pytest.raises(ValueError, match="read-only"):
+        found.paths[0][0] = 0
     with pytest.raises(ValueError, match="read-only"):
         find(_two_at_once()).features["row"][0] = 0
 
@@ -205,9 +248,11 @@ def test_two_touches_at_once_are_two_events() -> None:
     np.testing.assert_allclose(found.slid, 0.0, atol=1e-15)
 
 
-def test_a_feature_is_the_mean_over_the_touch() -> None:
-    features = find(_two_at_once()).features
-    np.testing.assert_allclose(features["row"], [1.0, 4.0])
+def test_a_feature_is_that_of_the_largest_force() -> None:
+    contacts = _two_at_once()
+    stronger = contacts.estimate.force * np.where(contacts.time == 0.45, 2.0, 1.0)[:, None]
+    features = find(replace(contacts, estimate=replace(contacts.estimate, force=stronger))).features
+    np.testing.assert_allclose(features["row"], [1.0, 5.0])
     assert np.isnan(features["never"]).all()
 
 

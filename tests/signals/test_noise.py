@@ -8,7 +8,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.sensors.force_torque.model import ForceTorque
 from palpate.signals.filters import Butterworth
-from palpate.signals.noise import NoiseSpectrum, estimate_noise, rest_noise, wrong_noise
+from palpate.signals.noise import NoiseSpectrum, estimate_noise, log_noise, rest_noise, wrong_noise
 
 DEVIATIONS = np.array([0.02, 0.03, 0.05, 1e-3, 2e-3, 5e-4])
 RATE = 500.0  # Hz
@@ -33,7 +33,7 @@ def test_it_is_the_deviation_of_a_reading() -> None:
     readings = np.random.default_rng(3).normal(size=(40_000, 6)) * DEVIATIONS
     found = estimate_noise(readings)
     assert found is not None
-    np.testing.assert_allclose(found, DEVIATIONS, rtol=0.03)  # 40,000 readings tell it to 0.4 %
+    np.testing.assert_allclose(found.deviation, DEVIATIONS, rtol=0.03)  # 40,000 readings tell it to 0.4 %
 
 
 def test_readings_that_repeat_the_one_before_do_not_count() -> None:
@@ -41,7 +41,7 @@ def test_readings_that_repeat_the_one_before_do_not_count() -> None:
     once, thrice = estimate_noise(readings), estimate_noise(np.repeat(readings, 3, axis=0))
     assert once is not None
     assert thrice is not None
-    np.testing.assert_array_equal(once, thrice)
+    np.testing.assert_array_equal(once.deviation, thrice.deviation)
 
 
 @pytest.mark.parametrize("step", [0.0, 1.0, 4.0])  # of the resolution, in deviations
@@ -52,7 +52,7 @@ def test_touches_do_not_count_for_half_of_the_time(step: float) -> None:
     found = estimate_noise(readings)
     assert found is not None
     # the error of a quantised reading adds q^2/12; four deviations a step hardly show the noise below it
-    np.testing.assert_allclose(found, DEVIATIONS * (1 + step**2 / 12) ** 0.5, rtol=0.2)
+    np.testing.assert_allclose(found.deviation, DEVIATIONS * (1 + step**2 / 12) ** 0.5, rtol=0.2)
 
 
 def test_a_hand_that_trembles_does_not_count() -> None:
@@ -62,13 +62,65 @@ def test_a_hand_that_trembles_does_not_count() -> None:
     readings = rng.normal(size=(20_000, 6)) * DEVIATIONS * np.where(trembling, 10.0, 1.0)[:, None]
     found = estimate_noise(readings)
     assert found is not None
-    np.testing.assert_allclose(found, DEVIATIONS, rtol=0.05)  # 10,000 readings tell it to 0.7 %
+    np.testing.assert_allclose(found.deviation, DEVIATIONS, rtol=0.05)  # 10,000 readings tell it to 0.7 %
+
+
+@pytest.mark.parametrize(("pressed", "free"), [(5, 10), (8, 16), (10, 10), (16, 16), (20, 20), (32, 32), (60, 60)])
+@pytest.mark.parametrize("held", [False, True])
+def test_presses_that_follow_each_other_quickly_do_not_count(pressed: int, free: int, held: bool) -> None:
+    """Sines or steps of 75 to 250 deviations in a direction of their own each, in place of a window at rest."""
+    rng = np.random.default_rng(pressed)
+    phase = (np.arange(6000) + rng.integers(100)) % (pressed + free)
+    shape = np.ones(6000) if held else np.sin(np.pi * (phase + 0.5) / pressed)
+    size = rng.uniform(75.0, 250.0, (6000, 6)) * rng.choice([-1.0, 1.0], (6000, 6))
+    presses = np.where(phase < pressed, shape, 0.0)[:, None] * size[np.arange(6000) // (pressed + free)]
+    found = estimate_noise((rng.normal(size=(6000, 6)) + presses) * DEVIATIONS)
+    assert found is not None
+    np.testing.assert_allclose(found.deviation, DEVIATIONS, rtol=0.25)
+
+
+def _turned(angle: np.ndarray) -> np.ndarray:
+    """Quaternions of turns [rad] about x, in which the weight acts along y and z."""
+    return np.stack([np.sin(angle / 2), *np.zeros((2, len(angle))), np.cos(angle / 2)], axis=1)
+
+
+def test_differences_between_poses_are_no_noise() -> None:
+    rng, time = np.random.default_rng(9), np.arange(200) / 10.0
+    angle = rng.uniform(-3.0, 3.0, 200)
+    weight = np.zeros((200, 6))
+    weight[:, 1], weight[:, 2] = 30.0 * np.sin(angle), 30.0 * np.cos(angle)
+    found, why = log_noise(time, weight + rng.normal(size=(200, 6)) * DEVIATIONS, _turned(angle))
+    assert found is None
+    assert "another orientation" in why
+
+
+@pytest.mark.parametrize("rate", [100.0, 500.0])
+@pytest.mark.parametrize("rests", [False, True])
+def test_an_arm_that_moves_with_its_load_has_the_noise_of_its_sensor(rate: float, rests: bool) -> None:
+    """A weight of 10 N that is compensated to 5 %, turned by up to 60 degrees a second."""
+    rng, time = np.random.default_rng(10), np.arange(8000) / rate
+    angle = np.sin(np.where(rests & (time < 1000 / rate), 0.0, time))
+    wrenches = rng.normal(size=(8000, 6)) * DEVIATIONS
+    wrenches[:, 1] += 0.5 * np.sin(angle)
+    wrenches[:, 2] += 0.5 * np.cos(angle)
+    found, where = log_noise(time, wrenches, _turned(angle))
+    assert found is not None
+    np.testing.assert_allclose(found.deviation, DEVIATIONS, rtol=0.25)
+    assert ("rests" in where) == rests
+
+
+@pytest.mark.parametrize("channels", [[2], [0, 1, 2, 3, 4, 5]])
+def test_a_channel_that_never_changes_has_no_noise(channels: list[int]) -> None:
+    readings = np.random.default_rng(11).normal(size=(500, 6)) * DEVIATIONS
+    readings[:, channels] = 0.0
+    assert log_noise(np.arange(500) / RATE, readings) == (None, f"{len(channels)} of 6 channels never change")
 
 
 def test_noise_as_one_over_f_passes_a_filter_as_its_spectrum_says() -> None:
     noise, made = shaped(40_000, 5.0), Butterworth(10.0)
     found = rest_noise(touched(noise))
     assert found is not None
+    assert found.spectrum is not None
     power = np.abs(np.fft.rfft(noise, axis=0)) ** 2
     left = made.gain(np.fft.rfftfreq(len(noise), 1 / RATE), RATE) ** 2 @ power / power.sum(axis=0)
     # what wanders over 80 s is seen in half of it, in a handful of independent swings: 30 % of a variance

@@ -188,8 +188,9 @@ def _averaged(
     times = time[: count * each].reshape(count, each)
     forces = wrenches[: count * each, :3].reshape(count, each, 3)
     whole = np.isfinite(forces).all(axis=(1, 2)) & (np.abs(times[:, -1] - times[:, 0]) <= 2 * each * usual)
-    found = estimate_noise(wrenches) if noise is None else noise
-    floor = 0.0 if found is None else float(np.mean(found[:3])) / each**0.5
+    seen = estimate_noise(wrenches) if noise is None else None
+    deviation = noise if seen is None else seen.deviation
+    floor = 0.0 if deviation is None else float(np.mean(deviation[:3])) / each**0.5
     floor = max(floor, 1e-6) if noise is None else floor
     return _Problem(track, times[whole].mean(axis=1), forces[whole].mean(axis=1), known, each, floor)
 

@@ -10,7 +10,7 @@ from tyro.conf import arg
 from palpate.console.console import Quantity, in_full, lines, note, table, title
 from palpate.console.options import ContactsFile, FileOption
 from palpate.contact.events import Events
-from palpate.contact.touch_finder import TouchFinder
+from palpate.contact.touch_finder import GAP, SHORTEST, SPEED, TouchFinder
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs
 from palpate.files.contacts import contact_blocks
@@ -27,25 +27,27 @@ def events(
     contacts: ContactsFile,
     /,
     output: Annotated[FileOption, arg(aliases=["-o"])] = None,
-    gap: Annotated[float, arg(metavar="X")] = 0.05,
-    shortest: Annotated[float, arg(metavar="X")] = 0.02,
+    gap: Annotated[float, arg(metavar="X")] = GAP,
+    shortest: Annotated[float, arg(metavar="X")] = SHORTEST,
+    speed: Annotated[float, arg(metavar="X")] = SPEED,
 ) -> None:
     """List touches: start, end, peak force, contact point.
 
     Args:
         contacts: written by `palpate estimate`: CSV, Parquet or MCAP.
         output: touches.csv to write, as `palpate evaluate` reads it: start,end,px,py,pz,label and more, SI.
-        gap: seconds; an interruption that is shorter does not end a touch.
+        gap: seconds from one sample in contact to the next; if they are further apart, the touch has ended.
         shortest: seconds that a touch lasts at least.
+        speed: metres per second; a point that moves faster, and by more than its noise, is of another touch.
 
     Raises:
         InputError: an option is negative, or a file cannot be read or written.
     """
-    if not (gap >= 0 and shortest >= 0):
-        raise InputError("seconds must not be negative.", where="--gap, --shortest")
+    if not (gap >= 0 and shortest >= 0 and speed >= 0):
+        raise InputError("seconds and speed must not be negative.", where="--gap, --shortest, --speed")
     if output is not None:
         keep_inputs(output, [contacts])
-    finder, rows, notes = TouchFinder(gap=gap, shortest=shortest), 0, dict[str, None]()
+    finder, rows, notes = TouchFinder(gap=gap, shortest=shortest, speed=speed), 0, dict[str, None]()
     for block in contact_blocks(contacts):
         finder.add(block)
         rows += len(block)

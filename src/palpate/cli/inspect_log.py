@@ -214,7 +214,8 @@ def _orientation(kept: Recording, there: LogContents) -> str:
 
 def _say_ranges(kept: Recording, ranges: _Ranges) -> None:
     values = _flat(kept, ranges.channels)
-    noise = estimate_noise(values)
+    seen = estimate_noise(values)
+    noise = None if seen is None else seen.deviation
     medians = [median(column) for column in values.T]
     header = ("", "least", "median", "most", "noise", "missing")
     if len(medians) <= _MOST:

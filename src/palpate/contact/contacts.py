@@ -251,14 +251,15 @@ class Contacts(Value):
         """
         return self.with_estimate(self.estimate.in_frame(pose))
 
-    def touches(self, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
+    def touches(self, *, gap: float = 0.05, shortest: float = 0.02, speed: float = 0.5) -> Events:
         """Return the touches as `Events`: start, end, point, peak force and more of each.
 
         Args:
-            gap: [s]; answered samples of one identity closer than this plus 1.5 sample steps are one touch.
+            gap: [s] between answered samples of one identity that ends a touch, if a sample is missing between.
             shortest: [s]; a touch that lasts less is left out.
+            speed: [m/s]; a point that moves faster, and by more than 5 standard deviations, is of another touch.
         """
-        return by_name("palpate.contact.touch_finder.find_touches")(self, gap=gap, shortest=shortest)
+        return by_name("palpate.contact.touch_finder.find_touches")(self, gap=gap, shortest=shortest, speed=speed)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Contacts:

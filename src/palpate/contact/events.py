@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType, SimpleNamespace
 
@@ -18,7 +18,7 @@ __all__ = ["Events", "largest_deviation"]
 
 @called_as("contacts.touches()[0]", contacts="contacts[(contacts.time >= touch.start) & (contacts.time <= touch.end)]")
 class Touch(SimpleNamespace):
-    """A single touch of `Events`: the same attributes, numbers and vectors, and its `duration` [s]."""
+    """A single touch of `Events`: the same attributes, numbers and vectors, its `path` and its `duration` [s]."""
 
 
 @takes_arrays
@@ -29,11 +29,9 @@ class Events(Value):
     Attributes:
         start: (k,) [s] of the first answered sample.
         end: (k,) [s] of the last.
-        point: (k, 3) [m] mean of the answered points, weighted by one over the trace of their covariances, equally if
-            none has one; off the surface if a touch slid far on a curved body.
-        covariance: (k, 3, 3) [m^2] the same mean of the covariances, not divided by their number, because systematic
-            errors (payload, mounting, filter) do not average out.
-        normal: (k, 3) outward unit normal: direction of the mean.
+        point: (k, 3) [m] in the sample with the largest force.
+        covariance: (k, 3, 3) [m^2] of that point.
+        normal: (k, 3) outward unit normal there.
         peak_force: (k,) [N] largest length of the force.
         peak_time: (k,) [s] time of the largest force.
         mean_force: (k,) [N] mean length of the force.
@@ -41,7 +39,8 @@ class Events(Value):
         samples: (k,) number of answered samples.
         ambiguous: (k,) share of them whose status is AMBIGUOUS.
         identity: (k,) of the contact; 0 if a sensor has one at a time.
-        features: name -> (k,) mean of the values that the sensor adds; NaN if no sample has it.
+        paths: k arrays (m, 4): time [s] and point [m] of the sample with the largest force in each 0.1 s of a touch.
+        features: name -> (k,) value that the sensor adds, in the sample with the largest force; NaN if it has none.
 
     Raises:
         InputError: arrays of other or different shapes.
@@ -59,12 +58,15 @@ class Events(Value):
     samples: Int[np.ndarray, " k"]
     ambiguous: Float[np.ndarray, " k"]
     identity: Int[np.ndarray, " k"]
+    paths: Sequence[Float[np.ndarray, "_ 4"]]
     features: Mapping[str, Float[np.ndarray, " k"]] = field(default_factory=lambda: {})
 
     def __post_init__(self) -> None:
         features = MappingProxyType({name: frozen(values) for name, values in self.features.items()})
+        paths = tuple(frozen(path) for path in self.paths)
         for name, value in vars(self).items():
-            object.__setattr__(self, name, features if name == "features" else frozen(value, dtype=value.dtype))
+            made = {"features": features, "paths": paths}.get(name)
+            object.__setattr__(self, name, frozen(value, dtype=value.dtype) if made is None else made)
 
     def __len__(self) -> int:
         return len(self.start)
@@ -75,9 +77,10 @@ class Events(Value):
         Raises:
             IndexError: there is no touch with this index.
         """
-        columns = {name: value[which] for name, value in vars(self).items() if name != "features"}
+        columns = {name: value[which] for name, value in vars(self).items() if name not in ("features", "paths")}
         features = {name: value[which] for name, value in self.features.items()}
-        return Touch(**columns, features=features, duration=self.end[which] - self.start[which])
+        duration = self.end[which] - self.start[which]
+        return Touch(**columns, path=self.paths[which], features=features, duration=duration)
 
     @property
     def deviation(self) -> Float[np.ndarray, " k"]:

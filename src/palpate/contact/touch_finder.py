@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -14,39 +15,53 @@ from palpate.signals.recording import LARGEST
 
 __all__ = ["TouchFinder", "find_touches"]
 
+GAP, SHORTEST = 0.05, 0.02  # s
+SPEED = 0.5  # m/s
 WINDOW = 0.1  # s over which points are averaged before it is asked how far they moved
+NEAR = 5.0  # standard deviations that a point moves by noise at most
 LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 LEAST = 1e-24  # m^2: below any spread of a point
 FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in that
+BLOCK = 65_536  # contacts at a time, for the memory that they take
 
 
-def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
+def find_touches(contacts: Contacts, *, gap: float = GAP, shortest: float = SHORTEST, speed: float = SPEED) -> Events:
     """Return the touches among contacts as `Events`.
 
     Args:
         contacts: of any sensor.
-        gap: [s]; answered samples of one identity closer than this plus 1.5 sample steps are one touch.
+        gap: [s] between answered samples of one identity that ends a touch, if at least one sample is missing between.
         shortest: [s]; a touch that lasts less is left out.
+        speed: [m/s]; a point that moves faster, and by more than 5 standard deviations, is of another touch.
     """
-    finder = TouchFinder(gap=gap, shortest=shortest)
-    finder.add(contacts)
+    finder = TouchFinder(gap=gap, shortest=shortest, speed=speed)
+    for start in range(0, len(contacts), BLOCK):
+        finder.add(contacts[start : start + BLOCK])
     return finder.touches()
 
 
 class _Span:
-    """Columns of the times of a sample, window or touch."""
+    """Columns of a sample, window or touch, before its features."""
 
     start = 0
     end = 1
-    peak = 2  # the largest force
-    at = 3  # when that was
-    identity = 4
-    row = 5  # of the first, among all rows
-    length = 6
+    identity = 2
+    row = 3  # of the first, among all rows
+    first = slice(4, 8)  # point of the first sample and the trace of its covariance; inf: may be anywhere
+    last = slice(8, 12)
+    peak = 12  # the largest force; the following columns are of its sample
+    time = 13
+    point = slice(14, 17)
+    normal = slice(17, 20)
+    covariance = slice(20, 29)
+    length = 29
+
+
+_OF_LAST, _OF_PEAK, _OF_PATH = np.r_[_Span.end, _Span.last], slice(_Span.peak, None), np.r_[_Span.time, _Span.point]
 
 
 class _Sum:
-    """Columns of sums, before the sum of each feature and the number of samples that have it."""
+    """Columns of sums."""
 
     count = 0
     ambiguous = 1
@@ -54,21 +69,23 @@ class _Sum:
     weight = 3
     weighted = slice(4, 7)  # point
     plain = slice(7, 10)  # point
-    covariance = slice(10, 19)  # weighted
-    normal = slice(19, 22)
-    length = 22
 
 
 class TouchFinder:
     """Finder of touches in contacts that come block by block; ten rows of sums per second and identity are kept.
 
+    A touch ends where no sample of its identity is answered for `gap`, or where its point jumps. A point that jumps and
+    is back within `gap` has not left its touch.
+
     Args:
-        gap: [s]; answered samples of one identity closer than this plus 1.5 sample steps are one touch.
+        gap: [s] between answered samples of one identity that ends a touch, if at least one sample is missing between.
         shortest: [s]; a touch that lasts less is left out.
+        speed: [m/s]; a point that moves faster, and by more than 5 standard deviations, is of another touch. A sample
+            that is ambiguous or has no covariance may lie anywhere.
     """
 
-    def __init__(self, *, gap: float = 0.05, shortest: float = 0.02) -> None:
-        self._gap, self._shortest = gap, shortest
+    def __init__(self, *, gap: float = GAP, shortest: float = SHORTEST, speed: float = SPEED) -> None:
+        self._gap, self._shortest, self._speed = gap, shortest, speed
         self._last = np.empty(0)
         self._steps: list[float] = []
         self._rows, self._features = 0, dict[str, None]()
@@ -89,28 +106,34 @@ class TouchFinder:
             rows = rows[np.argsort(contacts.identity[rows], kind="stable")]
             spans, sums = _samples(contacts[rows], tuple(self._features))
             spans[:, _Span.row] = self._rows + rows
-            firsts = _firsts(_changes(spans) | (np.abs(np.diff(spans[:, _Span.start])) >= self._gap), len(spans))
+            firsts = _firsts(_changes(spans) | _parted(spans[:-1], spans[1:], self._gap, self._speed), len(spans))
             self._windows.append((_merged(spans, firsts), _added(sums, firsts)))
         self._rows += len(time)
 
     def touches(self) -> Events:
         """Return the touches of all samples so far as `Events`."""
-        width = _Sum.length + 2 * len(self._features)
-        spans = np.concatenate([np.empty((0, _Span.length)), *(spans for spans, _ in self._windows)])
-        sums = np.concatenate([np.empty((0, width)), *(_widened(sums, width) for _, sums in self._windows)])
+        spans = np.full((sum(len(spans) for spans, _ in self._windows), _Span.length + len(self._features)), np.nan)
+        row = 0
+        for part, _ in self._windows:  # earlier ones may lack features
+            spans[row : row + len(part), : part.shape[1]] = part
+            row += len(part)
+        sums = np.concatenate([np.empty((0, _Sum.plain.stop)), *(sums for _, sums in self._windows)])
         order = np.argsort(spans[:, _Span.identity], kind="stable")
         spans, sums = spans[order], sums[order]
-        step = float(np.median(self._steps)) if self._steps else 0.0
-        ends = np.abs(spans[1:, _Span.start] - spans[:-1, _Span.end]) >= self._gap + 1.5 * step
-        ends |= np.diff(spans[:, _Span.identity]) != 0
+        gap = max(self._gap, 1.5 * float(np.median(self._steps)) if self._steps else 0.0)
+        ends = _parted(spans[:-1], spans[1:], gap, self._speed)
         windows = _firsts(ends | _changes(spans), len(spans))  # blocks cut some in two
-        touches = _firsts(ends, len(spans))
-        spans, sums, firsts = _merged(spans, windows), _added(sums, windows), np.searchsorted(windows, touches)
-        slid = _reach(sums, firsts)
+        pieces = np.searchsorted(windows, _firsts(ends, len(spans)))
+        spans, sums = _merged(spans, windows), _added(sums, windows)
+        touch = np.repeat(_returned(_merged(spans, pieces), gap, self._speed), np.diff(pieces, append=len(spans)))
+        order = np.argsort(touch, kind="stable")
+        spans, sums = spans[order], sums[order]
+        firsts = _firsts(np.diff(touch[order]) != 0, len(spans))
+        slid, paths = _reach(sums, firsts), np.split(spans[:, _OF_PATH], firsts[1:])
         spans, sums = _merged(spans, firsts), _added(sums, firsts)
         order = np.argsort(spans[:, _Span.row])
         long = order[(spans[:, _Span.end] - spans[:, _Span.start] >= self._shortest)[order]]
-        return _events(spans[long], sums[long], slid[long], tuple(self._features))
+        return _events(spans[long], sums[long], slid[long], [paths[k] for k in long], tuple(self._features))
 
 
 def _firsts(ends: Bool[np.ndarray, " m"], count: int) -> Int[np.ndarray, " k"]:
@@ -119,55 +142,59 @@ def _firsts(ends: Bool[np.ndarray, " m"], count: int) -> Int[np.ndarray, " k"]:
 
 
 def _changes(spans: Float[np.ndarray, "n s"]) -> Bool[np.ndarray, " m"]:
-    """Return a mask of the rows after which another window of time or identity begins."""
-    later = np.diff(np.floor(spans[:, _Span.start] / WINDOW)) != 0
-    return later | (np.diff(spans[:, _Span.identity]) != 0)
+    """Return a mask of the rows after which another window of time begins."""
+    return np.diff(np.floor(spans[:, _Span.start] / WINDOW)) != 0
 
 
-def _widened(sums: Float[np.ndarray, "n w"], width: int) -> Float[np.ndarray, "n v"]:
-    """Return sums with zeros for features that came later."""
-    had, have = (sums.shape[1] - _Sum.length) // 2, (width - _Sum.length) // 2
-    if had == have:
-        return sums
-    wide = np.zeros((len(sums), width))
-    wide[:, : _Sum.length + had] = sums[:, : _Sum.length + had]
-    wide[:, _Sum.length + have : _Sum.length + have + had] = sums[:, _Sum.length + had :]
-    return wide
+def _parted(
+    before: Float[np.ndarray, "m s"], after: Float[np.ndarray, "m s"], gap: float, speed: float
+) -> Bool[np.ndarray, " m"]:
+    """Return whether each span of `after` is of another touch than that of `before`: identity, time or place."""
+    took = np.abs(after[:, _Span.start] - before[:, _Span.end])
+    first, last = after[:, _Span.first], before[:, _Span.last]
+    moved = np.linalg.norm(first[:, :3] - last[:, :3], axis=1)
+    jumped = moved > speed * took + NEAR * np.sqrt(first[:, 3] + last[:, 3])
+    return (took >= gap) | jumped | (after[:, _Span.identity] != before[:, _Span.identity])
+
+
+def _returned(pieces: Float[np.ndarray, "p s"], gap: float, speed: float) -> Int[np.ndarray, " p"]:
+    """Return the number of each piece's touch: that of the last but one if its point is back there."""
+    touch = np.arange(len(pieces))
+    for k in np.flatnonzero(~_parted(pieces[:-2], pieces[2:], gap, speed)):
+        touch[k + 2] = touch[k]
+    return touch
 
 
 def _samples(
     contacts: Contacts, features: tuple[str, ...]
 ) -> tuple[Float[np.ndarray, "n s"], Float[np.ndarray, "n w"]]:
-    """Return the times of each answered contact, and its terms in the sums."""
+    """Return the columns of each answered contact, and its terms in the sums."""
     estimate, count = contacts.estimate, len(contacts)
     strength = np.linalg.norm(estimate.force, axis=1)
-    spans = np.stack([contacts.time] * 2 + [strength, contacts.time, contacts.identity, np.zeros(count)], axis=1)
+    ambiguous, point = estimate.status == Status.AMBIGUOUS, estimate.point
     covariance = estimate.covariance.reshape(-1, 9)
     trace = covariance[:, ::4].sum(axis=1, where=np.abs(covariance[:, ::4]) <= LARGEST)
     known = (np.abs(covariance) <= LARGEST).all(axis=1) & (trace > LEAST)
     weight = np.where(known, 1 / np.where(known, trace, 1.0), 0.0)
-    added = np.full((count, len(features)), np.nan)
-    for column, name in enumerate(features):
-        added[:, column] = contacts.features.get(name, np.nan)
-    felt = np.abs(added) <= LARGEST
-    numbers = np.stack([np.ones(count), estimate.status == Status.AMBIGUOUS, strength, weight], axis=1)
-    weighted, plain, normal = weight[:, None] * estimate.point, estimate.point, estimate.normal
-    spreads = weight[:, None] * np.where(known[:, None], covariance, 0.0)
-    # in the order of `_Sum`
-    return spans, np.concatenate([numbers, weighted, plain, spreads, normal, np.where(felt, added, 0.0), felt], axis=1)
+    end = np.column_stack([point, np.where(known & ~ambiguous, trace, np.inf)])
+    spread = np.where(known[:, None], covariance, np.nan)
+    times, unknown = [contacts.time] * 2, np.full(count, np.nan)
+    added = [contacts.features.get(name, unknown) for name in features]
+    at_peak = [strength, contacts.time, point, estimate.normal, spread, *added]
+    spans = np.column_stack([*times, contacts.identity, np.zeros(count), end, end, *at_peak])  # as in `_Span`
+    return spans, np.column_stack([np.ones(count), ambiguous, strength, weight, weight[:, None] * point, point])
 
 
 def _merged(spans: Float[np.ndarray, "n s"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k s"]:
-    """Return start, end, largest force and its time, identity and first row of each group."""
+    """Return the columns of each group of samples or windows."""
     if not len(firsts):
-        return np.empty((0, _Span.length))
+        return spans
     group = np.repeat(np.arange(len(firsts)), np.diff(np.append(firsts, len(spans))))
     order = np.lexsort((-spans[:, _Span.peak], group))  # the strongest of each group comes where the group begins
-    peaks = [_Span.peak, _Span.at]
     lasts = np.append(firsts[1:], len(spans)) - 1
     merged = spans[firsts]
-    merged[:, _Span.end] = spans[lasts, _Span.end]
-    merged[:, peaks] = spans[order[firsts]][:, peaks]
+    merged[:, _OF_LAST] = spans[lasts][:, _OF_LAST]
+    merged[:, _OF_PEAK] = spans[order[firsts]][:, _OF_PEAK]
     return merged
 
 
@@ -198,26 +225,23 @@ def _events(
     spans: Float[np.ndarray, "k s"],
     sums: Float[np.ndarray, "k w"],
     slid: Float[np.ndarray, " k"],
+    paths: Sequence[Float[np.ndarray, "_ 4"]],
     names: tuple[str, ...],
 ) -> Events:
-    weight, count = sums[:, _Sum.weight, None], sums[:, _Sum.count]
-    covariance = np.where(weight > 0, sums[:, _Sum.covariance], np.nan) / np.where(weight > 0, weight, 1.0)
-    normal = sums[:, _Sum.normal]
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    added, felt = np.split(sums[:, _Sum.length :], 2, axis=1)
-    means = np.where(felt > 0, added, np.nan) / np.where(felt > 0, felt, 1.0)
+    count = sums[:, _Sum.count]
     return Events(
         start=spans[:, _Span.start],
         end=spans[:, _Span.end],
-        point=_place(sums),
-        covariance=covariance.reshape(-1, 3, 3),
-        normal=np.where(length > 0, normal, np.nan) / np.where(length > 0, length, 1.0),
+        point=spans[:, _Span.point],
+        covariance=spans[:, _Span.covariance].reshape(-1, 3, 3),
+        normal=spans[:, _Span.normal],
         peak_force=spans[:, _Span.peak],
-        peak_time=spans[:, _Span.at],
+        peak_time=spans[:, _Span.time],
         mean_force=sums[:, _Sum.force] / count,
         slid=slid,
         samples=count.astype(np.int64),
         ambiguous=sums[:, _Sum.ambiguous] / count,
         identity=spans[:, _Span.identity].astype(np.int64),
-        features=dict(zip(names, means.T, strict=True)),
+        paths=tuple(paths),
+        features=dict(zip(names, spans[:, _Span.length :].T, strict=True)),
     )

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from numpy.lib.stride_tricks import sliding_window_view
 
 from palpate.errors import InputError
 from palpate.signals.filters import Filter
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "resolution_of", "rest_noise", "wrong_noise"]
+__all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "log_noise", "resolution_of", "rest_noise", "wrong_noise"]
 
 WINDOW = 32  # samples in which a log is steady or is not
+SHORT, STRIDE = 8, 2  # samples of a window between quick presses, and from one to the next
+SHORT_SPREAD = 6.3  # `SPREAD` of as few samples, times their median, which edges of presses hardly move
+SHORT_MEDIAN = 0.891  # median over mean of the variance in them
+PRESSED = 1.5  # times the deviation of short windows: longer ones hold presses or motion
+FEW, MANY = 0.05, 0.9  # of the short windows are quiet between presses; of a slow hum all are
+AROUND, FREE, HOME = 250, 1.5, 0.3  # quiet windows about one, deviations from its level, their share: the free level
 FEWEST = 10  # samples for an estimate
 QUIET = 0.1  # of the windows are taken as quiet, to begin with
 SPREAD = 2.5  # times the variance of the quiet ones: of noise alone, one window in 100,000 has more
@@ -23,6 +31,7 @@ NEAR = 5.0  # standard deviations: a contact begins at ten
 SEGMENTS = 8  # that a spectrum is averaged over, at least
 LONGEST = 2048  # samples of a segment
 HARMONICS = 3  # of the error of a quantised reading; the next is below 1 % of its variance
+STILL, POSES = 2.0, 1.0  # degrees a second of a sensor at rest, degrees a sample of a log of poses
 WRONG = 2.0  # times too large or too small: reported
 
 
@@ -82,30 +91,34 @@ class NoiseSpectrum(Value):
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Noise(Value):
-    """Noise of a log at rest.
+    """Noise of a log.
 
     Args:
-        deviation: (c,) standard deviation of one reading [unit of the channel], drift within the log included.
-        spectrum: of the noise.
+        deviation: (c,) standard deviation of one reading [unit of the channel].
+        samples: number of samples that it comes from.
+        spectrum: of the noise; None: taken as white.
     """
 
     deviation: Float[np.ndarray, " c"]
-    spectrum: NoiseSpectrum
+    samples: int
+    spectrum: NoiseSpectrum | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "deviation", frozen(self.deviation))
 
 
 @takes_arrays
-def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"] | None:
-    """Return the standard deviation (k,) of one reading in the quiet parts of a log; None for under ten finite samples.
+def estimate_noise(readings: Float[np.ndarray, "n k"], *, moving: bool = False) -> Noise | None:
+    """Return the `Noise` of one reading in the quiet parts of a log, as white; None for under ten finite samples.
 
     The log is cut into windows of 32 samples, each less its own straight line. Quiet are the quietest tenth of them,
-    and those of at most 2.5 times the mean variance of the quiet ones. With a resolution q, the answer is q / sqrt(12)
-    or more.
+    and those of at most 2.5 times the mean variance of the quiet ones. If windows of 8 samples have less than a third
+    of that deviation and many lie at one level, presses follow each other within 32 samples, and the short windows
+    count. With a resolution q, the deviation is q / sqrt(12) or more.
 
     Args:
         readings: (n, k) of k channels, as logged.
+        moving: the sensor moves with a load, so short windows count at any level.
 
     Raises:
         InputError: readings has another shape.
@@ -113,13 +126,14 @@ def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
     usable = _unheld(readings[np.isfinite(readings).all(axis=1)])
     if len(usable) < FEWEST:
         return None
-    _, variance, quiet = _judged(usable)
-    return _deviation(variance, quiet, resolution_of(usable))
+    windows, variance, quiet = _judged(usable)
+    deviation, samples = _deviation(variance, quiet, resolution_of(usable)), quiet.all(axis=1).sum() * windows.shape[1]
+    return _between_presses(usable, deviation, moving=moving) or Noise(deviation, int(samples))
 
 
 @takes_arrays
 def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> Noise | None:
-    """Return the `Noise` of a log where it rests at one level; None where it hardly does.
+    """Return the `Noise` of a log where it rests at one level, drift included; None where it hardly does.
 
     Rest is where every channel is quiet (`estimate_noise`) and within 5 standard deviations of the level before.
     Periodograms [welch] of the parts at rest give the noise within a segment; the variance of the segments' means is
@@ -144,7 +158,7 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
     segments = _segments(usable, resting, window)
     if segments is None:
         return None
-    length = segments.shape[1]
+    count, length = segments.shape[:2]
     taper = np.hanning(length)
     middle = segments.mean(axis=1, keepdims=True)
     left = segments - middle if wander else _straightened(segments)
@@ -160,7 +174,70 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
     power = np.concatenate([(total - moves * within)[None], density * moves])
     power[0, total <= 0] = 1.0
     frequency = np.fft.rfftfreq(length)
-    return Noise(np.sqrt(total), NoiseSpectrum(frequency, power / np.where(total > 0, total, 1.0)))
+    spectrum = NoiseSpectrum(frequency, power / np.where(total > 0, total, 1.0))
+    return Noise(np.sqrt(total), count * length, spectrum)
+
+
+@takes_arrays
+def log_noise(
+    time: Float[np.ndarray, " n"],
+    wrenches: Float[np.ndarray, "n 6"],
+    quaternions: Float[np.ndarray, "n 4"] | None = None,
+    *,
+    wander: bool = True,
+) -> tuple[Noise | None, str]:
+    """Return the `Noise` of a log of wrenches and where it comes from, or None and why it cannot be known.
+
+    Where orientations are known, only samples count in which the sensor turns by less than 2 degrees a second; if there
+    are hardly any, the windows of `estimate_noise` count while it moves. The noise cannot be known if the sensor turns
+    by more than a degree from one sample to the next, or if a channel never changes.
+
+    Args:
+        time: (n,) [s].
+        wrenches: (n, 6) [N, N m], without the payload if that is known; NaN in unusable samples.
+        quaternions: (n, 4) sensor in base, x, y, z, w; None: not known.
+        wander: count drift of the zero, as in `rest_noise`.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
+    usable = np.isfinite(wrenches).all(axis=1)
+    found: Noise | None = None
+    where, moving = "where it rests", False
+    if quaternions is not None and len(time) > SHORT:
+        still = _still(time, quaternions)
+        moving = bool(np.count_nonzero(still & usable) < min(20 * WINDOW, np.count_nonzero(usable)))
+        if moving and np.nanmedian(_angles(quaternions, 1)) > POSES:
+            return None, "each sample has another orientation, so differences between poses hide it"
+        usable = usable if moving else usable & still
+    readings = wrenches[usable]
+    found = None if moving else rest_noise(readings, wander=wander)
+    if found is None:
+        where = "while the sensor moves, taken as white" if moving else "in its quiet parts, taken as white"
+        found = estimate_noise(readings, moving=moving)
+    if found is None:
+        return None, f"{len(readings)} samples are usable, and it needs {FEWEST}"
+    if not found.deviation.all():
+        return None, f"{np.count_nonzero(found.deviation == 0)} of 6 channels never change"
+    return found, where
+
+
+def _still(time: Float[np.ndarray, " n"], quaternions: Float[np.ndarray, "n 4"]) -> Bool[np.ndarray, " n"]:
+    """Return the samples in which the sensor hardly turns, in complete windows of 32, or all where it never turns."""
+    over: Float[np.ndarray, " m"] = np.abs(time[SHORT:] - time[:-SHORT])
+    slow = _angles(quaternions, SHORT) < np.minimum(STILL * over, STILL)
+    if slow.all():
+        return np.ones(len(time), dtype=np.bool_)
+    still = np.zeros(len(time), dtype=np.bool_)
+    for start, end in np.flatnonzero(np.diff(slow, prepend=False, append=False)).reshape(-1, 2).tolist():
+        still[start : end - (end - start) % WINDOW] = True
+    return still
+
+
+def _angles(quaternions: Float[np.ndarray, "n 4"], step: int) -> Float[np.ndarray, " m"]:
+    """Return the angles [degrees] between orientations that are `step` samples apart."""
+    cosine = np.abs(np.sum(quaternions[step:] * quaternions[:-step], axis=1))
+    return np.rad2deg(2.0 * np.arccos(np.minimum(cosine, 1.0)))
 
 
 @takes_arrays
@@ -206,16 +283,45 @@ def _judged(
     windows = readings[: count * length].reshape(count, length, readings.shape[1])
     variance = np.sum(_straightened(windows) ** 2, axis=1) / (length - 2)
     least = np.maximum(resolution_of(readings) ** 2 / 12.0, 1e-30)
-    quiet = np.stack([_quiet(column) for column in (variance + least).T], axis=1)
+    quiet = np.stack([_quiet(column, SPREAD) for column in (variance + least).T], axis=1)
     whole = np.all(quiet, axis=1, keepdims=True)
     return windows, variance, np.repeat(whole, quiet.shape[1], axis=1) if whole.mean() >= QUIET else quiet
 
 
-def _quiet(variance: Float[np.ndarray, " w"]) -> Bool[np.ndarray, " w"]:
-    """Return the windows whose variance is like that of the quietest ones."""
+def _between_presses(
+    readings: Float[np.ndarray, "n k"], deviation: Float[np.ndarray, " k"], *, moving: bool = False
+) -> Noise | None:
+    """Return the noise of short windows where presses or motion fill the long ones; None where they do not.
+
+    It is so if the short windows have much less noise than `deviation`, some of them do not, and many of those that do
+    lie at one level, where the sensor is free; windows of a `moving` sensor may lie anywhere.
+    """
+    if len(readings) < 4 * SHORT:
+        return None
+    windows: Float[np.ndarray, "w l k"] = np.moveaxis(sliding_window_view(readings, SHORT, axis=0)[::STRIDE], 2, 1)
+    variance, resolution = np.sum(_straightened(windows) ** 2, axis=1) / (SHORT - 2), resolution_of(readings)
+    least = np.maximum(resolution**2 / 12.0, 1e-30)
+    quiet = np.all([_quiet(column, SHORT_SPREAD, np.median) for column in (variance + least).T], axis=0)
+    if not quiet.any():
+        return None
+    short = np.sqrt(np.maximum(np.median(variance[quiet], axis=0) / SHORT_MEDIAN, resolution**2 / 12.0))
+    if np.all(PRESSED * short > deviation) or not (moving or FEW <= quiet.mean() <= MANY):
+        return None
+    level = windows.mean(axis=1)[quiet] / np.maximum(short, 1e-30)
+    some = np.linspace(0, len(level) - 1, 100).astype(np.int64)
+    near = [np.abs(level[max(k - AROUND, 0) : k + AROUND] - level[k]).max(axis=1) < FREE for k in some]
+    if moving or np.quantile([each.mean() for each in near], 0.9) > HOME:
+        return Noise(short, STRIDE * int(np.count_nonzero(quiet)))
+    return None
+
+
+def _quiet(
+    variance: Float[np.ndarray, " w"], spread: float, middle: Callable[[np.ndarray], np.floating] = np.mean
+) -> Bool[np.ndarray, " w"]:
+    """Return the windows of at most `spread` times the mean variance of the quietest ones, or another `middle`."""
     quiet = variance <= np.quantile(variance, QUIET)
     while True:
-        more = variance <= SPREAD * variance[quiet].mean()
+        more = variance <= spread * middle(variance[quiet])
         if np.count_nonzero(more) <= np.count_nonzero(quiet):
             return quiet
         quiet = more
@@ -257,6 +363,8 @@ def _resting(
     windows, variance, quiet = _judged(readings)
     resting: Bool[np.ndarray, " w"] = np.asarray(np.all(quiet, axis=1))
     deviation = np.maximum(_deviation(variance, quiet, resolution), 1e-15)
+    if _between_presses(readings, deviation) is not None:
+        resting[:] = False
     level = windows.mean(axis=1) / (NEAR * deviation)
     among = np.flatnonzero(resting)
     if not len(among):

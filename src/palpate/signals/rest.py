@@ -61,8 +61,9 @@ def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] 
             hint="Let the log begin untouched, with an orientation if there is a payload; or tare over a longer time.",
         )
     deviation = usable.std(axis=0)
-    known = estimate_noise(usable) if noise is None else np.sqrt(np.diag(noise))
-    sigma = deviation if known is None else known
+    seen = estimate_noise(usable) if noise is None else None
+    known = deviation if seen is None else seen.deviation
+    sigma = known if noise is None else np.sqrt(np.diag(noise))
     first, second = np.array_split(usable, 2)
     drift = np.abs(second.mean(axis=0) - first.mean(axis=0))
     allowed = np.maximum(DRIFT * sigma * 2.0 / np.sqrt(len(usable)), LEAST_DRIFT * sigma)

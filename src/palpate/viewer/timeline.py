@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.contact.touch_finder import GAP, SHORTEST
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Timeline", "downsampled", "next_of", "since"]
 
 LATE = 1e6  # s: a log that begins later does not begin near 0
 _EPOCH = 1e9, 1e10  # s since 1970 that are a log's: 2001 to 2286
-GAP, SHORTEST = 0.05, 0.02  # s, as `palpate events` has them
 
 
 @takes_arrays
@@ -70,7 +70,7 @@ class Timeline:
         if not len(touched):
             return np.zeros((0, 2), dtype=np.int64)
         clock = self.clock[touched]
-        apart = np.flatnonzero(np.diff(clock) >= GAP + 1.5 * self.step)
+        apart = np.flatnonzero(np.diff(clock) >= max(GAP, 1.5 * self.step))
         first, last = np.append(0, apart + 1), np.append(apart, len(touched) - 1)
         long = clock[last] - clock[first] + self.step >= SHORTEST
         spans: Int[np.ndarray, "m 2"] = np.stack([touched[first[long]], touched[last[long]]], axis=1)

@@ -32,7 +32,7 @@ from palpate.setup.tables import RigForceTorque
 from palpate.setup.wrench import wrench_estimator
 from palpate.signals.acceleration import turned_from_gravity, wrong_acceleration
 from palpate.signals.motion import Motion
-from palpate.signals.noise import NoiseSpectrum, estimate_noise, rest_noise, wrong_noise
+from palpate.signals.noise import Noise, NoiseSpectrum, estimate_noise, log_noise, wrong_noise
 from palpate.signals.payload import Payload
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
 from palpate.signals.wrench_sensor import Measured
@@ -111,8 +111,12 @@ def stated_sensor(setup: Setup, recording: Recording | None = None) -> ForceTorq
         InputError: the rig has no [force_torque], its payload's file cannot be read, or the recording has no forces or
             torques, no positions although accelerations come from poses, or accelerations of another kind than stated.
     """
+    return _stated(setup, recording, None if recording is None else _noise_of(setup, recording)[0])
+
+
+def _stated(setup: Setup, recording: Recording | None, seen: Noise | None) -> ForceTorque:
     wrench = setup.of(ForceTorqueSection).table
-    deviation, spectrum = (None, None) if recording is None else _noise_of(setup, recording)
+    deviation, spectrum = (None, None) if seen is None else (seen.deviation, seen.spectrum)
     if wrench.noise is not None:
         deviation = wrench.noise.six()
         rate = setup.filter.rate or (None if recording is None else recording.rate())
@@ -147,21 +151,24 @@ def accelerated(setup: Setup, recording: Recording) -> bool:
 
 
 def _noise_warnings(setup: Setup, recording: Recording) -> list[str]:
-    if (stated := setup.of(ForceTorqueSection).table.noise) is None:
-        return []
-    seen, _ = _noise_of(setup, recording)
-    doubt = "" if seen is None else wrong_noise(stated.six(), seen)
+    stated = setup.of(ForceTorqueSection).table.noise is not None
+    return _wrong_noise(setup, _noise_of(setup, recording)[0]) if stated else []
+
+
+def _wrong_noise(setup: Setup, seen: Noise | None) -> list[str]:
+    stated = setup.of(ForceTorqueSection).table.noise
+    doubt = "" if stated is None or seen is None else wrong_noise(stated.six(), seen.deviation)
     return [doubt] if doubt else []
 
 
-def _noise_of(setup: Setup, recording: Recording) -> tuple[Float[np.ndarray, "6"] | None, NoiseSpectrum | None]:
-    """Return deviations (6,) and spectrum of the noise where a recording rests, else in its quiet parts."""
-    if setup.of(ForceTorqueSection).payload is None or ORIENTATION not in recording.channels:
+def _noise_of(setup: Setup, recording: Recording) -> tuple[Noise | None, str]:
+    """Return the noise of a recording without its payload, and where it comes from or why it is not known."""
+    quaternions = recording.channels.get(ORIENTATION)
+    if setup.of(ForceTorqueSection).payload is None or quaternions is None:
         wrenches = recording.wrenches()
-    else:  # without the payload, which moves with the arm and is not noise
-        wrenches = np.concatenate([part.wrench[part.status < 0] for part in _measured(setup, recording)])
-    rest = rest_noise(wrenches, wander=setup.drift is None)
-    return (estimate_noise(wrenches), None) if rest is None else (rest.deviation, rest.spectrum)
+    else:  # the payload moves with the arm and is not noise
+        wrenches = free_wrenches(setup, recording)
+    return log_noise(recording.time, wrenches, quaternions, wander=setup.drift is None)
 
 
 def _measured(setup: Setup, recording: Recording, limits: Float[np.ndarray, "6"] | None = None) -> Iterator[Measured]:
@@ -184,7 +191,9 @@ def compensation(setup: Setup, head: Recording | None) -> Compensation:
 
 def _build(setup: Setup) -> BuiltEstimator:
     table, head = setup.of(ForceTorqueSection).table, setup.head
-    stated, sensor = table.noise is not None, compensation(setup, head)
+    seen, where = (None, "there is no log") if head is None else _noise_of(setup, head)
+    payload = setup.of(ForceTorqueSection).payload
+    stated, sensor = table.noise is not None, Compensation(_stated(setup, head, seen), payload, _motion(setup, head))
     made = wrench_estimator(setup, sensor, tare=setup.estimate.tare, drift=setup.followed(6))
     if made.estimator.plausibility is not None:
         made.estimator.plausibility.stated = {
@@ -195,8 +204,14 @@ def _build(setup: Setup) -> BuiltEstimator:
             "form": setup.layout().orientation_form,
         }
     made.settings["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
-    made.notes[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(sensor.payload, setup.estimate.tare)]
-    made.warnings += [] if head is None else [*_noise_warnings(setup, head), *_turned(sensor, head)]
+    noted = [] if stated or seen is None or head is None else [_noise_note(seen, where, head)]
+    made.notes[:0] = [*noted, *_payload_said(payload, setup.estimate.tare)]
+    if sensor.noise is None:
+        made.warnings.append(
+            f"the noise is not known, so there are no covariances: {where}; state noise in the rig's [force_torque] "
+            "or log a second at rest"
+        )
+    made.warnings += [] if head is None else [*_wrong_noise(setup, seen), *_turned(sensor, head)]
     return made
 
 
@@ -212,12 +227,11 @@ def _turned(sensor: Compensation, head: Recording) -> list[str]:
     return [doubt] if turned > _TURNED else []
 
 
-def _noise_said(sensor: Compensation) -> list[str]:
-    if sensor.noise is None:
-        return ["the noise is not known, so there are no covariances: state it in the rig, or use a longer log"]
-    force, torque = (np.sqrt(np.diag(sensor.noise)[part].max()) for part in (slice(3), slice(3, 6)))
-    where = "in its quiet parts, taken as white" if sensor.sensor.spectrum is None else "where it rests"
-    return [f"noise taken from the log {where}: {force:.3g} N, {torque:.3g} N m"]
+def _noise_note(seen: Noise, where: str, head: Recording) -> str:
+    force, torque = seen.deviation[:3].max(), seen.deviation[3:].max()
+    rate = head.rate()
+    size = f"{seen.samples:,} samples" if rate is None else f"{seen.samples / rate:.3g} s"
+    return f"noise taken from {size} of the log {where}: {force:.3g} N, {torque:.3g} N m"
 
 
 def _payload_said(payload: Payload | None, tare: float | None) -> list[str]:
@@ -285,8 +299,8 @@ def _with_torques(found: WrenchColumns, wrenches: np.ndarray, size: float | None
                 f"forces act {arm:.2g} m from the sensor's origin at the median: if torques are N mm, correct it, as"
             )
             remarks.append(f'{doubt} units = {{ force = "{fields.get("force_unit", "N")}", torque = "N mm" }}')
-    noise = estimate_noise(wrenches)
-    noise = np.maximum(np.ones(6) if noise is None else noise, _LEAST_NOISE)
+    seen = estimate_noise(wrenches)
+    noise = np.maximum(np.ones(6) if seen is None else seen.deviation, _LEAST_NOISE)
     fields |= {"force_noise": f"{float(noise[:3].max()):.2g}", "torque_noise": f"{float(noise[3:].max()):.2g}"}
     return replace(found, layout=layout, fields=fields, remarks=tuple(remarks))
 
