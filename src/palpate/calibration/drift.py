@@ -80,7 +80,7 @@ class DriftFit(Value):
             sound: (k,) True for a channel that was fitted; the others get the root mean square of the fitted values.
 
         Raises:
-            InputError: sound has another shape.
+            InputError: `sound` has another shape, or another number of True than channels were fitted.
         """
 
         def filled(values: np.ndarray) -> np.ndarray:
