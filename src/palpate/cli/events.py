@@ -39,7 +39,7 @@ def events(
         shortest: seconds that a touch lasts at least.
 
     Raises:
-        InputError: an option is negative, or a file cannot be read or written.
+        InputError: an option is negative, a file cannot be read or written, or the output is the input.
     """
     if not (gap >= 0 and shortest >= 0):
         raise InputError("seconds must not be negative.", where="--gap, --shortest")
