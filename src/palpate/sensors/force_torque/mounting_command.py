@@ -125,6 +125,7 @@ class CalibrateMounting(Calibration):
 
         Raises:
             InputError: the rig cannot be edited in its form, or the output cannot be written.
+            OSError: an input cannot be read for its digest.
         """
         mounting, added = found.model
         record = self.record()

@@ -77,6 +77,7 @@ class Design:
 
         Raises:
             InputError: `tared` is not positive, or `friction` is negative.
+            NotIdentifiable: the cells do not determine a wrench.
         """
         return self.with_changes()
 

@@ -118,6 +118,7 @@ class CalibrateTaxels(Calibration):
 
         Raises:
             InputError: the file cannot be written.
+            OSError: an input cannot be read for its digest.
         """
         stated: dict[str, object] = {"layout": self.layout, "spacing": self.spacing}
         pose = self.stated.surface.pose if self.stated.surface is not None else RigPose()
