@@ -124,7 +124,7 @@ def identify_drift(
 
     Raises:
         InputError: the log is shorter than a minute, touched or moved too much, a channel never changes, or times run
-            backwards.
+            backwards; or arrays of other shapes.
     """
     from palpate.calibration.drift_search import Search  # scipy.optimize: loaded when first needed
 
