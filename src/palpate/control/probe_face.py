@@ -73,7 +73,7 @@ class ProbeFace(Value):
             along: (3,) direction in which the face is long; only its part across the axis counts.
 
         Raises:
-            GeometryError: no facet of the mesh looks that way, or `along` has no part across the axis.
+            GeometryError: no facet of the mesh looks that way, the axis is 0, or `along` has no part across it.
             ValueError: axis or along is not three numbers.
         """
         z = np.asarray(axis, dtype=np.float64) / float(np.linalg.norm(axis))

@@ -243,7 +243,11 @@ def stiffest(robot: DelayedRobot, admittance: Admittance) -> float:
 
 
 def least_damping(robot: DelayedRobot, mass: float, stiffness: float) -> float:
-    """Return the damping [N s/m, m s/rad] above which the loop is stable; infinite if no damping is enough."""
+    """Return the damping [N s/m, m s/rad] above which the loop is stable; infinite if no damping is enough.
+
+    Raises:
+        InputError: the mass is not positive.
+    """
     most = 2.0 * mass / robot.dt  # beyond it the admittance alone is unstable
 
     def unstable(damping: float) -> bool:
