@@ -210,7 +210,7 @@ class FusedLocator:
             covariances: (n, 6, 6) of the wrenches' noise.
 
         Raises:
-            InputError: a count is negative, or the counts do not add up to m.
+            InputError: a count is negative, or the counts do not add up to m; or arrays of other shapes.
         """
         if counts.min(initial=0) < 0 or counts.sum() != len(contacts):
             raise InputError(f"counts must not be negative, and must add up to the {len(contacts)} contacts.")

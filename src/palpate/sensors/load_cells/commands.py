@@ -58,6 +58,7 @@ class CalibrateLoadCells(Calibration):
                 unloaded, a channel never moves, or the ball does not press.
             NotIdentifiable: log or cells do not determine every direction of the wrench.
             OSError: an input cannot be read for its digest.
+            GeometryError: the file of the surface has no usable surface.
         """
         setup = self.stated.resolve()
         table = setup.of(LoadCellSection).table

@@ -37,6 +37,7 @@ class MarkerRingView(SensorView):
 
         Raises:
             InputError: the model or the surface cannot be read.
+            GeometryError: the file of the surface has no usable surface.
         """
         return super().body(setup) or setup.of(MarkerRingSection).surface()
 

@@ -240,7 +240,7 @@ def eliminated(
         size: number of unknowns of each.
 
     Raises:
-        InputError: a singular matrix.
+        InputError: a singular matrix; or arrays of other shapes.
     """
     rows, each = slice(None, units * size), np.arange(units)
     own = matrix[rows, rows].reshape(units, size, units, size)[each, :, each]
