@@ -37,7 +37,11 @@ def uninterrupted() -> Generator[None]:
 
 @contextmanager
 def importing() -> Generator[None]:
-    """Return a context that holds back Ctrl-C, and the garbage collector: it takes a tenth of the time of imports."""
+    """Return a context that holds back Ctrl-C, and the garbage collector: it takes a tenth of the time of imports.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed: raised at the end.
+    """
     collecting = gc.isenabled()
     gc.disable()
     try:

@@ -81,7 +81,7 @@ def identify_offset(
     Raises:
         NotIdentifiable: the arm hardly turns, or the sensor has no payload.
         InputError: wrenches and poses do not overlap, times do not increase, `search` is not a range, or the best
-            offset lies at its edge.
+            offset lies at its edge; or arrays of other shapes.
     """
     track = PoseTrack(max_gap=max_gap)
     track.add(pose_time, quaternions)

@@ -80,7 +80,7 @@ class DriftFit(Value):
             sound: (k,) True for a channel that was fitted; the others get the root mean square of the fitted values.
 
         Raises:
-            InputError: sound has another shape.
+            InputError: `sound` has another shape, or another number of True than channels were fitted.
         """
 
         def filled(values: np.ndarray) -> np.ndarray:
@@ -124,7 +124,7 @@ def identify_drift(
 
     Raises:
         InputError: the log is shorter than a minute, touched or moved too much, a channel never changes, or times run
-            backwards.
+            backwards; or arrays of other shapes.
     """
     from palpate.calibration.drift_search import Search  # scipy.optimize: loaded when first needed
 

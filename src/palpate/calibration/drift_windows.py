@@ -144,7 +144,7 @@ def require_free(windows: Windows, free: Bool[np.ndarray, " w"]) -> None:
         free: (w,) True where untouched.
 
     Raises:
-        InputError: a touch is longer than 20 s, or more than 20 % of the log is touched.
+        InputError: a touch is longer than 20 s, or more than 20 % of the log is touched; or arrays of other shapes.
     """
     touched = 1.0 - float(np.mean(free))
     start, end = max(_runs(~free), key=lambda run: run[1] - run[0], default=(0, 1))

@@ -170,7 +170,7 @@ def mean_touches(
         covariances: (m, 6, 6) common to the samples of a touch; None: 0.
 
     Raises:
-        InputError: `noise` is no standard deviations or covariance.
+        InputError: `noise` is no standard deviations or covariance; or arrays of other shapes.
     """
     single = np.zeros((6, 6)) if noise is None else noise_covariance(noise)
     means, spreads = np.full((len(start), 6), np.nan), np.zeros((len(start), 6, 6))

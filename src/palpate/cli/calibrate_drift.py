@@ -73,6 +73,7 @@ class CalibrateDrift(Calibration):
 
         Raises:
             InputError: the rig cannot be edited, or the output cannot be written.
+            OSError: an input cannot be read for its digest.
         """
         table, comments = found.model
         walk = f"{comments['walk']}, from {origin(self.record(), 'log')}"

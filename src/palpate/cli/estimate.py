@@ -73,6 +73,7 @@ def estimate(
         OSError: an input file cannot be read for its digest.
         KeyboardInterrupt: Ctrl-C before the first row.
         SystemExit: 130: interrupted; 3: the log was cut off; 4: nothing in it can be believed.
+        GeometryError: the mesh has no usable surface.
     """
     if workers is not None and workers < 1:
         raise InputError(f"must be at least 1, not {workers}.", where="--workers")

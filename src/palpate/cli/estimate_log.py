@@ -84,6 +84,7 @@ def estimate_log(
         InputError: the log or a file of the rig cannot be used, or the output cannot be written.
         OSError: an input file cannot be read for its digest.
         KeyboardInterrupt: Ctrl-C before the first row, or without `keep_short`.
+        GeometryError: the mesh has no usable surface.
     """
     keep_memory()
     with ExitStack() as stack:

@@ -57,6 +57,7 @@ def evaluate(
 
     Raises:
         InputError: a file or an option cannot be used or is missing, or nothing can be compared.
+        GeometryError: the file of the surface has no usable surface.
     """
     if is_taxel_file(contacts):
         for option, given in (("rig", rig), ("wand", wand)):

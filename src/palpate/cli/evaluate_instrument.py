@@ -61,6 +61,7 @@ def evaluate_instrument(
     Raises:
         InputError: a file cannot be used or written, `wand` is missing, no touch lasts three samples, or none can be
             compared.
+        GeometryError: the mesh has no usable surface.
     """
     path, found = contacts
     setup = load_rig(rig_path).resolve()

@@ -41,7 +41,7 @@ def events(
         speed: metres per second; a point that moves faster, and by more than its noise, is of another touch.
 
     Raises:
-        InputError: an option is negative, or a file cannot be read or written.
+        InputError: an option is negative, a file cannot be read or written, or the output is the input.
     """
     if not (gap >= 0 and shortest >= 0 and speed >= 0):
         raise InputError("seconds and speed must not be negative.", where="--gap, --shortest, --speed")

@@ -63,7 +63,7 @@ class FigureLine:
 
 
 def contacts(slots: np.ndarray) -> str:
-    """Return text on the last of some slots: number of contacts, largest force and its place; or the status."""
+    """Return text on the last of some slots: number of contacts, largest force [N], its place [mm]; or the status."""
     if not len(slots):
         return "no samples"
     rows = slots["contacts"][-1][: int(slots["rows"][-1])]

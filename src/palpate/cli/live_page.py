@@ -49,6 +49,7 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
 
     Raises:
         InputError: the ring cannot be opened.
+        GeometryError: the mesh has no usable surface, or an implicit surface cannot be drawn.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     read = StreamBuffer(ring)

@@ -22,6 +22,7 @@ def recover(output: SomeFile, /) -> None:
 
     Raises:
         InputError: its name does not end in .mcap, or nothing can be recovered.
+        OSError: the ring cannot be opened.
     """
     if output.suffix.lower() != ".mcap":
         raise InputError("is not a record of `palpate live`.", where=str(output), hint="Name its .mcap file.")

@@ -70,6 +70,7 @@ def rig_new(
         InputError: a file or an option cannot be used, the log is not recognised, the output exists and `force` is not
             set, or neither log nor source is given.
         OSError: the device cannot be read.
+        GeometryError: the mesh has no usable surface.
     """
     live = None if source is None else stated_source(source)
     if live is not None and mesh is None and log is not None and log.suffix.lower() in _BODIES:

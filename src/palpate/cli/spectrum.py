@@ -30,6 +30,7 @@ def located(recording: Recording, setup: Setup) -> Recording:
 
     Raises:
         InputError: the rig or a file that it names cannot be used.
+        GeometryError: the file of the surface has no usable surface.
     """
     found = replace(setup, filter=RigFilter(), head=recording).prepared().estimator.run(recording)
     return replace(force_and_place(found[found.strongest()]), source=recording.source)

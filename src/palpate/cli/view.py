@@ -60,6 +60,7 @@ def view(
         InputError: a file or an option cannot be used, the port or the host cannot be served at, the video exists, or
             viser or OpenCV is not installed.
         OSError: the folder for the video cannot be made.
+        GeometryError: the mesh has no usable surface.
     """
     if film is None:
         require_viser(host, port)  # before the work, not after it

@@ -247,7 +247,7 @@ class Contacts(Value):
             pose: T_target_source, one, or one per row.
 
         Raises:
-            InputError: the argument is no pose.
+            InputError: the argument is no pose, or another number of poses.
         """
         return self.with_estimate(self.estimate.in_frame(pose))
 
@@ -266,7 +266,7 @@ class Contacts(Value):
         """Return the `Contacts` in a file that `save` or `palpate estimate` wrote.
 
         Raises:
-            InputError: the file does not exist, or a row of it is no contact.
+            InputError: the file cannot be read or holds no contacts, or a row in it is invalid.
         """
         return by_name("palpate.files.contacts.read_contacts")(path)
 
@@ -290,7 +290,7 @@ class Contacts(Value):
         """Return a pandas `DataFrame` with the columns of `to_polars`.
 
         Raises:
-            InputError: pandas is not installed.
+            InputError: pandas is not installed; or as for `to_polars`.
         """
         try:
             frame = by_name("pandas.DataFrame")
@@ -307,7 +307,7 @@ class Contacts(Value):
 
         Raises:
             InputError: no surface, or a mesh file that cannot be read or has no unit.
-            GeometryError: the mesh has no usable facet.
+            GeometryError: the mesh has no usable facet, or an implicit surface cannot be drawn.
         """
         return by_name("palpate.viewer.notebook.drawing_of_touches")(self, surface)
 

@@ -210,6 +210,7 @@ class ContactEstimate(Value):
 
         Raises:
             InputError: there are none.
+            ValueError: a part is a single estimate, without leading axes.
         """
         if not parts:
             raise InputError("parts must be at least one ContactEstimate, and is empty.")
@@ -217,7 +218,11 @@ class ContactEstimate(Value):
         return cls(**{name: np.concatenate([each[name] for each in columns]) for name in columns[0]})
 
     def reshaped(self, batch: tuple[int, ...]) -> ContactEstimate:
-        """Return the same estimates with other leading axes, of the same total size."""
+        """Return the same estimates with other leading axes, of the same total size.
+
+        Raises:
+            ValueError: another total size.
+        """
         axes = len(self.batch)
         return ContactEstimate(
             **{name: value.reshape((*batch, *value.shape[axes:])) for name, value in self._columns().items()}
@@ -248,7 +253,7 @@ class ContactEstimate(Value):
             pose: T_target_source, one or a batch.
 
         Raises:
-            InputError: the argument is no pose.
+            InputError: the argument is no pose, or a batch that does not fit.
         """
         turn = pose.rotation
         return replace(

@@ -193,8 +193,8 @@ class ContactEstimator(ABC):
             acceleration: (3,) [m/s^2] of the sensor's origin in the sensor's frame; None: at rest.
 
         Raises:
-            InputError: time or reading have another shape; the rotation is needed and missing; the baseline of a skin
-                is not known; the filter has zero phase.
+            InputError: an argument has another shape; the rotation is needed and missing; the baseline of a skin is not
+                known; the filter has zero phase.
         """
         rows, time, first = self.empty(self.most), instant(time), self._samples
         rows = rows[: self.update_into(time, reading, rows, rotation, acceleration)]
@@ -215,8 +215,8 @@ class ContactEstimator(ABC):
             number of rows written: at least 1, and as many as fit.
 
         Raises:
-            InputError: time, reading or `out` have another shape; the rotation is needed and missing; the baseline of a
-                skin is not known; the filter has zero phase.
+            InputError: an argument has another shape; the rotation is needed and missing; the baseline of a skin is not
+                known; the filter has zero phase.
         """
         require_forward(self.filter)
         count = self._single(instant(time), reading, rows_of(out, self._width), rotation, acceleration)

@@ -146,7 +146,7 @@ class AlignController:
         """Subtract the untouched sensor's mean reading from now on; return a `Tare`. Drift counts from this time [s].
 
         Raises:
-            InputError: too few samples, or the sensor was not at rest.
+            InputError: too few samples, the sensor was not at rest, or a channel is missing.
         """
         taken = self.estimator.tare(recording)
         self._tared = time
@@ -189,6 +189,7 @@ class AlignController:
         Raises:
             InputError: joints of another number than the arm's, or not finite at the first call; a time that is no
                 number.
+            ValueError: an acceleration of another shape.
         """
         if type(time) is not float:
             time = number(time, "time")

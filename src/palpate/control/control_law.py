@@ -57,7 +57,7 @@ class MotionLaw(Protocol):
         """Discard the observations since the last `keep`: a command never reached the robot."""
 
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
-        """Write the step (6,) of one period [s], while not `ready`, into out."""
+        """Write the step (6,) [m, rad] of one period [s], while not `ready`, into out."""
 
     def hold(
         self,
@@ -67,4 +67,4 @@ class MotionLaw(Protocol):
         period: float,
         out: Float[np.ndarray, " 6"],
     ) -> None:
-        """Write the step (6,) of one period [s], once `ready`, into out; rotation and tip are of the last command."""
+        """Write the step (6,) [m, rad] of one period [s], once `ready`, into out; the pose is the last command's."""

@@ -73,7 +73,8 @@ class ProbeFace(Value):
             along: (3,) direction in which the face is long; only its part across the axis counts.
 
         Raises:
-            GeometryError: no facet of the mesh looks that way, or `along` has no part across the axis.
+            GeometryError: no facet of the mesh looks that way, the axis is 0, or `along` has no part across it.
+            ValueError: axis or along is not three numbers.
         """
         z = np.asarray(axis, dtype=np.float64) / float(np.linalg.norm(axis))
         x = np.asarray(along, dtype=np.float64) - z * float(np.dot(along, z))
@@ -111,6 +112,9 @@ class ProbeFace(Value):
         Args:
             force: [N] contact force.
             stiffness: K [N/m] at that force; None: for a light touch, in which only the curvature counts.
+
+        Raises:
+            InputError: the force is zero, and a stiffness is given.
         """
         straight = self._leaning(0, 0.0)
         light = stiffness is None

@@ -136,7 +136,7 @@ class DelayedRobot(Value):
         state[0] is the previous command, state[1] the one before that.
 
         Raises:
-            InputError: arrays of other shapes.
+            InputError: command or smoothed have another shape.
         """
         commands = np.vstack([command, state[: self.delay]])
         parts = [commands]
@@ -171,7 +171,7 @@ class Tracker:
             raise InputError("a tracker needs order 0, 1 or 2, a bandwidth above 0 and a prediction of 0 s or more.")
 
     def gains(self, dt: float) -> Float[np.ndarray, " m"]:
-        """Return the gains (order + 1,) of the value and its derivatives [1, 1/s, 1/s^2] for a cycle of dt [s]."""
+        """Return the gains (order + 1,) of the value and its derivatives [1, 1/s, 1/s^2] for a cycle of dt > 0 [s]."""
         p = math.exp(-self.bandwidth * dt)
         q = 1.0 - p
         every = ((q,), (1 - p**2, q**2 / dt), (1 - p**3, 1.5 * q**2 * (1 + p) / dt, q**3 / dt**2))
@@ -243,7 +243,11 @@ def stiffest(robot: DelayedRobot, admittance: Admittance) -> float:
 
 
 def least_damping(robot: DelayedRobot, mass: float, stiffness: float) -> float:
-    """Return the damping [N s/m, m s/rad] above which the loop is stable; infinite if no damping is enough."""
+    """Return the damping [N s/m, m s/rad] above which the loop is stable; infinite if no damping is enough.
+
+    Raises:
+        InputError: the mass is not positive.
+    """
     most = 2.0 * mass / robot.dt  # beyond it the admittance alone is unstable
 
     def unstable(damping: float) -> bool:
@@ -280,6 +284,7 @@ def require_stable(robot: DelayedRobot, admittance: Admittance, stiffness: float
 
     Raises:
         InputError: the loop is unstable (the message has the bound), or the stiffness is not positive.
+        KeyError: the loop is unstable, and `what` is another word.
     """
     if not (0 < stiffness < math.inf):
         raise InputError(f"the stiffness of the {what} loop must be positive, not {stiffness}.")

@@ -79,6 +79,7 @@ def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: B
 
     Raises:
         InputError: arrays of other shapes.
+        GeometryError: the mesh has no usable facet.
     """
     force, torque = wrenches[:, :3], wrenches[:, 3:]
     size = np.linalg.norm(force, axis=1)

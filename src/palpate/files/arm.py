@@ -31,7 +31,7 @@ def load_arm(
     Raises:
         InputError: the file is no URDF; there is no such link or joint; nothing moves between the links, or they are
             not connected; `joints` are not those of the chain, in its order; a joint mimics another, or has no range or
-            no speed limit.
+            no speed limit; `acceleration` is not positive.
     """
     robot = Urdf(Path(urdf))
     steps = robot.steps(base, sensor)

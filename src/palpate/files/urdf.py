@@ -369,7 +369,7 @@ class Kinematics:
         """Check that positions of `joints` (n, k) are not in degrees; `where` is their place, for the message.
 
         Raises:
-            InputError: most positions of a limited revolute joint exceed 2 pi.
+            InputError: most positions of a limited revolute joint exceed 2 pi, or values have another shape.
         """
         if not len(values):
             return

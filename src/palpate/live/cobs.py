@@ -141,6 +141,7 @@ def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tupl
 
     Raises:
         InputError: values has another shape.
+        TypeError, ValueError: `number` is not one of `TYPES`.
     """
     numbers = _rounded(values, np.dtype(f"<{number}"))
     frames = list[bytes]()

@@ -318,7 +318,11 @@ class Live:
         return self._built(start, self._build) if self._build.done() else self._none
 
     def finish(self) -> AnsweredSamples:
-        """Return the samples of a start that still wait, with their contacts, after the last sample."""
+        """Return the samples of a start that still wait, with their contacts, after the last sample.
+
+        Raises:
+            InputError: the estimator needs a value that the source does not give.
+        """
         start, build = self._start, self._build
         if start is None or not start.held:
             return self._none

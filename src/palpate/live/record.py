@@ -70,6 +70,7 @@ def record(ring: Path, output: Path, split: float, parent: int) -> None:
     Raises:
         InputError: the ring cannot be opened.
         SystemExit: with 1, if another process writes the record or OUTPUT.part is another file; the ring stores why.
+        OSError: the ring cannot be opened.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     opened = StreamBuffer(ring)

@@ -31,6 +31,7 @@ def recover(output: Path) -> str:
 
     Raises:
         InputError: the record is being written, no file has that name, the ring is damaged, or the disk is full.
+        OSError: the ring cannot be opened.
     """
     ring = ring_of(output)
     if ring.exists():

@@ -157,7 +157,7 @@ class RingResponse(Value):
             count: number of angles.
 
         Raises:
-            InputError: `count` is less than 1.
+            InputError: `count` is less than 1, or the markers are not as many in each ring.
         """
         if count < 1:
             raise InputError(f"count must be 1 or more, not {count}.")

@@ -52,7 +52,8 @@ def update_pose(
         comment: comment on the pose's line.
 
     Raises:
-        InputError: `source` cannot be read, has no surface or cannot be edited, or `target` cannot be written.
+        InputError: `source` cannot be read, has no surface or cannot be edited, or `target` cannot be written; or
+            arrays of other shapes.
     """
     wanted, pair = load_toml(source), ("pose", "pose_covariance")
     if not isinstance(wanted.get("surface"), dict):

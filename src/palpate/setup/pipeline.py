@@ -139,6 +139,7 @@ class OpenedLog:
                 at rest although it must; the rig lacks something, a file that it names cannot be used, or a filter does
                 not fit the rate.
             GeometryError: the file of the surface has no usable surface.
+            NotIdentifiable: the load cells that the rig uses do not determine a wrench.
         """
         return self.setup.with_head(self.head(self.setup.estimate.tare or 1.0)).prepared()
 
@@ -380,6 +381,7 @@ def estimate(
         InputError: the log, the mesh or a file of the rig cannot be used, there is neither a rig nor a mesh, the unit
             or frame is unknown, or the log has no poses for the base or does not begin at rest although it must.
         GeometryError: the mesh has no usable surface.
+        NotIdentifiable: the load cells that the rig uses do not determine a wrench.
     """
     known = rig if isinstance(rig, Rig) or rig is None else load_rig(rig)
     known = known if mesh is None else with_mesh(known, mesh, unit)

@@ -41,7 +41,11 @@ class StartedLog(Protocol):
     kind: SensorKind
 
     def head(self, seconds: float = 0.0) -> Recording:
-        """Return the start of the log, of at least `seconds` [s]."""
+        """Return the start of the log, of at least `seconds` [s].
+
+        Raises:
+            InputError: the log cannot be read, has no samples, or lacks something that the rig requests.
+        """
         ...
 
 

@@ -151,6 +151,7 @@ class Setup(SharedTables):
             InputError: the rig lacks something, a file that it names cannot be used, a filter does not fit the rate, or
                 the log does not begin at rest although it must.
             GeometryError: the file of the surface has no usable surface.
+            NotIdentifiable: the load cells that the rig uses do not determine a wrench.
         """
         return self.kind.build(self)
 

@@ -135,6 +135,7 @@ def layers_of(setup: Setup, kept: LayerData | None = None, live: tuple[int, ...]
 
     Raises:
         InputError: a file that the rig names cannot be used.
+        GeometryError: the file of the surface has no usable surface.
     """
     there = all(path.exists() for name, path in setup.files().items() if name != "mesh")
     return view_of(setup.kind).layers(setup, kept or LayerData(), live) if there else ()

@@ -35,7 +35,11 @@ class WrenchView(SensorView):
         return super().settings({name: facts[name] for name in _LISTED if name in facts})
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the run with the surface, settings, uncertainties, and sections on the sensor and its bias."""
+        """Return the run with the surface, settings, uncertainties, and sections on the sensor and its bias.
+
+        Raises:
+            GeometryError: an implicit surface cannot be drawn.
+        """
         made = cast("WrenchEstimator", estimator)
         smooth, sensor, rate = made.filter, made.sensor, made.rate
         filtered = "none" if smooth is None or rate is None else smooth.describe(rate)

@@ -71,7 +71,7 @@ class Motion:
         self._forget()
 
     def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
-        """Yield the same blocks with ACCELERATION (n, 3) and UNSTEADY (n, 1); with source "none", UNSTEADY alone.
+        """Yield the blocks with ACCELERATION (n, 3) and UNSTEADY (n, 1) [m/s^2]; with source "none", UNSTEADY alone.
 
         A block comes up to 16,384 rows late.
 

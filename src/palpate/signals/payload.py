@@ -170,7 +170,7 @@ class Payload(Value):
             Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6), an error common to all samples.
 
         Raises:
-            InputError: no rotations for a payload that weighs something.
+            InputError: no rotations for a payload that weighs something, or arrays of other shapes.
         """
         transposed = self._base_in_sensor(wrenches, rotations)
         weight = transposed @ self.weight

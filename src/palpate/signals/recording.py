@@ -124,7 +124,11 @@ class Recording:
         return np.where(np.abs(values) <= LARGEST, values, np.nan)
 
     def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Recording:
-        """Return the `Recording` of the samples that a slice or a mask (n,) picks."""
+        """Return the `Recording` of the samples that a slice or a mask (n,) picks.
+
+        Raises:
+            IndexError: the mask has another length.
+        """
         channels = {name: sealed(values[rows], own=True, dtype=values.dtype) for name, values in self.channels.items()}
         return replace(self, time=sealed(self.time[rows], own=True), channels=channels)
 

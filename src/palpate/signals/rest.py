@@ -51,7 +51,7 @@ def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] 
         where: source of the wrenches, for messages.
 
     Raises:
-        InputError: fewer than 10 usable samples, or the wrenches change by more than noise.
+        InputError: fewer than 10 usable samples, or the wrenches change by more than noise; or arrays of other shapes.
     """
     usable = wrenches[np.isfinite(wrenches).all(axis=1)]
     if len(usable) < FEWEST:

@@ -76,7 +76,7 @@ def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) ->
         values: (n, c); values beyond `LARGEST` count as NaN.
 
     Raises:
-        InputError: no stretch has 32 samples, or no time step is positive.
+        InputError: no stretch has 32 samples, or no time step is positive; or arrays of other shapes.
     """
     from scipy.signal import welch
 

@@ -109,7 +109,11 @@ class WrenchSensor(Protocol):
         ...
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
-        """Yield the same rows with added channels that need later samples, such as accelerations from poses."""
+        """Yield the same rows with added channels that need later samples, such as accelerations from poses.
+
+        Raises:
+            InputError: a channel that these need is missing.
+        """
         ...
 
     def measure(self, recording: Recording) -> Measured:
@@ -130,6 +134,9 @@ class WrenchSensor(Protocol):
             reading: values of `channels`, one after the other.
             rotation: (3, 3), sensor in base; None: not known.
             acceleration: (3,) [m/s^2] in the sensor's frame; None: not known.
+
+        Raises:
+            InputError: an argument has another shape, or the rotation is needed and None.
         """
         ...
 
@@ -143,6 +150,9 @@ class WrenchSensor(Protocol):
             wrenches: (n, 6) of it, filtered or not.
             share: (n,) or (1,) share of the noise's variance that the filter kept.
             placement: of the surface.
+
+        Raises:
+            InputError: arrays of other shapes.
         """
         ...
 

@@ -74,6 +74,9 @@ class Wrench(Value):
 
         Args:
             pose: T_target_source of rotation R and translation t: this wrench's frame in the target frame.
+
+        Raises:
+            ValueError: the leading axes of wrench and pose do not fit.
         """
         matrix = pose.wrench_matrix()
         vector = np.einsum("...ij,...j->...i", matrix, self.vector())

@@ -85,15 +85,27 @@ class Analytic(Value, ABC):
         return float(np.linalg.norm(self.box[1] - self.box[0]))
 
     def value(self, points: ArrayLike) -> Float[np.ndarray, "*batch"]:
-        """Return f (*batch,) at points (*batch, 3) [m]: negative inside, 0 on the surface."""
+        """Return f (*batch,) at points (*batch, 3) [m]: negative inside, 0 on the surface.
+
+        Raises:
+            InputError: the points have another shape.
+        """
         return self.evaluate(self._own(points))[0]
 
     def gradient(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
-        """Return the gradient of f at points (*batch, 3) [m], outward, (*batch, 3) [unit of f per m]."""
+        """Return the gradient of f at points (*batch, 3) [m], outward, (*batch, 3) [unit of f per m].
+
+        Raises:
+            InputError: the points have another shape.
+        """
         return self.pose.rotate(self.evaluate(self._own(points))[1])
 
     def hessian(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3 3"]:
-        """Return the Hessian of f at points (*batch, 3) [m], (*batch, 3, 3) [unit of f per m^2]."""
+        """Return the Hessian of f at points (*batch, 3) [m], (*batch, 3, 3) [unit of f per m^2].
+
+        Raises:
+            InputError: the points have another shape.
+        """
         rotation = self.pose.rotation
         return rotation @ self.evaluate(self._own(points))[2] @ rotation.T
 

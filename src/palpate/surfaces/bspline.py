@@ -190,7 +190,7 @@ def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"
     """Return knots (k + 2 degree,) of a closed curve; the last of `breaks` (k,) is the first again, a period later.
 
     Raises:
-        InputError: breaks do not increase, or the degree is not one of 1 to 5.
+        InputError: breaks do not increase, or the degree is not one of 1 to 5; or arrays of other shapes.
     """
     breaks = _breaks(breaks, degree)
     period = breaks[-1] - breaks[0]
@@ -206,7 +206,7 @@ def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, "
     """Return the parameters x_i (n,) of the n control points, means of `degree` knots: x = sum N_i(x) x_i.
 
     Raises:
-        InputError: the degree is not one of 1 to 5, or there are too few knots for it.
+        InputError: the degree is not one of 1 to 5, or there are too few knots for it; or arrays of other shapes.
     """
     if not 1 <= degree <= min(_MOST, len(knots) - 2):
         raise InputError(
@@ -222,7 +222,7 @@ def basis_matrices(
     """Return values and slopes of all a basis functions at n parameters, (n, a) each; a = len(knots) - degree - 1.
 
     Raises:
-        InputError: knots decrease, or are too few for the degree.
+        InputError: knots decrease, or are too few for the degree; or arrays of other shapes.
     """
     from scipy.interpolate import BSpline  # here: scipy is slow to import
 

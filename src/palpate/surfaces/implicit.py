@@ -97,7 +97,7 @@ class ImplicitSurface(Analytic):
         return _compiled(self.value_at, self.gradient_at, self.hessian_at)
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Return points (n, 3) [m] by longitude and latitude about the middle of the box, and triangles (f, 3).
+        """Return points (n, 3) [m] at 2 `count` by `count` + 1 angles about the box's middle, and triangles (f, 3).
 
         Raises:
             GeometryError: a point of the surface cannot be seen from the middle of the box, or the middle is not

@@ -292,6 +292,7 @@ class Mesh(Value):
 
         Raises:
             InputError: the points have another shape.
+            GeometryError: more than 8,388,608 patches.
         """
         from palpate.surfaces import _bvh, _nearest
 

@@ -74,7 +74,7 @@ class _Oval(Quadric):
         return frozen(np.multiply.outer([-1.0, 1.0], self.halves()))
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Return points (n, 3) [m] by longitude and latitude, and triangles (f, 3) between them."""
+        """Return points (n, 3) [m] at 2 `count` by `count` + 1 angles, and triangles (f, 3) between them."""
         turn, height = np.meshgrid(_around(2 * count), np.linspace(-np.pi / 2, np.pi / 2, count + 1), indexing="ij")
         unit = np.stack([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)], axis=-1)
         return (unit * self.halves()).reshape(-1, 3), _grid(2 * count, count + 1, closed=True)
@@ -149,7 +149,7 @@ class _Tube(Quadric):
         return frozen([[-np.inf, -self.half_length, least], [np.inf, self.half_length, np.inf]])
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Return points (n, 3) [m] by angle and length, and triangles (f, 3) between them."""
+        """Return points (n, 3) [m] by angle (2 `count`, or `count` + 1 of a half) and length, and triangles (f, 3)."""
         a, b = self.halves()
         turn = np.linspace(np.pi, 0.0, count + 1) if self.upper else _around(2 * count)[::-1]
         angle, along = np.meshgrid(turn, np.linspace(-self.half_length, self.half_length, count + 1), indexing="ij")

@@ -42,6 +42,9 @@ class Surface(Protocol):
         """Return closest points (n, 3) [m] to points (n, 3), outward unit normals there (n, 3), and facet numbers (n,).
 
         Facets are -1 where the surface has none; points and normals are NaN for a point that is NaN.
+
+        Raises:
+            InputError: the points have another shape.
         """
         ...
 
@@ -54,7 +57,11 @@ class Surface(Protocol):
         ...
 
     def drawn(self) -> Mesh:
-        """Return the `Mesh` that a viewer shows."""
+        """Return the `Mesh` that a viewer shows.
+
+        Raises:
+            GeometryError: an implicit surface cannot be drawn.
+        """
         ...
 
 

@@ -188,7 +188,8 @@ def simpler(
     Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
 
     Raises:
-        InputError: faces name vertices that do not exist, a vertex is not finite, or `most` is negative.
+        InputError: faces name vertices that do not exist, a vertex is not finite, or `most` is negative; or arrays of
+            other shapes.
     """
     if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
         raise InputError(f"faces must be indices, from 0, of the {len(vertices)} vertices.")

@@ -41,7 +41,11 @@ _LOOK = """<style>@media (max-width: PHONEpx), (min-width: 1000px) { .palpate-le
 
 
 def item(glyph: str, ink: str, words: str) -> str:
-    """Return a glyph in a CSS colour with its meaning, as HTML."""
+    """Return a glyph in a CSS colour with its meaning, as HTML.
+
+    Raises:
+        KeyError: there is no such glyph.
+    """
     drawn = _GLYPHS[glyph].format(ink)
     return f'<svg width="28" height="18" style="flex:none" aria-hidden="true">{drawn}</svg><span>{words}</span>'
 

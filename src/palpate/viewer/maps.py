@@ -43,7 +43,7 @@ def surface_map(
         view: the axis along which it is seen, and from which side: 1 or -1.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     across, up = ((1, 2), (2, 0), (0, 1))[view[0]]
     places = 1e3 * vertices
@@ -83,7 +83,7 @@ def sheet_map(
         shape: rows and columns of the sheet; None: just large enough for the places.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     drawn, axes = panels(2.6)
     known = np.isfinite(values) & np.isfinite(cells).all(axis=1)
@@ -107,7 +107,7 @@ def error_over_force(
     """Draw named curves of the position error [m] over the force [N], and the wanted accuracy [m], as a `Figure`.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     drawn, axes = panels(2.8)
     for colour, (name, error) in zip(AXES, curves.items(), strict=False):

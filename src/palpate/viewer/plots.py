@@ -62,7 +62,7 @@ def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], statu
     """Draw components [N], magnitude [N] and the status of each sample over time [s] as a `Figure`.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     time, label = clock_of(time)
     drawn, parts = panels(3.6, 3, sharex=True, height_ratios=(5, 5, 0.55))
@@ -92,7 +92,7 @@ def locations(
     Where there may be several contacts at once, they are dots with bars.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     time, label = clock_of(time)
     drawn, parts = panels(4.0, 3, sharex=True)
@@ -130,7 +130,7 @@ def silhouettes(
     Rings are on the far side. Touches have their numbers, with tooltips, on the views that show them.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     dx, dy, dz = np.ptp(vertices[faces.reshape(-1)], axis=0)
     least = 0.3 * max(dx, dy, dz)  # a flat body has views that are lines, and these have axes too
@@ -159,7 +159,7 @@ def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
     """Draw the shares [%] of the positive values by size as a `Figure`, logarithmic over more than a decade.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     drawn, axes = panels(2.4)
     known = values[np.isfinite(values) & (values > 0)]
@@ -205,7 +205,7 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
     """Draw the distance from the ground truth [m] and the predicted 95 % radius [m] over time [s] as a `Figure`.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     time, label = clock_of(time)
     drawn, axes = panels(2.6)
@@ -226,7 +226,7 @@ def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: 
     """Draw the error of each touch's median point and a sample's 95 % radius [m] as a `Figure`.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     drawn, axes = panels(min(0.9 + 0.21 * len(labels), 9.0))
     rows = np.arange(len(labels))

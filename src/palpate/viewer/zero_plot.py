@@ -39,7 +39,7 @@ def zeros(
         uncertain: (n,) True where something may have touched, so that the bias was not tracked.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     clock, label = clock_of(time)
     parts, most = _parts(zero.shape[1]), max(MOST // max(zero.shape[1], 1), FEWEST)

@@ -32,7 +32,8 @@ def contact_blocks(path: Path) -> Iterator[Contacts]:
     Of OUTPUT.part every complete block is read.
 
     Raises:
-        InputError: the file cannot be read or holds no contacts, or a row in it is invalid.
+        InputError: the file cannot be read or holds no contacts, or a row in it is invalid; or the process was forked
+            after polars had started its threads.
     """
     require_polars_threads()
     if path.is_dir():  # OUTPUT.part of a Parquet file

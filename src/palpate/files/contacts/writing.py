@@ -224,7 +224,8 @@ def read_contacts(path: str | Path) -> Contacts:
     """Read all rows of a file of contacts, finished or not; numbers equal those written, to the last bit.
 
     Raises:
-        InputError: the file cannot be read or holds no contacts, or a row in it is invalid.
+        InputError: the file cannot be read or holds no contacts, or a row in it is invalid; or the process was forked
+            after polars had started its threads.
     """
     return Contacts.joined(list(contact_blocks(Path(path))))
 

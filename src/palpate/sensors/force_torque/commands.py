@@ -63,6 +63,7 @@ class CalibratePayload(Calibration):
             InputError: rig or log cannot be read, the log has no orientation or no complete sample, `gravity` is not a
                 direction, or `magnitude` is not positive.
             NotIdentifiable: the poses do not separate the payload's parameters.
+            OSError: an input cannot be read for its digest.
         """
         layout = LogLayout() if self.rig is None else self.stated.layout("force_torque")
         recording = read_recording(self.log, layout)
@@ -184,6 +185,7 @@ class CalibrateClock(Calibration):
 
         Raises:
             InputError: the rig cannot be edited in its form, or the output cannot be written.
+            OSError: an input cannot be read for its digest.
         """
         comment = f"s, from {origin(self.record(), 'log')}"
         update_offset(self.rig, self.output, round(found.model.offset, 7), comment=comment)

@@ -176,7 +176,7 @@ class Compensation:
             extra_channels: `ORIENTATION`, `ACCELERATION`, `UNSTEADY`, as far as they are known.
 
         Raises:
-            InputError: the readings have another shape, or the orientation is needed and there is none.
+            InputError: an array has another shape, or the orientation is needed and there is none.
         """
         count = len(time)
         if readings.shape != (count, 6):
@@ -323,7 +323,7 @@ class Compensation:
         The payload's is that of the difference to the pose of the tare.
 
         Raises:
-            InputError: the noise is not known.
+            InputError: the noise is not known, or arrays have other shapes.
         """
         noise = self._of_mean(int(np.count_nonzero(usable)))
         if self.payload is None:

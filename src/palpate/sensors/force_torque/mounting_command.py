@@ -66,6 +66,7 @@ class CalibrateMounting(Calibration):
             InputError: rig, log or marks cannot be read, the rig has no surface, the log has no press, no touch lies in
                 the log, or no pose explains the touches.
             NotIdentifiable: the touches determine no direction of the pose.
+            GeometryError: the file of the surface has no usable surface.
         """
         setup, marks = self.stated.resolve("force_torque"), self.marks
         recording = read_recording(self.log, setup.layout())
@@ -125,6 +126,7 @@ class CalibrateMounting(Calibration):
 
         Raises:
             InputError: the rig cannot be edited in its form, or the output cannot be written.
+            OSError: an input cannot be read for its digest.
         """
         mounting, added = found.model
         record = self.record()

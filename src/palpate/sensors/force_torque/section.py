@@ -130,8 +130,8 @@ def free_wrenches(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"
     """Return the wrenches (n, 6) [N, N m] of a recording without payload and inertia; NaN in unusable samples.
 
     Raises:
-        InputError: an orientation is needed and there is none, the payload's file cannot be read, or the recording has
-            no forces or torques, or accelerations of another kind than stated.
+        InputError: the rig has no [force_torque], an orientation is needed and there is none, the payload's file cannot
+            be read, or the recording has no forces or torques, or accelerations of another kind than stated.
     """
     limits = setup.of(ForceTorqueSection).table.range
     made = _measured(setup, recording, None if limits is None else limits.six())

@@ -56,6 +56,9 @@ def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float)
         payload: whether a payload is compensated.
         filtered: whether a filter is used.
         radius: [m] median of the 95 % ellipses; NaN where there is none.
+
+    Raises:
+        InputError: the rig has no [force_torque].
     """
     table = setup.of(ForceTorqueSection).table
     advice = {

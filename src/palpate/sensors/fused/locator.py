@@ -210,7 +210,7 @@ class FusedLocator:
             covariances: (n, 6, 6) of the wrenches' noise.
 
         Raises:
-            InputError: a count is negative, or the counts do not add up to m.
+            InputError: a count is negative, or the counts do not add up to m; or arrays of other shapes.
         """
         if counts.min(initial=0) < 0 or counts.sum() != len(contacts):
             raise InputError(f"counts must not be negative, and must add up to the {len(contacts)} contacts.")
@@ -336,7 +336,11 @@ class FusedLocator:
         return ranked(self._places, out, self._width)
 
     def neighbours(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
-        """Return as `Fused` the forces of the contacts of `fused` and, last, of one at index `place` of `unseen`."""
+        """Return as `Fused` the forces of the contacts of `fused` and, last, of one at index `place` of `unseen`.
+
+        Raises:
+            InputError: `unseen` has no place of this index.
+        """
         given = fused.given
         carries = np.concatenate([given.carries, np.ones((len(given.wrenches), 1), np.bool_)], axis=1)
         contacts = np.concatenate([given.contacts, self.unseen_row(unseen, place)[None]])

@@ -58,6 +58,9 @@ def candidates(surface: Surface) -> Float[np.ndarray, "c 8"]:
     Returns:
         (c, 8), c <= 1200: point [m], outward unit normal, log of the share of the area that the place stands for, and
         the standard deviation [m] of that area in each direction.
+
+    Raises:
+        GeometryError: an implicit surface cannot be drawn.
     """
     rng, mesh, count = np.random.default_rng([0, 2]), surface.drawn(), _PLACES * _FINER
     facets = np.flatnonzero(~mesh.covered)

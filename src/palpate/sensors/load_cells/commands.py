@@ -57,6 +57,8 @@ class CalibrateLoadCells(Calibration):
             InputError: rig or log cannot be read, the rig lacks [surface] or [load_cells], or the log does not begin
                 unloaded, a channel never moves, or the ball does not press.
             NotIdentifiable: log or cells do not determine every direction of the wrench.
+            OSError: an input cannot be read for its digest.
+            GeometryError: the file of the surface has no usable surface.
         """
         setup = self.stated.resolve()
         table = setup.of(LoadCellSection).table

@@ -50,7 +50,11 @@ class Design:
 
     @cached_property
     def places(self) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-        """Points (v, 3) [m] of the surface, outward unit normals (v, 3), and triangles (f, 3) between them."""
+        """Points (v, 3) [m] of the surface, outward unit normals (v, 3), and triangles (f, 3) between them.
+
+        Raises:
+            GeometryError: an implicit surface cannot be drawn.
+        """
         mesh = self.surface.drawn()
         points, normals, _ = self.surface.project(mesh.vertices)
         return points, normals, mesh.faces
@@ -77,6 +81,7 @@ class Design:
 
         Raises:
             InputError: `tared` is not positive, or `friction` is negative.
+            NotIdentifiable: the cells do not determine a wrench.
         """
         return self.with_changes()
 

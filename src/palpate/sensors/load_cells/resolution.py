@@ -81,7 +81,7 @@ def resolution(
         sound: mask (k,) of the cells that answer; None: all. The others still carry load.
 
     Raises:
-        InputError: `tare` is not positive, or `friction` is negative.
+        InputError: `tare` is not positive, or `friction` is negative; or arrays of other shapes.
         NotIdentifiable: the sound cells do not determine a wrench.
     """
     if not (tare > 0 and friction >= 0):  # NaN too
@@ -144,7 +144,7 @@ def nominal_cells(
         drift: [V] standard deviation of the bias's drift after it was taken.
 
     Raises:
-        InputError: sensitivity or noise is 0, or there are fewer than three positions.
+        InputError: sensitivity or noise is 0, or there are fewer than three positions; or arrays of other shapes.
         NotIdentifiable: the positions do not determine a wrench.
     """
     places = shaped(positions, (None, 3), "positions")

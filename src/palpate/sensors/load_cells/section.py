@@ -118,6 +118,7 @@ class LoadCellSection(SensorSection):
 
         Raises:
             InputError: the rig names no model, the file cannot be read, or the model does not fit the rig.
+            NotIdentifiable: the cells that the rig uses do not determine a wrench.
         """
         table = self.table
         if table.model is None:
@@ -152,6 +153,7 @@ class LoadCellSection(SensorSection):
 
         Raises:
             InputError: the rig names no model, the file cannot be read, or the model does not fit the rig.
+            NotIdentifiable: the cells that the rig uses do not determine a wrench.
         """
         return ~np.isin(np.arange(self.cells.cells) + 1, self.table.without)
 

@@ -54,7 +54,8 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
         where: source of the voltages, for messages.
 
     Raises:
-        InputError: the window has fewer than 20 samples, or more than one cell (any, of three) is not at rest.
+        InputError: the window has fewer than 20 samples, or more than one cell (any, of three) is not at rest; or
+            arrays of other shapes.
     """
     usable = voltages[np.isfinite(voltages).all(axis=1)]
     if len(usable) < FEWEST:

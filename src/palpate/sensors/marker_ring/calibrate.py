@@ -75,6 +75,7 @@ def calibrate_marker_ring(
         InputError: the markers are not found, the truth does not fit the images, the presses do not determine the
             response, or OpenCV is missing.
         NotIdentifiable: the markers at rest are no even ring about the middle of the image.
+        KeyError: a recording has no images.
     """
     images, first = (block.channels[IMAGE] for block in blocks), list[np.ndarray]()
     free = truth.free[:0]

@@ -90,6 +90,7 @@ class CalibrateMarkerRing(Calibration):
             InputError: a file cannot be read or does not fit the images, the markers are not found, the presses do not
                 determine the response, or OpenCV is missing.
             NotIdentifiable: the markers at rest are no even ring.
+            OSError: an input cannot be read for its digest.
         """
         setup = self.stated.resolve("marker_ring")
         before = None if self.like is None else read_model(self.like, MarkerRing).response

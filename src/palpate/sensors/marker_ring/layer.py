@@ -40,7 +40,8 @@ def annotated(
         pixels: (m, 2) markers now [px]; NaN: not drawn.
 
     Raises:
-        InputError: `rest` is not finite or beyond 1e6, `frame` is empty, or OpenCV is missing.
+        InputError: `rest` is not finite or beyond 1e6, `frame` is empty, an array has another shape, or OpenCV is
+            missing.
     """
     if not (np.abs(rest) < _FARTHEST).all():
         raise InputError(f"rest must be finite pixels below {_FARTHEST:g}.")

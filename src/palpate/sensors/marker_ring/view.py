@@ -37,6 +37,7 @@ class MarkerRingView(SensorView):
 
         Raises:
             InputError: the model or the surface cannot be read.
+            GeometryError: the file of the surface has no usable surface.
         """
         return super().body(setup) or setup.of(MarkerRingSection).surface()
 
@@ -50,7 +51,11 @@ class MarkerRingView(SensorView):
         return (RingLayer(setup.of(MarkerRingSection).ring, kept.frames, kept.joined(), shape),)
 
     def feed(self, setup: Setup, tares: Callable[[], int], layers: tuple[Layer, ...]) -> Feed:
-        """Return a function that shows images of a stream, four a second at most, in the ring's layer."""
+        """Return a function that shows images of a stream, four a second at most, in the ring's layer.
+
+        Raises:
+            GeometryError: the file of the surface has no usable surface.
+        """
         if layers and isinstance(layers[0], RingLayer):
             made = setup.prepared().estimator
             if isinstance(made, RingEstimator):

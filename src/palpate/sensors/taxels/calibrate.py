@@ -222,7 +222,7 @@ def identify_resistive(
 
     Raises:
         NotIdentifiable: too few rows, or forces that hardly differ.
-        InputError: a layer whose curve does not rise with force.
+        InputError: a layer whose curve does not rise with force; or arrays of other shapes.
     """
     from scipy.optimize import least_squares
 

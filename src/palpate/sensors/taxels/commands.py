@@ -58,6 +58,7 @@ class CalibrateIntensity(Calibration):
         Raises:
             InputError: a log, unit or option that cannot be used, or a curve that does not rise with force.
             NotIdentifiable: the presses do not determine a curve.
+            OSError: an input cannot be read for its digest.
         """
         force, intensity, cell = _presses(self.log, to_si(self.unit, FORCE_UNITS, where="--unit"))
         record = self.record(kind=self.kind, degree=self.degree, bits=self.bits, unit=self.unit)

@@ -116,7 +116,7 @@ def chosen(
         signed: (n,) readings that grow with the force.
 
     Raises:
-        InputError: an unknown kind, or a curve that does not rise.
+        InputError: an unknown kind, or a curve that does not rise; or arrays of other shapes.
     """
     choice = _choices(kind, degree, force, signed)
     errors = [_held_out(make, force, signed) for make in choice] if len(choice) > 1 else [0.0]

@@ -235,6 +235,7 @@ def serve_taxels(
 
     Raises:
         InputError: viser is not installed, or the server cannot listen at the port.
+        GeometryError: an implicit surface cannot be drawn.
     """
     try:
         with TaxelPage(places, surface, title, facts, host=host, port=port) as page:

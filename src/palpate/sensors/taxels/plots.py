@@ -52,7 +52,7 @@ def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) 
     """Draw the error [mm] of each taxel on the unrolled skin, a matplotlib `Figure`.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     flat = 1e3 * unroll(points)[0]
     drawn = figure(3.0)
@@ -69,7 +69,7 @@ def moved_map(estimate: Float[np.ndarray, "k 3"], truth: Float[np.ndarray, "k 3"
     """Draw the true and estimated places of taxels [m] on the unrolled skin, a matplotlib `Figure`.
 
     Raises:
-        InputError: matplotlib is not installed.
+        InputError: matplotlib is not installed; or arrays of other shapes.
     """
     there, found = (1e3 * each for each in unroll(truth, estimate))
     drawn = figure(3.0)

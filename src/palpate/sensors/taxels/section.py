@@ -248,7 +248,11 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def skin_tare(setup: Setup) -> float | None:
-    """Return the time [s] at the start of a log in which nothing touches; None: the rig does not state it."""
+    """Return the time [s] at the start of a log in which nothing touches; None: the rig does not state it.
+
+    Raises:
+        InputError: the rig has no [skin].
+    """
     return setup.estimate.tare or setup.of(SkinSection).table.tare
 
 

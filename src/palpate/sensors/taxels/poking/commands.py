@@ -94,6 +94,7 @@ class CalibrateTaxels(Calibration):
         Raises:
             InputError: a bad file, option or suffix, or residuals that no places explain.
             NotIdentifiable: too few pokes.
+            GeometryError: the file of the surface has no usable surface.
         """
         if self.output.suffix.lower() not in SUFFIXES:
             hint, kind = f"Use {', '.join(SUFFIXES)}.", self.output.suffix
@@ -118,6 +119,7 @@ class CalibrateTaxels(Calibration):
 
         Raises:
             InputError: the file cannot be written.
+            OSError: an input cannot be read for its digest.
         """
         stated: dict[str, object] = {"layout": self.layout, "spacing": self.spacing}
         pose = self.stated.surface.pose if self.stated.surface is not None else RigPose()
@@ -321,6 +323,7 @@ def plan_pokes_command(
 
     Raises:
         InputError: a file that cannot be read or written, a number out of range, or a skin that states no pokes.
+        GeometryError: the file of the surface has no usable surface.
     """
     setup = load_rig(rig)
     table = setup.pokes or RigPokes()

@@ -115,6 +115,7 @@ def nearest_in_metric(
 
     Raises:
         InputError: arrays of other shapes.
+        GeometryError: an implicit surface cannot be drawn.
     """
     from palpate.sensors.taxels.poking._closest_point import nearest
 

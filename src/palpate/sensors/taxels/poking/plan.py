@@ -76,7 +76,7 @@ def candidates(units: Units, poses: Pose, noise: Float[np.ndarray, "6 6"]) -> Po
         noise: covariance of a wrench.
 
     Raises:
-        InputError: no taxel has a place, or the noise is not positive definite.
+        InputError: no taxel has a place, or the noise is not positive definite; or arrays of other shapes.
     """
     points, normals = units.places
     rows = units.taxels

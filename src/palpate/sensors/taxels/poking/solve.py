@@ -204,7 +204,11 @@ class Before:
     def step(
         self, square: np.ndarray, right: np.ndarray, units: Units, nuisances: Nuisances
     ) -> Float[np.ndarray, " p"]:
-        """Return the step (p,) to the most likely values of units, then nuisances, from J' W J and J' W r."""
+        """Return the step (p,) to the most likely values of units, then nuisances, from J' W J and J' W r.
+
+        Raises:
+            InputError: a singular matrix, or arrays of other shapes.
+        """
         away = np.zeros_like(self.units) if self.start is None else units.away(self.start).ravel()
         gap = np.concatenate([self.units * away, self.nuisances * nuisances.vector()])
         matrix, wanted = self._raised(square), (right - gap)[self.free]
@@ -216,7 +220,11 @@ class Before:
         return found
 
     def covariance(self, square: np.ndarray) -> Float[np.ndarray, "p p"]:
-        """Return the covariance (p, p) of all unknowns for J' W J (p, p); 0 for those not estimated."""
+        """Return the covariance (p, p) of all unknowns for J' W J (p, p); 0 for those not estimated.
+
+        Raises:
+            InputError: a singular matrix, or arrays of other shapes.
+        """
         found = np.zeros_like(square)
         found[np.ix_(self.free, self.free)] = np.linalg.inv(self._raised(square))
         return found
@@ -240,7 +248,7 @@ def eliminated(
         size: number of unknowns of each.
 
     Raises:
-        InputError: a singular matrix.
+        InputError: a singular matrix; or arrays of other shapes.
     """
     rows, each = slice(None, units * size), np.arange(units)
     own = matrix[rows, rows].reshape(units, size, units, size)[each, :, each]

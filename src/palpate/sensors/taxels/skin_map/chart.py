@@ -121,7 +121,7 @@ def round_chart(
         axis: a point [m] and a direction; None: along the smallest eigenvector of sum A n n', nearest to all normals.
 
     Raises:
-        InputError: the axis has no direction, or the origin lies on it.
+        InputError: the axis has no direction, or the origin lies on it; or arrays of other shapes.
     """
     if axis is None:
         spread = np.einsum("f,fi,fj->ij", areas, normals, normals)

@@ -109,6 +109,7 @@ def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(
     Raises:
         InputError: an option or a sheet that does not fit the link, or a file that cannot be read or written.
         GeometryError: a mesh without a usable facet, or a link that cannot be cut by planes about the origin.
+        OSError: an input cannot be read for its digest.
     """
     keep_inputs(output, (mesh,))
     require_suffix(output)

@@ -39,7 +39,11 @@ def write_skin_map(path: str | Path, skin: SkinMap, *, name: str = "skin") -> No
 
 
 def require_suffix(path: Path) -> None:
-    """Raise an InputError if no map can be written with this suffix."""
+    """Check that a path has a suffix with which a map can be written: .toml, .csv, .txt or .urdf.
+
+    Raises:
+        InputError: it is none of those.
+    """
     if path.suffix.lower() not in (".toml", *_WRITERS):
         hint = f"Use .toml, {', '.join(_WRITERS)}."
         raise InputError(f"cannot write a map as {path.suffix!r}.", where=str(path), hint=hint)

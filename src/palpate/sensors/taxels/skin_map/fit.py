@@ -48,7 +48,7 @@ def fit(
         degree: in u and v.
 
     Raises:
-        InputError: breaks that do not ascend, or fewer than two.
+        InputError: breaks that do not ascend, or fewer than two; or arrays of other shapes.
         GeometryError: the points do not determine the surface.
     """
     from palpate.surfaces import _band, _bspline  # compiled: loaded when first needed

@@ -43,7 +43,7 @@ def paper_surface(
     """Return the `BSplineSurface` of [skin], Algorithm 1: n planes across the axis within `span` [m], m through it.
 
     Raises:
-        InputError: n or m is too small for cubics.
+        InputError: n or m is too small for cubics; or arrays of other shapes.
         GeometryError: a section is not complete.
     """
     heights = np.linspace(*span, n)
@@ -99,7 +99,8 @@ def paper_map(
     and the origin's height have no effect. Arguments are as for `map_skin`.
 
     Raises:
-        InputError: the origin is off the surface, the heading is along the normal, or the axis has no direction.
+        InputError: the origin is off the surface, the heading is along the normal, or the axis has no direction; or
+            arrays of other shapes.
         GeometryError: there are no complete sections about an axis.
     """
     site = placed(mesh, sheet, origin, heading)

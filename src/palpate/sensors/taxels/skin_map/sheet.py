@@ -55,8 +55,9 @@ def map_skin(
         provenance: stored with the map.
 
     Raises:
-        InputError: the origin is off the surface, the heading is along the normal, the planes' axis has no direction or
-            passes through the origin, or a cell has no surface under it.
+        InputError: origin or heading is not three finite numbers, the origin is off the surface, the heading is along
+            the normal, the planes' axis has no direction or passes through the origin, or a cell has no surface under
+            it.
         GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
     site = placed(mesh, sheet, origin, heading)
@@ -162,7 +163,8 @@ def fit_stretch(
         planes: as for `map_skin`.
 
     Raises:
-        InputError: no cell is known, or one that is not on the sheet; or as for `map_skin`.
+        InputError: no cell is known, one is not on the sheet, or its place is not three finite numbers; or as for
+            `map_skin`.
         GeometryError: as for `map_skin`.
     """
     from scipy.optimize import least_squares
