@@ -46,7 +46,8 @@ def rows(small: bool) -> Iterator[Row]:
     cases = [
         (name, smooth, force) for force in ((2.0, 10.0), (0.5, 2.0)) for smooth in (True, False) for name in CONVEX
     ]
-    for name, smooth, force in sorted(cases, key=lambda case: (not case[1], -case[2][0])):
+    cases = sorted(cases, key=lambda case: (not case[1], -case[2][0]))
+    for name, smooth, force in cases[: len(CONVEX) + 1] if small else cases:
         judged = smooth and force[0] >= 2
         yield _coverage(name, BODIES[name], smooth, force, count, slack if judged else None)
 

@@ -26,7 +26,7 @@ from evidence.mutation import mutate
 from evidence.mutation_bytes import Random
 from evidence.row import Row
 from evidence.row_for_row import unanswered
-from evidence.watched import LIMIT, watched
+from evidence.watched import LIMIT, PATIENCE, watched
 
 __all__ = ["KINDS", "Kind", "Outcome", "bench", "rows", "spoil", "try_one"]
 
@@ -196,7 +196,7 @@ def _piece(scratch: Path, piece: tuple[str, range]) -> list[Outcome]:
     os.chdir(here)
     outcomes: list[Outcome] = []
     for number in piece[1]:
-        faulthandler.dump_traceback_later(4 * LIMIT, exit=True)
+        faulthandler.dump_traceback_later(2 * PATIENCE, exit=True)
         outcomes.append(try_one(piece[0], number))
     faulthandler.cancel_dump_traceback_later()
     return outcomes

@@ -18,9 +18,10 @@ from tempfile import TemporaryFile
 
 from palpate.cli import main
 
-__all__ = ["LIMIT", "Heard", "watched"]
+__all__ = ["LIMIT", "PATIENCE", "Heard", "watched"]
 
-LIMIT = 10  # s
+LIMIT = 10  # s of the processor, which other processes do not take away
+PATIENCE = 120  # s, for what waits for nothing
 MEMORY = 400  # MB more than ever before, for files of some 50 kB
 
 
@@ -45,8 +46,9 @@ def watched(arguments: Sequence[str]) -> Heard:
     peak, begin = _peak(), time.perf_counter()
     with TemporaryFile() as below, warnings.catch_warnings(record=True) as warned, _below(below.fileno()):
         warnings.simplefilter("always")
-        old = signal.signal(signal.SIGALRM, _ring)
-        signal.setitimer(signal.ITIMER_REAL, LIMIT)
+        old = [signal.signal(number, _ring) for number in (signal.SIGPROF, signal.SIGALRM)]
+        signal.setitimer(signal.ITIMER_PROF, LIMIT)
+        signal.setitimer(signal.ITIMER_REAL, PATIENCE)
         try:
             with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(said):
                 code = main(arguments)
@@ -55,8 +57,10 @@ def watched(arguments: Sequence[str]) -> Heard:
             way = " < ".join(f"{Path(at.filename).name}:{at.lineno}" for at in reversed(place))
             fault = f"{type(problem).__name__}: {problem} ({way})"
         finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
             signal.setitimer(signal.ITIMER_REAL, 0)
-            signal.signal(signal.SIGALRM, old)
+            for number, handler in zip((signal.SIGPROF, signal.SIGALRM), old, strict=True):
+                signal.signal(number, handler)
         below.seek(0)
         text = said.getvalue() + below.read().decode(errors="replace")
     if warned:

@@ -170,7 +170,7 @@ def test_touches_anywhere_place_the_surface_within_the_covariance(mesh: Mesh) ->
     squares, trials = [], 12
     for seed in range(trials):
         rng = np.random.default_rng(seed)
-        wrenches = sensed(_free(BODY, 40, 0.05, rng), rng)
+        wrenches = sensed(_free(BODY, 24, 0.05, rng), rng)
         found = identify_mounting(
             wrenches, mesh, initial=NOMINAL, noise=NOISE, spreads=Spreads(friction=0.05, torsion=1e-3)
         )
@@ -192,7 +192,7 @@ def test_a_turn_that_changes_nothing_is_named_and_stays(
 ) -> None:
     rng = np.random.default_rng(7)
     body = EllipsoidBody(axes)
-    wrenches = sensed(_free(body, 30, 0.1, rng), rng)
+    wrenches = sensed(_free(body, 16, 0.1, rng), rng)
     found = identify_mounting(
         wrenches, Mesh.from_arrays(*body.mesh(2000)), initial=NOMINAL, noise=NOISE, spreads=Spreads(friction=0.1)
     )

@@ -95,7 +95,7 @@ def browser() -> Iterator[object]:
 
 @pytest.fixture(scope="module")
 def view(browser: object, stream: Stream) -> Iterator[object]:
-    opened = browser.new_page(viewport={"width": 1280, "height": 800})
+    opened = browser.new_page(viewport={"width": 1280, "height": 800}, device_scale_factor=0.5)  # fewer pixels to draw
     opened.set_default_timeout(1e3 * PATIENCE)
     opened.goto(_address(stream))
     opened.wait_for_selector("canvas")

@@ -293,8 +293,8 @@ def test_what_is_unsure_of_the_slope_is_in_the_covariance_and_is_learnt() -> Non
         off = found.zero[at] - zero[np.searchsorted(time, 26.0)]
         inside.append(np.abs(off) < 1.96 * np.sqrt(np.diag(found.covariance[at])[:6]))
         assert found.covariance[at, 0, 0] > (0.9 * 8.0 * 0.3 * SLOPE[0]) ** 2
-        free = follow(time, zero + noise, drift, temperature=kelvin)
-        assert free.covariance[at, 0, 0] < (0.2 * 8.0 * 0.3 * SLOPE[0]) ** 2
+    free = follow(time, zero + noise, drift, temperature=kelvin)
+    assert free.covariance[at, 0, 0] < (0.2 * 8.0 * 0.3 * SLOPE[0]) ** 2
     assert 0.87 < np.mean(inside) <= 1.0  # of 48, 0.95 less two deviations and a half
 
 

@@ -25,7 +25,7 @@ FILTERS: dict[str, Filter] = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session with touches and 0.3 s without a pose, which is longer than the largest gap, in every format."""
     made = tmp_path_factory.mktemp("session")
-    log = written(made, touches=10, facets=320, unposed=slice(300, 360))
+    log = written(made, touches=5, facets=320, unposed=slice(300, 360))
     for name, write in FORMATS.items():
         write(made / name, log)
     return made
