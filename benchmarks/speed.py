@@ -20,7 +20,10 @@ def rows(small: bool) -> Iterator[Row]:
     meshes = Meshes(sizes[0])
     yield from _one(singles(meshes, 100 if small else 2_000, 0.05 if small else 0.5), text)
     yield from _many(batches(meshes, 1_000 if small else 100_000), text)
-    large = {entry.name: entry for entry in singles(meshes if small else Meshes(sizes[1]), 100 if small else 2_000, 0.05 if small else 0.5)}
+    large = {
+        entry.name: entry
+        for entry in singles(meshes if small else Meshes(sizes[1]), 100 if small else 2_000, 0.05 if small else 0.5)
+    }
     got = f"{_both(large[FLAT])}; facets only {_both(large[FACETS])}"
     yield Row(ONE, f"flat kernel into `out`, {sizes[1]:,} facets", "<= 5 us p50", got, large[FLAT].at(50) <= 5, COMMAND)
 

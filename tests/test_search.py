@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 
 from tests.support.blocks import ROOT
-from tests.support.browser import chromium
+from tests.support.browser import PATIENCE, chromium
 
 SEARCH = ROOT / "docs/_build/html/search.html"
 PAGES = {  # what people type: the page that answers it
@@ -46,6 +46,6 @@ def test_the_search_leads_to_the_right_page_first() -> None:
         for words in PAGES:
             page.goto(f"{SEARCH.as_uri()}?q={words.replace(' ', '+')}")
             first = page.locator("#search-results ul.search li a").first
-            first.wait_for(timeout=20_000)
+            first.wait_for(timeout=1e3 * PATIENCE)
             found[words] = first.get_attribute("href").partition(".html")[0]
     assert found == PAGES

@@ -192,7 +192,7 @@ def test_a_turn_that_changes_nothing_is_named_and_stays(
 ) -> None:
     rng = np.random.default_rng(7)
     body = EllipsoidBody(axes)
-    wrenches = sensed(_free(body, 16, 0.1, rng), rng)
+    wrenches = sensed(_free(body, 30, 0.1, rng), rng)
     found = identify_mounting(
         wrenches, Mesh.from_arrays(*body.mesh(2000)), initial=NOMINAL, noise=NOISE, spreads=Spreads(friction=0.1)
     )

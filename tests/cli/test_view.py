@@ -126,5 +126,5 @@ def test_it_serves_until_ctrl_c_on_the_next_free_port(made: Path) -> None:
             with urllib.request.urlopen(address[0]) as answer:
                 assert answer.status == 200
             run.send_signal(signal.SIGINT)
-            rest, errors = run.communicate(timeout=30)
+            rest, errors = run.communicate(timeout=120)
     assert (run.returncode, rest, errors) == (0, "", "")

@@ -68,6 +68,6 @@ def test_a_run_is_watched_in_a_browser_and_ends_by_ctrl_c(tmp_path: Path) -> Non
         before = drawn()
         until(lambda: np.abs(drawn() - before).max() > 50, "the picture stands still")
         run.send_signal(signal.SIGINT)
-        _, errors = run.communicate(timeout=30)
+        _, errors = run.communicate(timeout=120)
     assert run.returncode == 130, errors
     assert list(tmp_path.iterdir()) == []

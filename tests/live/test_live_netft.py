@@ -32,7 +32,7 @@ from palpate.setup.rig import check_rig
 HOST = "127.0.0.1"
 ROUND = 2**32
 PAGE = {"prodname": "Box", "cfgcalsn": "FT1", "cfgcpf": "1000000", "cfgcpt": "1000000", "scfgfu": "N", "scfgtu": "N-m"}
-LONG = 20.0  # s: a test that hangs ends
+LONG = 60.0  # s: a test that hangs ends
 
 
 class Wire:

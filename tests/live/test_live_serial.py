@@ -32,7 +32,7 @@ oracle = pytest.importorskip("cobs.cobs")
 pytest.importorskip("serial")
 from palpate.live.serial import SerialPort  # noqa: E402 - skipped above where pyserial is absent
 
-PATIENCE = 20.0  # s for what takes milliseconds on an idle machine
+PATIENCE = 60.0  # s for what takes milliseconds on an idle machine
 
 
 # --- frames -----------------------------------------------------------------------------------------------------------
