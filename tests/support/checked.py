@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from types import FunctionType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 from unittest import mock
 
@@ -20,6 +20,7 @@ __all__ = ["cache_apart", "check_first_calls", "start_counting"]
 
 CALLS = 2  # of a function in a test: with 20, the checks were a quarter of the time of all tests
 _test = [0]  # how many have begun
+_counts: dict[CodeType, list[int]] = {}  # checked calls of a function, in which test
 
 
 def cache_apart() -> None:
@@ -60,19 +61,23 @@ def check_first_calls() -> None:
     jaxtyping.jaxtyped = decorator.jaxtyped = jaxtyped
 
 
-def _first(made: Callable[[], Callable[..., Any]], plain: Callable[..., Any]) -> Callable[..., Any]:
-    """`plain` with its check, as `made` returns it, for the first calls, then `plain` alone."""
-    count, counted = 0, 0
+def _first(made: Callable[[], Callable[..., Any]], plain: FunctionType) -> Callable[..., Any]:
+    """`plain` with its check, as `made` returns it, for the first calls, then `plain` alone.
+
+    A function in a function is another one at each call of the outer, whose check takes milliseconds to make: all of
+    them count as one.
+    """
+    counts = _counts.setdefault(plain.__code__, [0, 0])
     checked: Callable[..., Any] | None = None
 
     @functools.wraps(plain)
     def call(*args: Any, **kwargs: Any) -> Any:
-        nonlocal count, counted, checked
-        if counted != _test[0]:
-            count, counted = 0, _test[0]
-        if count >= CALLS:
+        nonlocal checked
+        if counts[1] != _test[0]:
+            counts[:] = 0, _test[0]
+        if counts[0] >= CALLS:
             return plain(*args, **kwargs)
-        count += 1
+        counts[0] += 1
         if checked is None:
             checked = made()
         try:
