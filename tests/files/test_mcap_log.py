@@ -183,6 +183,7 @@ def test_how_a_file_is_cut_into_chunks_does_not_matter(tmp_path: Path, chunk: in
 def test_rows_do_not_wait_for_a_topic_that_fell_silent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.files.logs.topic_log.BLOCK", 100)
     monkeypatch.setattr("palpate.files.logs.topic_log.HELD", 300)
+    monkeypatch.setattr("palpate.files.logs.stuck.FIRST", 100)
     log = session(2000, start=10**9)
     messages = [m for k, m in enumerate(log.messages()) if m[1] == WRENCH or k < 500]
     write_mcap(tmp_path / "log.mcap", messages, chunk_size=3000)

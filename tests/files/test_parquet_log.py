@@ -37,6 +37,7 @@ def test_null_is_nan_and_said(tmp_path: Path) -> None:
 
 def test_blocks_do_not_change_what_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.files.logs.parquet.PIECE", 17)
+    monkeypatch.setattr("palpate.files.logs.stuck.FIRST", 1)
     log = session(1000)
     write_parquet(tmp_path / "log.parquet", log)
     blocks = list(open_log(tmp_path / "log.parquet").blocks())

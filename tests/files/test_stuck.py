@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -12,10 +14,13 @@ def noisy(count: int = 2000, seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=(count, 6)) * ([0.05] * 3 + [0.003] * 3)
 
 
-def found(wrench: np.ndarray, block: int = 700) -> tuple[np.ndarray, tuple[str, ...]]:
-    finder, time = StuckWrenches(), np.arange(len(wrench)) / 100
-    parts = [finder.find(time[k : k + block], wrench[k : k + block]) for k in range(0, len(wrench), block)]
-    return np.concatenate(parts), finder.notes()
+def found(
+    wrench: np.ndarray, cuts: Sequence[int] = (700, 1400), limits: np.ndarray | None = None
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    finder, time = StuckWrenches(limits), np.arange(len(wrench)) / 100
+    pieces = np.split(np.arange(len(wrench)), sorted(cuts))
+    parts = [finder.find(time[rows], wrench[rows]) for rows in pieces]
+    return np.concatenate([*parts, finder.find(time[:0], wrench[:0], complete=True)]), finder.notes()
 
 
 def test_zeros_in_the_middle_are_not_measured() -> None:
@@ -26,15 +31,12 @@ def test_zeros_in_the_middle_are_not_measured() -> None:
     assert notes == ("the wrench is exactly zero from 6.000 s to 8.990 s (300 rows): these samples are invalid",)
 
 
-@pytest.mark.parametrize("block", [2000, 700, 333])
-def test_a_sensor_that_hangs_measured_its_first_row_only(block: int) -> None:
+def test_a_sensor_that_hangs_measured_its_first_row_only() -> None:
     wrench = noisy()
     wrench[600:] = wrench[600]
-    stuck, notes = found(wrench, block)
-    missed = np.setdiff1d(np.arange(601, 2000), np.flatnonzero(stuck))
-    assert not stuck[:601].any()
-    assert len(missed) < 20  # of a stretch that a block begins and that is still short in it
-    assert "does not change from" in notes[0]
+    stuck, notes = found(wrench)
+    np.testing.assert_array_equal(np.flatnonzero(stuck), np.arange(601, 2000))
+    assert notes == ("the wrench does not change from 6.010 s to 19.990 s (1,399 rows): these samples are invalid",)
 
 
 def test_a_dead_channel_makes_every_sample_invalid() -> None:
@@ -51,9 +53,44 @@ def test_a_channel_that_comes_alive_is_noted_for_the_samples_before(missing: boo
     wrench[:1500, 2] = 0.0165
     wrench[800] = np.nan if missing else wrench[800]  # a missing row is no sign of life
     stuck, notes = found(wrench)
-    np.testing.assert_array_equal(np.flatnonzero(stuck), np.arange(1400))  # by whole blocks
+    np.testing.assert_array_equal(np.flatnonzero(stuck), np.arange(1500))
     assert len(notes) == 1
-    assert "z of the force is 0.0165 in all rows before 14.000 s" in notes[0]
+    assert "z of the force is 0.0165 from 0.000 s to 14.990 s (1,500 rows) while others change" in notes[0]
+
+
+@pytest.mark.parametrize("died", [300, 1200, 1850])
+def test_a_channel_that_dies_is_found_wherever_it_dies(died: int) -> None:
+    wrench = noisy()
+    wrench[died:, 4] = wrench[died, 4]
+    stuck, notes = found(wrench)
+    np.testing.assert_array_equal(np.flatnonzero(stuck), np.arange(died + 1, 2000))  # its first row was measured
+    assert len(notes) == 1
+    assert f"y of the torque is {wrench[died, 4]:g} from" in notes[0]
+    assert not found(wrench[: died + 99])[0].any()  # too short to be told from chance
+
+
+def test_a_channel_at_its_limit_is_saturated_not_dead() -> None:
+    wrench = noisy()
+    wrench[1200:, 2] = 5.0
+    assert found(wrench)[0].sum() == 799
+    assert not found(wrench, limits=np.full(6, 5.0))[0].any()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_blocks_of_any_size_give_the_same_answers(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    wrench = np.repeat(noisy(2500, seed), seed % 3 + 1, axis=0)
+    for _ in range(8):
+        start, length = rng.integers(len(wrench)), rng.choice([15, 60, 150, 1000])
+        channels = slice(None) if rng.random() < 0.5 else rng.integers(6)
+        frozen = wrench[start, channels] * (rng.random() < 0.6)
+        wrench[start : start + length, channels] = np.nan if rng.random() < 0.2 else frozen
+    stuck, notes = found(wrench, ())
+    assert 0 < np.count_nonzero(stuck) < len(wrench)
+    for count in (1, 5, 60):
+        cut, said = found(wrench, rng.integers(0, len(wrench), count).tolist())
+        np.testing.assert_array_equal(cut, stuck)
+        assert said == notes
 
 
 def test_good_logs_are_left_alone() -> None:

@@ -69,6 +69,7 @@ class ArrayLog(ColumnLog):
         self._columns = columns = Columns(self._layout, self.path, shapes)
         arrays = self._arrays(list(dict.fromkeys(columns.places[column][0] for column in columns.names)))
         yield from self._cut(columns, arrays, 0, len(next(iter(arrays.values()))))
+        yield from columns.finish()
 
     def _loaded(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         with self._reading(), open_input(self.path) as file:

@@ -69,8 +69,8 @@ class Columns:
         """Names of all columns that are read."""
         return list(dict.fromkeys(chain.from_iterable(self._groups.values())))
 
-    def block(self, read: Read) -> Recording:
-        """Return the next samples in SI; `read` returns the numbers of given columns, (n, k)."""
+    def blocks(self, read: Read) -> Iterator[Recording]:
+        """Yield the next samples in SI; `read` returns the numbers of given columns, (n, k)."""
         values = {group: read(columns, self._fields[group]) for group, columns in self._groups.items()}
         if _TIME in values:  # 235 / 1e3 is 0.235, 235 * 1e-3 is not
             time = self._seconds(values.pop(_TIME)[:, 0])
@@ -78,7 +78,7 @@ class Columns:
             count = len(next(iter(values.values())))
             time = (self._count + np.arange(count)) / (self._layout.rate or 1.0)
         self._count += len(time)
-        return self._samples.block(time, values)
+        yield from self._samples.blocks(time, values)
 
     def _seconds(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return times as recorded in seconds; the first ones decide the unit if nothing states it."""
@@ -100,12 +100,13 @@ class Columns:
         fields.count(found, lambda row: f"row {before + row + 1}")
         return found
 
-    def finish(self) -> None:
-        """Check, after the last block, that no column has text and not a single number.
+    def finish(self) -> Iterator[Recording]:
+        """Yield the last samples, and check that no column has text and not a single number.
 
         Raises:
             InputError: one does.
         """
+        yield from self._samples.rest()
         for fields in self._fields.values():
             fields.require_numbers(self._path)
 
@@ -141,7 +142,7 @@ class ColumnLog(Log):
         for start in range(0, count, block):  # what follows needs far more memory than what is read
             self.position = self.size * (before + min(start + block, count)) // total
             rows = {name: values[start : start + block] for name, values in arrays.items()}
-            yield columns.block(partial(columns.taken, rows, before + start))
+            yield from columns.blocks(partial(columns.taken, rows, before + start))
 
 
 def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:

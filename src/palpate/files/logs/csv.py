@@ -55,14 +55,14 @@ class CsvLog(ColumnLog):
                     self._columns = Columns(self._layout, self.path, shapes, stated)
                 table.counted(self._rows)
                 if len(table):
-                    yield self._columns.block(table.read)
+                    yield from self._columns.blocks(table.read)
             if self._rows.cut and file.seekable():
                 file.seek(-1, SEEK_END)
                 if file.read(1) not in b"\r\n":
                     self.torn = "the file is torn: its last line ends within a row"
         self._rows.require(self.path)
         if self._columns is not None:
-            self._columns.finish()
+            yield from self._columns.finish()
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on the rows read so far, one sentence each."""

@@ -136,7 +136,7 @@ class ImageLog(Log):
             for row, (_, image) in zip(images, part, strict=True):
                 if image is not None:
                     row[:] = image
-            yield self._samples.block(np.array([time for time, _ in part]), {IMAGE: images})
+            yield from self._samples.blocks(np.array([time for time, _ in part]), {IMAGE: images})
 
 
 def _listed(names: Sequence[str]) -> str:

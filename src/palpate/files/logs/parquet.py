@@ -71,6 +71,7 @@ class ParquetLog(ColumnLog):
         for done in range(0, total, piece):
             rows = wanted.slice(done, piece).collect()
             yield from self._cut(columns, {name: rows[name].to_numpy()[:, None] for name in columns.names}, done, total)
+        yield from columns.finish()
         if not total:
             raise InputError("has columns, but no rows.", where=str(self.path))
 

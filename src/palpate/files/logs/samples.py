@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
 from palpate.files.logs.layout import ArrayChannel, LogLayout, axis_matrix
@@ -68,12 +68,14 @@ class SampleReader:
         self._layout = layout
         self._pose = SensorPose(layout.orientation_form, inverse=layout.inverse, sensor_rotation=layout.sensor_rotation)
         self._images, self._both = layout.images is not None, bool(layout.arrays) and layout.wrench is not None
-        self._times, self._stuck = _Times(), StuckWrenches()
+        limits = None if layout.wrench_range is None else self.recorded(layout.wrench_range)
+        self._times, self._stuck = _Times(), StuckWrenches(limits)
+        self._held: tuple[np.ndarray, dict[str, np.ndarray]] | None = None  # rows without an answer on `stuck`
         self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
         self._infinite = self._none = self._far = 0
 
-    def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray]) -> Recording:
-        """Return the next samples in SI, at times (n,) [s].
+    def blocks(self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray]) -> Iterator[Recording]:
+        """Yield the next samples in SI, at times (n,) [s], as far as later ones cannot show that they are stuck.
 
         `read` has the numbers as recorded: `WRENCH`, arrays and other channels, (n, k) each; or `IMAGE`, (n, height,
         width, 3). The caller must not use them afterwards.
@@ -83,9 +85,37 @@ class SampleReader:
             KeyError: an array of the layout is not in `read`.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
+        if WRENCH not in read:
+            yield self._recording(time, read, None)
+            return
+        stuck = self._stuck.find(time, read[WRENCH])
+        if self._held is not None:
+            time = np.concatenate([self._held[0], time])
+            read = {name: np.concatenate([self._held[1][name], values]) for name, values in read.items()}
+        yield from self._answered(time, read, stuck)
+
+    def rest(self) -> Iterator[Recording]:
+        """Yield the last samples, after all blocks."""
+        if self._held is not None:
+            stuck = self._stuck.find(np.zeros(0), np.zeros((0, 6)), complete=True)
+            yield from self._answered(*self._held, stuck)
+
+    def _answered(
+        self, time: np.ndarray, read: Mapping[str, np.ndarray], stuck: Bool[np.ndarray, " m"]
+    ) -> Iterator[Recording]:
+        """Yield the first samples, on which there is an answer, and hold the others."""
+        ready = len(stuck)
+        held = {name: values[ready:].copy() for name, values in read.items()}
+        self._held = (time[ready:], held) if ready < len(time) else None
+        if ready:
+            yield self._recording(time[:ready].copy(), {name: values[:ready] for name, values in read.items()}, stuck)
+
+    def _recording(
+        self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray], stuck: Bool[np.ndarray, " n"] | None
+    ) -> Recording:
+        """Return samples in SI, without the wrenches that are stuck."""
         channels: dict[str, np.ndarray] = {}
-        if WRENCH in read:
-            stuck = self._stuck.find(time, read[WRENCH])
+        if stuck is not None:
             wrenches = np.where(stuck[:, None], np.nan, self._wrenches(read[WRENCH]))
             channels = {FORCE: wrenches[:, :3].copy(), TORQUE: wrenches[:, 3:].copy()}
             if self._both and AVERAGED not in read:

@@ -288,6 +288,7 @@ class _Join:
             source.track.complete()
         if self._time:
             yield from self._release(complete=True)
+        yield from self._samples.rest()
 
     def notes(self) -> tuple[str, ...]:
         said = [note for source in (self.main, *self._sources.values()) for note in source.notes()]
@@ -309,7 +310,7 @@ class _Join:
         for start in range(0, ready, self._block):
             piece = slice(start, min(start + self._block, ready))
             self.rows += len(time[piece])
-            yield self._samples.block(time[piece], {**self._rows(values[piece]), **self._others(time[piece])})
+            yield from self._samples.blocks(time[piece], {**self._rows(values[piece]), **self._others(time[piece])})
         oldest = float(np.min(time, initial=np.inf, where=np.isfinite(time)))
         for source in self._sources.values() if np.isfinite(oldest) else ():
             source.track.forget(oldest)

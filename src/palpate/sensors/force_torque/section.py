@@ -99,6 +99,7 @@ def _layout(setup: Setup) -> LogLayout:
         frame=wrench.frame,
         torque_frame=wrench.torque_frame,
         reference=wrench.reference,
+        wrench_range=None if wrench.range is None else wrench.range.six(),
         wrench_topic=wrench.topic,
         **setup.common,
     )

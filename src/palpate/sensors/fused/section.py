@@ -10,7 +10,7 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.files.logs import LogContents
 from palpate.files.logs.layout import LogLayout
-from palpate.sensors.force_torque.section import FORCE_TORQUE, ForceTorqueSection, compensation
+from palpate.sensors.force_torque.section import FORCE_TORQUE, compensation
 from palpate.sensors.fused.estimator import FusedEstimator
 from palpate.sensors.fused.locator import FusedLocator, FusionSettings
 from palpate.sensors.taxels.estimator import TaxelEstimator
@@ -65,8 +65,7 @@ class RigFusion:
 def _layout(setup: Setup) -> LogLayout:
     """Return the layout of a log with the skin's frames, each with the mean of the wrenches about its time."""
     skin, wrench = SKIN.layout(setup), FORCE_TORQUE.layout(setup)
-    stated = setup.of(ForceTorqueSection).table.range
-    return replace(wrench, arrays=skin.arrays, rate=skin.rate, wrench_range=None if stated is None else stated.six())
+    return replace(wrench, arrays=skin.arrays, rate=skin.rate)
 
 
 def _build(setup: Setup) -> BuiltEstimator:
