@@ -11,7 +11,7 @@ from palpate.files.logs import LogContents, open_log, topic_shapes
 from palpate.files.logs.decoding import role
 from palpate.files.logs.layout import ORIENTATION_COLUMNS, LogLayout
 from palpate.files.logs.topics import RESULTS
-from palpate.setup.makers import named_pose
+from palpate.setup.makers import NamedPose
 from palpate.surfaces.collada import ColladaAsset
 from palpate.surfaces.mesh import UNITS, Mesh, plausible_size, unit_named
 
@@ -96,25 +96,30 @@ def pose_table(topics: Sequence[str]) -> str:
     return "".join(f"{'' if topics else '# '}{line}\n" for line in lines)
 
 
-def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
-    """Return the [orientation] of a rig for columns as TOML text, and a list of remarks to check.
+def orientation_table(found: NamedPose | None) -> tuple[str, list[str]]:
+    """Return the [orientation] of a rig for the columns of a pose as TOML text, and a list of remarks to check.
 
-    It is commented out unless the columns are named qx, qy, qz, qw, or as a maker names them.
+    It is commented out unless the columns are named qx, qy, qz, qw, or as a maker names them, or the numbers show it.
     """
-    found = named_pose(names)
     if found is None:
         return '# [orientation]\n# columns = ["qx", "qy", "qz", "qw"]   # sensor in base: a payload needs it\n', []
     quaternion = found.form == "quaternion"
     lines = ["[orientation]", f"columns = {quoted(found.orientation)}   # sensor in base{': x, y, z, w' * quaternion}"]
     lines += [] if quaternion else [f"form = {quoted(found.form)}"]
+    lines += ["inverse = true"] if found.inverse else []
     remarks = [found.remark] if found.remark else []
     if found.position and re.search(r"[\[(_ ](?:mm|cm|um|in)[\])]?$", found.position[0]):
         remarks.append(f"{found.position[0]!r} ... are not read: positions must be in metres")
     elif found.position:
         lines.append(f"position = {quoted(found.position)}   # sensor in base [m]: only for --frame base")
-    if found.orientation == ORIENTATION_COLUMNS or (found.sure and not quaternion):
+    if found.proven or found.orientation == ORIENTATION_COLUMNS or (found.sure and not quaternion):
         return "\n".join(lines) + "\n", remarks
     remark = f"{found.orientation[0]!r} ... may be the sensor's orientation: it is in the rig as a comment"
+    if not found.ordered:
+        remark += (
+            ", as x, y, z, w, which is assumed: no weight in the force shows the order; for w, x, y, z write "
+            'form = "quaternion_wxyz" in [orientation]'
+        )
     return "\n".join(f"# {line}" for line in lines) + "\n", [remark, *remarks]
 
 

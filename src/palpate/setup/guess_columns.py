@@ -12,12 +12,13 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.files.logs import LogContents
+from palpate.files.logs.columns import flattened
 from palpate.files.logs.layout import LogLayout
 from palpate.files.tables.stated import Stated
 from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, known_unit, split_unit, to_si
 from palpate.setup.guess import commented, orientation_table, quoted
 from palpate.setup.guess_time import TimeGuess, guess_time
-from palpate.setup.makers import NamedWrench, named_pose, named_wrench
+from palpate.setup.makers import NamedPose, NamedWrench, named_pose, named_wrench
 from palpate.setup.names import acceleration_columns, made_up, wrenches
 from palpate.signals.acceleration import kind_of_acceleration
 from palpate.signals.recording import ACCELERATION, Recording
@@ -37,6 +38,7 @@ class WrenchColumns:
         fields: name -> part of a rig's text; without "torque_unit" if the log does not state it.
         remarks: what the reader should check.
         time: the guess at the time of a table.
+        pose: columns of the sensor's pose, if any.
         acceleration: columns of the acceleration, if any.
     """
 
@@ -45,12 +47,15 @@ class WrenchColumns:
     fields: Mapping[str, str]
     remarks: tuple[str, ...] = ()
     time: TimeGuess | None = None
+    pose: NamedPose | None = None
     acceleration: tuple[str, ...] = ()
 
-    def looked_at(self, recording: Recording, stated: Stated, time_unit: tuple[str, str]) -> WrenchColumns:
+    def looked_at(
+        self, recording: Recording, stated: Stated, time_unit: tuple[str, str], pose: NamedPose | None
+    ) -> WrenchColumns:
         """Return a `WrenchColumns` completed from the table's numbers: unit of time, kind of acceleration, counts.
 
-        `time_unit` is the unit in which the times were read, and a remark on it.
+        `time_unit` is the unit in which the times were read, and a remark on it; `pose` has what they show of the pose.
         """
         fields, remarks, layout = dict(self.fields), list(self.remarks), self.layout
         time = None if self.time is None else self.time.judged(recording.time, *time_unit)
@@ -58,6 +63,8 @@ class WrenchColumns:
             layout = replace(layout, time=time.column or "time", time_unit=time.unit, rate=time.rate)
             fields["time"] = time.text()
             remarks[:0] = time.remarks
+        fields["orientation"], doubts = orientation_table(pose)
+        remarks += doubts
         if whole := _counted(recording.wrenches(), fields):
             fields["unsure"] = "# "  # in counts: without it, it is taken from the log by the units that will stand here
             remarks.append(whole)
@@ -84,6 +91,7 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
     Raises:
         InputError: a unit of force, torque or time is unknown, or forces or torques have two units.
     """
+    contents = replace(contents, names=dict.fromkeys(flattened(contents.names), ()))
     names = list(contents.names)
     found = wrenches(names)
     if not found:
@@ -93,14 +101,13 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
     force = _unit(wrench[:3], "force", FORCE_UNITS, contents)
     torque = _unit(wrench[3:], "torque", TORQUE_UNITS, contents)
     meaning = named_wrench(wrench)
-    orientation, remarks = orientation_table(names)
-    fields = {"wrench": f"columns = {quoted(wrench)}", "force_unit": force or "N", "orientation": orientation}
+    fields = {"wrench": f"columns = {quoted(wrench)}", "force_unit": force or "N"}
     fields |= {"frame": meaning.frame} | ({"torque_unit": torque} if torque else {})
     if settings := meaning.settings:
         fields["meaning"] = "".join(f"{key} = {quoted(value)}\n" for key, value in settings.items())
     if meaning.unknown or meaning.reference != "sensor":
         fields["unsure"] = "# "  # the noise of the torque is another one about another point
-    remarks = [*_said(wrench, others, meaning, names), *remarks]
+    remarks = _said(wrench, others, meaning, names)
     acceleration = acceleration_columns([name for name in names if name not in wrench]) or ()
     layout = LogLayout(
         time=time.column or "time",
@@ -117,7 +124,7 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
     why = f"columns {', '.join(wrench)} look like forces and torques"
     if not meaning.whose:
         why += ", of what acts on the body, along the sensor's axes and about its origin (acts_on, frame, reference)"
-    return WrenchColumns(why, layout, fields, tuple(remarks), time, acceleration)
+    return WrenchColumns(why, layout, fields, tuple(remarks), time, named_pose(names), acceleration)
 
 
 def _acceleration_unit(columns: Sequence[str], stated: Stated) -> str | None:

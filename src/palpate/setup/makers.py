@@ -83,7 +83,10 @@ class NamedPose:
         form: form of the orientation, as [orientation] in a rig has it.
         position: columns of the position; (): none, or they are in the orientation's matrix.
         sure: whether the names leave no doubt.
+        ordered: whether the order of a quaternion is known.
         remark: what to check, a sentence; "": nothing.
+        inverse: whether it is the base in the sensor.
+        proven: whether the numbers show what it is.
     """
 
     orientation: tuple[str, ...]
@@ -91,6 +94,9 @@ class NamedPose:
     position: tuple[str, ...] = ()
     sure: bool = True
     remark: str = ""
+    ordered: bool = True
+    inverse: bool = False
+    proven: bool = False
 
 
 _NUMBERED = re.compile(r"^(?P<head>.*?)[\W_]*(?P<number>\d{1,2})\W*$")
@@ -98,6 +104,10 @@ _POSES = {  # name of a series of numbers -> form, numbers of the orientation, o
     (r"O_T_EE\w*$", 16): ("matrix_columns", slice(0, 16), slice(0), "the end effector's pose of a Franka arm"),
     (r"(actual|target)_TCP_pose$", 6): ("rotation_vector", slice(3, 6), slice(0, 3), "the TCP's pose of a UR arm"),
 }
+_UNORDERED = (  # name of a series of numbers, count, numbers of the orientation, of the position
+    (r"(?:^|[\W_])(?:q|quat\w*|orientation|rot\w*)$", 4, slice(0, 4), slice(0)),
+    (r"(?:^|[\W_])pose$", 7, slice(3, 7), slice(0, 3)),
+)
 _VECTOR = "are taken for a rotation vector: if they are Euler angles, state their form"
 _THREE = (  # names of three columns, form, remark
     (("roll", "pitch", "yaw"), "euler_xyz", "are taken for angles about fixed axes x, y, z"),
@@ -123,6 +133,11 @@ def named_pose(names: Sequence[str]) -> NamedPose | None:
     position = position_columns(names) or ()
     if (quaternion := orientation_columns(names)) is not None:
         return NamedPose(quaternion, "quaternion", position)
+    for pattern, count, turned, moved in _UNORDERED:
+        for head, numbered in series.items():
+            if re.search(pattern, head, re.I) and max(numbered) - min(numbered) + 1 == len(numbered) == count:
+                columns = tuple(numbered[k] for k in sorted(numbered))
+                return NamedPose(columns[turned], "quaternion", columns[moved] or position, ordered=False)
     bare = {split_unit(name)[0].strip().lower().replace("_", ""): name for name in names}
     for words, form, remark in _THREE:
         if set(words) <= bare.keys():

@@ -27,7 +27,7 @@ from palpate.sensors.force_torque._payload_mistakes import (
 )
 from palpate.spatial.pose import Pose, skew
 
-__all__ = ["FAR", "Explanation", "fitted", "likely", "search", "upward"]
+__all__ = ["FAR", "Explanation", "fitted", "likely", "search", "upward", "weight_misfit"]
 
 MOST = 300  # poses that are searched, evenly spread
 TRIMMED = 0.2  # share of the poses, and two at least, that a fit may leave aside
@@ -131,6 +131,12 @@ def fitted(
     misfit, weight = poses.force(poses.rotations, poses.wrenches[:, :3])
     second, found = poses.fit(torque_columns(poses.rotations, weight), poses.wrenches[:, 3:])
     return Explanation(AS_IS, float(np.sqrt(misfit * second)), float(np.linalg.norm(found[:3])))
+
+
+def weight_misfit(wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"]) -> float | None:
+    """Return the rms [N] that a weight and a bias leave of the force in poses as they are; None of fewer than six."""
+    poses = _poses(wrenches, rotations, None)
+    return None if poses is None else poses.force(poses.rotations, poses.wrenches[:, :3])[0]
 
 
 def _poses(wrenches: np.ndarray, rotations: np.ndarray, direction: np.ndarray | None) -> _Poses | None:

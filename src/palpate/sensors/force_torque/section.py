@@ -21,6 +21,7 @@ from palpate.files.models import read_model
 from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.force_torque.compensation import Compensation
 from palpate.sensors.force_torque.model import ForceTorque
+from palpate.sensors.force_torque.orientation_form import confirmed_pose
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
 from palpate.setup.built import FIRST, BuiltEstimator, Guess
@@ -99,7 +100,7 @@ def _layout(setup: Setup) -> LogLayout:
         frame=wrench.frame,
         torque_frame=wrench.torque_frame,
         reference=wrench.reference,
-        wrench_range=None if wrench.range is None else wrench.range.six(),
+        wrench_range=None if wrench.range is None else tuple(wrench.range.six().tolist()),
         wrench_topic=wrench.topic,
         **setup.common,
     )
@@ -269,13 +270,17 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
     found = _topics_of(log, contents, body) if contents.topics else columns_guess(log, contents)
     if found is None:
         return None
-    bare = replace(found.layout, frames=None, orientation_topic=NONE)  # poses are not needed here
+    pose, bare = found.pose, replace(found.layout, frames=None, orientation_topic=NONE)  # no poses of topics yet
+    quaternion = pose is not None and pose.form == "quaternion"
+    bare = replace(bare, orientation=pose.orientation) if pose is not None and quaternion else bare
     opened = open_log(log, bare)
     recording = join(list(opened.blocks()))
     if found.time is not None:
         if made_up(contents.names) and found.time.column and (np.diff(recording.time) <= 0).mean() > 0.1:
             return None  # the first of seven columns without names is no time
-        found = found.looked_at(recording, contents.stated, opened.time_unit)
+        if pose is not None and quaternion:
+            pose = confirmed_pose(pose, recording, based=found.layout.frame == "base")
+        found = found.looked_at(recording, contents.stated, opened.time_unit, pose)
     found = _with_torques(found, recording.wrenches(), None if body is None else body.size)
     lacking = "" if found.time is None else found.time.lacking
     text = _TEXT.format_map({**_USUAL, **found.fields})

@@ -23,6 +23,7 @@ from palpate.sensors.load_cells.resolution import WANTED, nominal_cells, resolut
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
 from palpate.setup.built import BuiltEstimator, Guess
+from palpate.setup.makers import named_pose
 from palpate.setup.names import time_column, wrench_columns
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import Three, require_positive
@@ -224,7 +225,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
         return None
     unit, doubts = guess.time_unit(log, time)
     text = guess.time_table(time, unit) + _TEXT.format(where=f"columns = {guess.quoted(names)}")
-    orientation, remarks = guess.orientation_table(there)
+    orientation, remarks = guess.orientation_table(named_pose(there))
     why = f"{len(names)} columns {names[0]} to {names[-1]} look like three voltages for each of {len(names) // 3} cells"
     layout = LogLayout(
         time=time,

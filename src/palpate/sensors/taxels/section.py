@@ -27,7 +27,7 @@ from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
 from palpate.setup.built import BuiltEstimator, Guess
-from palpate.setup.makers import pose_columns
+from palpate.setup.makers import named_pose, pose_columns
 from palpate.setup.names import time_column, wrench_columns
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
@@ -270,7 +270,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
     cells = tuple(name for name in there if name not in known)
     if time is None or len(cells) < FEWEST or wrench_columns(there) is not None:
         return None
-    (unit, doubts), (orientation, _) = guess.time_unit(log, time), guess.orientation_table(there)
+    (unit, doubts), (orientation, _) = guess.time_unit(log, time), guess.orientation_table(named_pose(there))
     named = "" if len(known) == 1 else f"cells = {guess.quoted(cells)}\n"
     why = f"{len(cells)} columns in addition to the time look like cells"
     around = (guess.time_table(time, unit), orientation)
