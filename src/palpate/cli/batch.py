@@ -22,6 +22,7 @@ from palpate.console.parallel import begin_results, from_row, read_rows, require
 from palpate.contact.estimate import Status
 from palpate.errors import InputError, PalpateError
 from palpate.files.atomic import require_folder, reserve_output, write_text, writing
+from palpate.files.logs.layout import pose_path
 from palpate.files.models import provenance
 from palpate.files.tables.lines import open_input
 from palpate.setup import Rig
@@ -157,10 +158,10 @@ def batch(
 def _one(job: _Job) -> _Kept:
     """Estimate one log; an error becomes its result."""
     try:
-        digest = log_digest(job.log)  # before: a log that grows meanwhile is another log
+        digest = _log_digest(job)  # before: a log that grows meanwhile is another log
         rig = _rig(job.setup, job.made)
         opened = job.setup.open(job.log, rig)
-        files = {"log": job.log, "rig": job.setup.rig, **opened.setup.files()}
+        files = {"log": job.log, "rig": job.setup.rig, **opened.files()}
         done = estimate_log(opened, job.output, job.frame, files, partial(_watch, job.parent), keep_short=False)
     except PalpateError as problem:
         return _failed(job, str(problem).removeprefix(f"{job.log}: "))  # the page names the log
@@ -268,13 +269,19 @@ def _read(path: Path) -> Iterator[_Kept]:
         raise InputError(f"does not hold {RESULTS}.", where=str(path), hint="Name another folder.") from problem
 
 
+def _log_digest(job: _Job) -> str:
+    """Return the digest of a log, and of its table of poses if there is one."""
+    poses = pose_path(_rig(job.setup, job.made).orientation.file, job.log)
+    return log_digest(job.log) + (log_digest(poses) if poses is not None and poses.is_file() else "")
+
+
 def _is_done(kept: _Kept | None, job: _Job) -> bool:
     """Return whether a log is done from the same inputs, and its output is unchanged."""
     output = job.output
     if kept is None or kept.result.failure or (kept.made, kept.output) != (job.made, output.name):
         return False
     unchanged = output.is_file() and output.stat().st_size == kept.size and record_of(output).is_file()
-    return unchanged and log_digest(job.log) == kept.digest
+    return unchanged and _log_digest(job) == kept.digest
 
 
 def _so_far(done: dict[str, _Kept], total: int) -> str:

@@ -87,7 +87,7 @@ def estimate(
     known, other = _ground_truth(truth, report), _compared(compare, report, rig.resolve().link)
     opened = setup.open(log, rig)
     wait("preparing the surface")
-    files = {"log": log, "rig": setup.rig, **opened.setup.files(), "truth": truth}
+    files = {"log": log, "rig": setup.rig, **opened.files(), "truth": truth}
     with counting():
         done = estimate_log(opened, output, frame, files, progress, workers=_workers(opened, workers))
     _say(str(log) if output is None else f"{log} -> {output}", done)

@@ -11,7 +11,7 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
 from palpate.console.console import note, title
-from palpate.console.options import Output, Scalar
+from palpate.console.options import FileOption, Output, Scalar
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.live.capture import listen, stated_source
@@ -46,6 +46,7 @@ def rig_new(
     sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
     rate: Scalar = None,
     topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
+    poses: FileOption = None,
     source: Annotated[str | None, arg(metavar="KIND:ADDRESS", help_behavior_hint="")] = None,
     robot: Annotated[_Robot, arg(name="")],
     force: Annotated[bool, FlagCreatePairsOff] = False,
@@ -62,6 +63,7 @@ def rig_new(
         sensor: force_torque, load_cells or skin, where the log could be of several.
         rate: sampling rate [Hz], where a table has no times, or only a counter.
         topic: topic of the sensor's readings, where the log has several.
+        poses: second table, of the sensor's poses on the log's clock, where the log has none.
         source: live samples: netft:NAME, serial:/dev/ttyUSB0, ros2, camera:0 or replay:LOG; `palpate live` uses it.
         robot: touched part of the URDF.
         force: overwrite a rig that is there already.
@@ -75,7 +77,7 @@ def rig_new(
     live = None if source is None else stated_source(source)
     if live is not None and mesh is None and log is not None and log.suffix.lower() in _BODIES:
         log, mesh = None, log
-    keep_inputs(output, (log, mesh))
+    keep_inputs(output, (log, mesh, poses))
     if output.exists() and not force:
         raise InputError("already exists.", where=str(output), hint="Add --force to overwrite it.")
     if rate is not None and not 0 < rate < inf:
@@ -85,7 +87,7 @@ def rig_new(
         seen = log if log is not None or live is None else listen(live, Path(scratch))
         if seen is None:
             raise InputError("is missing: give a log, or a device to listen to.", where="LOG or --source")
-        proposal = propose_rig(seen, body, output.parent, sensor=sensor, topic=topic, rate=rate)
+        proposal = propose_rig(seen, body, output.parent, sensor=sensor, topic=topic, rate=rate, poses=poses)
     write_text(output, proposal.text + ("" if live is None else live.text()))
     load_rig(output)
     title(f"{', '.join(str(each) for each in (log or source, mesh) if each)} -> {output}")

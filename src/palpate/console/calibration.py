@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from palpate.console.console import counting, lines, note, title
 from palpate.files.atomic import keep_inputs
+from palpate.files.logs.layout import pose_path
 from palpate.files.models import provenance, write_model
 from palpate.setup import Rig, load_rig
 
@@ -79,8 +80,10 @@ class Calibration(ABC):
 
     @cached_property
     def reads(self) -> dict[str, Path]:
-        """Name of the argument -> path, of each input file."""
-        return {name: path for name, path in vars(self).items() if isinstance(path, Path) and name != "output"}
+        """Name of the argument -> path, of each input file, and "poses", a second table of the log."""
+        given = {name: path for name, path in vars(self).items() if isinstance(path, Path) and name != "output"}
+        poses = pose_path(self.stated.orientation.file, given["log"]) if "log" in given else None
+        return given if poses is None else {**given, "poses": poses}
 
     def record(self, **settings: object) -> dict[str, str]:
         """Return provenance for a model, name -> text: version, name and digest of the inputs, `settings`.

@@ -96,15 +96,17 @@ def pose_table(topics: Sequence[str]) -> str:
     return "".join(f"{'' if topics else '# '}{line}\n" for line in lines)
 
 
-def orientation_table(found: NamedPose | None) -> tuple[str, list[str]]:
+def orientation_table(found: NamedPose | None, *more: str) -> tuple[str, list[str]]:
     """Return the [orientation] of a rig for the columns of a pose as TOML text, and a list of remarks to check.
 
+    `more` are lines of the table, such as of the file that has the columns.
     It is commented out unless the columns are named qx, qy, qz, qw, or as a maker names them, or the numbers show it.
     """
     if found is None:
         return '# [orientation]\n# columns = ["qx", "qy", "qz", "qw"]   # sensor in base: a payload needs it\n', []
     quaternion = found.form == "quaternion"
-    lines = ["[orientation]", f"columns = {quoted(found.orientation)}   # sensor in base{': x, y, z, w' * quaternion}"]
+    order = ": x, y, z, w" * quaternion
+    lines = ["[orientation]", *more, f"columns = {quoted(found.orientation)}   # sensor in base{order}"]
     lines += [] if quaternion else [f"form = {quoted(found.form)}"]
     lines += ["inverse = true"] if found.inverse else []
     remarks = [found.remark] if found.remark else []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from os.path import relpath
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,10 @@ from palpate.files.logs.columns import flattened
 from palpate.files.logs.layout import LogLayout
 from palpate.files.tables.stated import Stated
 from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, known_unit, split_unit, to_si
-from palpate.setup.guess import commented, orientation_table, quoted
+from palpate.setup.guess import commented, orientation_table, quoted, time_unit
 from palpate.setup.guess_time import TimeGuess, guess_time
 from palpate.setup.makers import NamedPose, NamedWrench, named_pose, named_wrench
-from palpate.setup.names import acceleration_columns, made_up, wrenches
+from palpate.setup.names import acceleration_columns, made_up, time_column, wrenches
 from palpate.signals.acceleration import kind_of_acceleration
 from palpate.signals.recording import ACCELERATION, Recording
 
@@ -39,6 +40,7 @@ class WrenchColumns:
         remarks: what the reader should check.
         time: the guess at the time of a table.
         pose: columns of the sensor's pose, if any.
+        pose_table: lines of a rig on the second table that has them; (): the log has them.
         acceleration: columns of the acceleration, if any.
     """
 
@@ -48,6 +50,7 @@ class WrenchColumns:
     remarks: tuple[str, ...] = ()
     time: TimeGuess | None = None
     pose: NamedPose | None = None
+    pose_table: tuple[str, ...] = ()
     acceleration: tuple[str, ...] = ()
 
     def looked_at(
@@ -63,7 +66,7 @@ class WrenchColumns:
             layout = replace(layout, time=time.column or "time", time_unit=time.unit, rate=time.rate)
             fields["time"] = time.text()
             remarks[:0] = time.remarks
-        fields["orientation"], doubts = orientation_table(pose)
+        fields["orientation"], doubts = orientation_table(pose, *self.pose_table)
         remarks += doubts
         if whole := _counted(recording.wrenches(), fields):
             fields["unsure"] = "# "  # in counts: without it, it is taken from the log by the units that will stand here
@@ -107,7 +110,8 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
         fields["meaning"] = "".join(f"{key} = {quoted(value)}\n" for key, value in settings.items())
     if meaning.unknown or meaning.reference != "sensor":
         fields["unsure"] = "# "  # the noise of the torque is another one about another point
-    remarks = _said(wrench, others, meaning, names)
+    pose, lines, read = _poses(contents, names)
+    remarks = _said(wrench, others, meaning, pose)
     acceleration = acceleration_columns([name for name in names if name not in wrench]) or ()
     layout = LogLayout(
         time=time.column or "time",
@@ -120,11 +124,32 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
         acts_on=meaning.acts_on,
         acceleration=acceleration or None,
         acceleration_unit=_acceleration_unit(acceleration, contents.stated) or "m/s^2",
+        **read,
     )
     why = f"columns {', '.join(wrench)} look like forces and torques"
     if not meaning.whose:
         why += ", of what acts on the body, along the sensor's axes and about its origin (acts_on, frame, reference)"
-    return WrenchColumns(why, layout, fields, tuple(remarks), time, named_pose(names), acceleration)
+    return WrenchColumns(why, layout, fields, tuple(remarks), time, pose, lines, acceleration)
+
+
+def _poses(contents: LogContents, names: Sequence[str]) -> tuple[NamedPose | None, tuple[str, ...], dict[str, str]]:
+    """Return the columns of the pose; of a second table, also its lines of a rig, and settings of the layout."""
+    if (table := contents.poses) is None:
+        return named_pose(names), (), {}
+    names = list(flattened(table.names))
+    pose, time = named_pose(names), time_column(names)
+    if pose is None or time is None:
+        lacking = "orientation (qx, qy, qz, qw)" if pose is None else "time"
+        what = f"has no columns that look like the {lacking}: {', '.join(names[:12])}."
+        raise InputError(what, where=str(table.path), hint="Name them in the rig's [orientation].")
+    unit, _ = time_unit(table.path, time)  # a doubt is a note on the log
+    read = {"pose_file": relpath(table.path, contents.path.parent), "pose_time": time, "pose_time_unit": unit}
+    lines = (
+        commented(f"file = {quoted(read['pose_file'])}", 'in the folder of the log, as "{log}_poses.csv"'),
+        f"time = {quoted(time)}",
+        f'time_unit = "{unit}"',
+    )
+    return pose, lines, read
 
 
 def _acceleration_unit(columns: Sequence[str], stated: Stated) -> str | None:
@@ -154,10 +179,10 @@ def _scale(unit: str, table: Mapping[str, float], name: str, contents: LogConten
 
 
 def _said(
-    wrench: Sequence[str], others: Sequence[Sequence[str]], meaning: NamedWrench, names: Sequence[str]
+    wrench: Sequence[str], others: Sequence[Sequence[str]], meaning: NamedWrench, pose: NamedPose | None
 ) -> list[str]:
     said: list[str] = []
-    if made_up(names):
+    if made_up(wrench):
         said.append("the columns have no names, so force and torque are assumed in the order x, y, z, x, y, z")
     for name in wrench:
         unknown = re.findall(r"\(([^()]*[^()\W\d_xyz][^()]*)\)", split_unit(name)[0])
@@ -170,7 +195,7 @@ def _said(
         said.append(f"{wrench[0]!r} ... is the wrench {meaning.whose}: {stated}")
     if meaning.unknown:
         said.append(meaning.unknown)
-    if meaning.frame == "base" and named_pose(names) is None:
+    if meaning.frame == "base" and pose is None:
         needs = "a wrench in the base frame needs the sensor's orientation (columns qx, qy, qz, qw)"
         said.append(f'{needs}; frame = "sensor" is right only while the sensor keeps the axes of the base')
     if others:

@@ -58,6 +58,7 @@ def guess_sensor(
     sensor: str | None = None,
     topic: str | None = None,
     rate: float | None = None,
+    poses: Path | None = None,
 ) -> tuple[SensorKind, Guess] | None:
     """Return the first kind of sensor that a log looks like, and the guess; None if it looks like no kind.
 
@@ -67,10 +68,11 @@ def guess_sensor(
         sensor: name of the only kind to try; None: all.
         topic: the only topic of its role to read; None: all.
         rate: [Hz] of the samples of a table.
+        poses: second table, with the sensor's poses.
 
     Raises:
-        InputError: the file is no log, the topic does not exist or has no readings, a rate is given for messages, or
-            units are unknown or contradict each other.
+        InputError: the file is no log, the topic does not exist or has no readings, a rate or a second table is given
+            for messages, that has no poses, or units are unknown or contradict each other.
     """
     there = _only(contents(log), topic)
     if rate is not None:
@@ -78,6 +80,10 @@ def guess_sensor(
             hint = "Leave --rate out: it is for tables."
             raise InputError("is a log of messages, which have stamps.", where=str(log), hint=hint)
         there = replace(there, stated=replace(there.stated, rate=rate))
+    if poses is not None:
+        if not there.names:
+            raise InputError("is no table.", where=str(log), hint="Leave --poses out: it is for tables.")
+        there = replace(there, poses=contents(poses))
     for kind in KINDS.values():
         if sensor in (None, kind.name) and (guess := kind.guess(log, there, body)) is not None:
             return kind, guess
@@ -110,6 +116,7 @@ def propose_rig(
     sensor: str | None = None,
     topic: str | None = None,
     rate: float | None = None,
+    poses: Path | None = None,
 ) -> Proposal:
     """Return a rig guessed from a log and a body, for a file rig.toml in `folder`.
 
@@ -120,13 +127,14 @@ def propose_rig(
         sensor: name of the only kind to try; None: all.
         topic: the only topic of its role to read; None: all.
         rate: [Hz] of the samples of a table.
+        poses: second table, with the sensor's poses.
 
     Raises:
         InputError: as `guess_sensor`; nothing in the log looks like a sensor, its times are not known, or the rig would
             not load.
     """
     body = None if body is None else replace(body, folder=folder)
-    found = guess_sensor(log, body, sensor=sensor, topic=topic, rate=rate)
+    found = guess_sensor(log, body, sensor=sensor, topic=topic, rate=rate, poses=poses)
     if found is None:
         what = f"is not a log of any of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}."
         hint = "Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand."

@@ -26,6 +26,7 @@ from palpate.errors import InputError
 from palpate.files.logs import Log, LogContents, contents, join, missing
 from palpate.files.logs import open_log as open_by_layout
 from palpate.files.logs.arrays import DataFrame, arrays_of
+from palpate.files.logs.layout import pose_path
 from palpate.setup.built import BuiltEstimator
 from palpate.setup.prefetch import LogReader, MotionAhead, PrefetchedLog, reading_in_process
 from palpate.setup.rig import ESTIMATE, Rig, load_rig, with_mesh
@@ -83,6 +84,11 @@ class OpenedLog:
     def notes(self) -> tuple[str, ...]:
         """Return notes on what was read so far, one sentence each."""
         return self._log.notes()
+
+    def files(self) -> dict[str, Path]:
+        """Return a dict, key -> path, of the files that the setup names, with the table of "poses" of this log."""
+        poses = pose_path(self.setup.orientation.file, self.path)
+        return self.setup.files() | ({} if poses is None else {"poses": poses})
 
     def prefetching(self) -> AbstractContextManager[LogReader]:
         """Return a context that starts a process for `prefetch`, without waiting for it."""

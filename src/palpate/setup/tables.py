@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from palpate.files.logs.orientation import SensorPose
 from palpate.files.schema import INFINITE
-from palpate.files.units import ACCELERATION_UNITS, SAMPLES, known_unit
+from palpate.files.units import ACCELERATION_UNITS, SAMPLES, TIME_UNITS, known_unit
 from palpate.signals.filters import Butterworth, Kalman
 
 __all__ = [
@@ -152,7 +152,9 @@ class RigOrientation:
     is "quaternion" (x, y, z, w), "quaternion_wxyz", "matrix_rows" or "matrix_columns" (9 or 16 numbers, row by row or
     column by column), "rotation_vector", or Euler angles, such as "euler_xyz" (about fixed axes) or "euler_ZYX_deg"
     (moving axes, in degrees). `inverse` says that poses are those of the base in the sensor, and `sensor_rotation` is
-    the quaternion x, y, z, w of the sensor in the frame that is logged, such as of a flange. With the `topic`
+    the quaternion x, y, z, w of the sensor in the frame that is logged, such as of a flange. A `file` is a second table
+    in the folder of the log, with these columns, and with times in the column `time`, in `time_unit`; "{log}" in its
+    name is the log's name without its suffix. With the `topic`
     "none" no poses are read. `base` and `sensor` are frames of /tf, or links of a `urdf` that the joint states of the
     topic `joints` move.
 
@@ -165,6 +167,9 @@ class RigOrientation:
     inverse: bool = False
     sensor_rotation: Four | None = None
     position: tuple[str, str, str] | None = None
+    file: str | None = None
+    time: str | None = None
+    time_unit: str | None = None
     topic: str | None = None
     base: str | None = None
     sensor: str | None = None
@@ -176,6 +181,13 @@ class RigOrientation:
     def __post_init__(self) -> None:
         require_positive(self, "max_gap")
         require_path("urdf", self.urdf)
+        require_path("file", self.file)
+        if self.file is None and (self.time, self.time_unit) != (None, None):
+            raise ValueError("time and time_unit are of a second table, and need its file")
+        if self.time_unit is not None and self.time_unit not in TIME_UNITS:
+            raise ValueError(f"time_unit must be one of {', '.join(TIME_UNITS)}, not {self.time_unit!r}")
+        if self.file is not None and (self.topic is not None or self.base is not None):
+            raise ValueError("file excludes topic and frames (base, sensor): the sensor has one pose")
         numbers = SensorPose(self.form).numbers
         if self.columns is not None and len(self.columns) not in numbers:
             raise ValueError(f"columns of form {self.form!r} must be {' or '.join(map(str, numbers))} names")

@@ -15,12 +15,13 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.files.logs.layout import POSE_COLUMNS, ArrayChannel, LogLayout, require_stated, stated_layout
 from palpate.files.logs.log import Log
+from palpate.files.logs.pose_table import PoseTable, converted
 from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
 from palpate.files.logs.time_unit import judged_unit, stated_unit
 from palpate.files.tables.fields import Fields
 from palpate.files.tables.stated import Stated
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
-from palpate.signals.recording import CELLS, FORCE, TEMPERATURE, TORQUE, Recording
+from palpate.signals.recording import ACCELERATION, CELLS, FORCE, TEMPERATURE, TORQUE, Recording
 
 __all__ = ["SINGLE", "ColumnLog", "Columns", "plan"]
 
@@ -41,6 +42,7 @@ class Columns:
         path: of the log.
         shapes: name -> () of a column, or the shape of one sample of an array, whose columns are named by `flattened`.
         stated: units that the log states; None: those in the names.
+        poses: table of the poses at other times, as the layout's `pose_file` names it; None: the log has them.
 
     Attributes:
         places: column -> its array, and its index in a sample of this.
@@ -52,11 +54,15 @@ class Columns:
             the time that is not known.
     """
 
-    def __init__(self, layout: LogLayout, path: Path, shapes: Shapes, stated: Stated | None = None) -> None:
+    def __init__(
+        self, layout: LogLayout, path: Path, shapes: Shapes, stated: Stated | None = None, poses: Log | None = None
+    ) -> None:
         stated = Stated.of_names(shapes) if stated is None else stated
         layout = stated_layout(layout, shapes, stated)
         require_stated(layout, stated, path)
-        self._samples, self._path, self._layout = SampleReader(layout, path), path, layout
+        self._poses = None if poses is None else PoseTable(poses, layout)
+        self._samples = SampleReader(layout if poses is None else converted(layout), path)
+        self._path, self._layout = path, layout
         self._groups = plan(layout, shapes, path)
         self.time_unit = layout.time_unit or (stated_unit(layout.time, stated, path) if _TIME in self._groups else "s")
         self.doubt, self._per_second = "", _per_second(self.time_unit or "s", layout.rate)
@@ -78,6 +84,8 @@ class Columns:
             count = len(next(iter(values.values())))
             time = (self._count + np.arange(count)) / (self._layout.rate or 1.0)
         self._count += len(time)
+        if self._poses is not None:
+            values |= self._poses.at(time)
         yield from self._samples.blocks(time, values)
 
     def _seconds(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -104,8 +112,10 @@ class Columns:
         """Yield the last samples, and check that no column has text and not a single number.
 
         Raises:
-            InputError: one does.
+            InputError: one does, or no row has a pose of the second table.
         """
+        if self._poses is not None:
+            self._poses.require_overlap()
         yield from self._samples.rest()
         for fields in self._fields.values():
             fields.require_numbers(self._path)
@@ -113,7 +123,7 @@ class Columns:
     def notes(self) -> tuple[str, ...]:
         """Return notes on the blocks so far, one sentence each: unreadable fields, odd times, no times."""
         said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
-        said = (*filter(None, [self.doubt]), *said)
+        said = (*filter(None, [self.doubt]), *said, *(() if self._poses is None else self._poses.notes()))
         if _TIME not in self._groups:
             return (f"samples have no times: a rate of {self._layout.rate:g} Hz is assumed", *said)
         return said
@@ -126,6 +136,7 @@ class ColumnLog(Log):
         super().__init__(path, path.stat().st_size if path.exists() else 0)
         self._layout = layout
         self._columns: Columns | None = None
+        self.poses: Log | None = None  # table of the poses, if it is another one
 
     @property
     def time_unit(self) -> tuple[str, str]:
@@ -164,6 +175,8 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
     groups |= {array.name: array.columns for array in layout.arrays if array.columns is not None}
     _require_known(list(chain.from_iterable(groups.values())), names, path)
     for channel, usual in POSE_COLUMNS.items():
+        if layout.pose_file is not None and channel != ACCELERATION:
+            continue  # of another table
         declared: tuple[str, ...] | None = getattr(layout, channel)
         if columns := declared or (usual if names.keys() >= set(usual) else ()):
             _require_known(columns, names, path)

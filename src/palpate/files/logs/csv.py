@@ -52,7 +52,7 @@ class CsvLog(ColumnLog):
                 self.position = file.tell() if file.seekable() else 0
                 if self._columns is None:
                     shapes, stated = dict.fromkeys(table.names, ()), Stated.of_dialect(table.dialect)
-                    self._columns = Columns(self._layout, self.path, shapes, stated)
+                    self._columns = Columns(self._layout, self.path, shapes, stated, self.poses)
                 table.counted(self._rows)
                 if len(table):
                     yield from self._columns.blocks(table.read)

@@ -26,6 +26,7 @@ __all__ = [
     "ImageChannel",
     "LogLayout",
     "axis_matrix",
+    "pose_path",
     "require_stated",
     "stated_layout",
 ]
@@ -117,6 +118,10 @@ class LogLayout:
         joints_topic: of joint states; None: the only one.
         acceleration_topic: None: no acceleration.
         offset: [s] added to the stamps of the poses of a topic to put them on the samples' clock.
+        pose_file: table of the poses, in the folder of the log; "{log}" in it is the log's name without its suffix.
+            `orientation`, `position` and their forms are of that table then. None: the log has the poses.
+        pose_time, pose_time_unit: column of the times in `pose_file`, and its unit; None: as `time`, and as the table
+            states.
         temperature: column or topic of a temperature [K or degrees C]; None: it is not read.
         max_gap: [s] largest gap between poses, accelerations or wrenches of a topic that is interpolated.
     """
@@ -150,6 +155,9 @@ class LogLayout:
     urdf: Path | None = None
     joints_topic: str | None = None
     acceleration_topic: str | None = None
+    pose_file: str | None = None
+    pose_time: str | None = None
+    pose_time_unit: str | None = None
     temperature: str | None = None
     offset: float = 0.0
     max_gap: float = 0.25
@@ -179,6 +187,11 @@ class LogLayout:
                 where="[source]",
                 hint="Convert the stream at its source, or record it and run `palpate estimate`.",
             )
+
+
+def pose_path(file: str | None, log: Path) -> Path | None:
+    """Return the path of a log's `pose_file`; None for none."""
+    return None if file is None else log.parent / file.replace("{log}", log.stem)
 
 
 def axis_matrix(axes: tuple[str, ...], *, left_handed: bool | None, where: str) -> Float[np.ndarray, "3 3"]:

@@ -49,6 +49,7 @@ class LogContents:
         stated: units and rate of a table.
         written: how a text differs from a plain table, or "".
         images: of a video or a folder of images.
+        poses: of a second table, which has the poses; None: there is none.
     """
 
     path: Path
@@ -59,6 +60,7 @@ class LogContents:
     stated: Stated = field(default_factory=Stated)
     written: str = ""
     images: Images | None = None
+    poses: LogContents | None = None
 
 
 class Log(Watched, ABC):

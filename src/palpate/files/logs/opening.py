@@ -12,16 +12,17 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.files.logs.arrays import ArrayLog, HeldLog
 from palpate.files.logs.bag import BagFile, open_folder
-from palpate.files.logs.columns import plan
+from palpate.files.logs.columns import ColumnLog, plan
 from palpate.files.logs.csv import CsvLog
 from palpate.files.logs.decoding import role, shape_of
 from palpate.files.logs.frame_folder import FrameFolder, holds_frames
 from palpate.files.logs.image_messages import IMAGES
 from palpate.files.logs.image_topics import ImageTopicLog, first_size
 from palpate.files.logs.images import refuse_others
-from palpate.files.logs.layout import LogLayout
+from palpate.files.logs.layout import LogLayout, pose_path
 from palpate.files.logs.log import Log, LogContents
 from palpate.files.logs.parquet import ParquetLog
+from palpate.files.logs.pose_table import pose_layout
 from palpate.files.logs.survey import Survey, survey_of
 from palpate.files.logs.topic_log import TopicLog
 from palpate.files.logs.topics import choose, choose_images
@@ -145,9 +146,16 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
             folder holds neither images nor the bag of one recording; or the layout is invalid (for images).
     """
     layout = layout or LogLayout()
-    if isinstance(path, Mapping):
-        return HeldLog(path, layout)
-    path = Path(path)
+    log = HeldLog(path, layout) if isinstance(path, Mapping) else _opened(Path(path), layout)
+    if (poses := pose_path(layout.pose_file, log.path)) is not None:
+        if not isinstance(log, ColumnLog):
+            hint = "Name its topic of poses, or two frames, in the rig's [orientation], without file."
+            raise InputError(f"is no table, so the poses of {poses.name} cannot be joined.", where=str(path), hint=hint)
+        log.poses = open_log(poses, pose_layout(layout))
+    return log
+
+
+def _opened(path: Path, layout: LogLayout) -> Log:
     kind = _kind(path)
     if kind in (_VIDEO, _FRAMES):
         return (VideoLog if kind == _VIDEO else FrameFolder)(path, layout)
@@ -191,6 +199,7 @@ def read_poses(
     if isinstance(log, TopicLog):
         time, values = log.poses()
         return time, values[:, 3:], values[:, :3]
+    log = log.poses if isinstance(log, ColumnLog) and log.poses is not None else log
     recording = join(list(log.blocks()))
     if ORIENTATION not in recording.channels:
         what = "the log has no orientation."

@@ -60,7 +60,7 @@ class ParquetLog(ColumnLog):
         require_polars_threads()
         frame = pl.scan_parquet(self.path, glob=False)
         kinds = frame.collect_schema()
-        self._columns = columns = Columns(self._layout, self.path, dict.fromkeys(kinds.names(), ()))
+        self._columns = columns = Columns(self._layout, self.path, dict.fromkeys(kinds.names(), ()), poses=self.poses)
         for name in columns.names:
             if not (kinds[name].is_numeric() or kinds[name] == pl.Null or isinstance(kinds[name], pl.Datetime)):
                 raise InputError(f"column {name!r} holds {kinds[name]}, not numbers.", where=str(self.path))

@@ -196,7 +196,7 @@ class SampleReader:
             raise InputError(
                 "holds two streams: no row has both a wrench and an orientation.",
                 where=self._source,
-                hint="Interpolate the orientations at the wrenches' times, or write both to an MCAP file as topics.",
+                hint=f'Write file = "{self._source}" in the rig\'s [orientation]: orientations are then interpolated.',
             )
 
     def _posed(self, channels: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

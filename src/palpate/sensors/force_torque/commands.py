@@ -72,7 +72,7 @@ class CalibratePayload(Calibration):
                 "the log has no orientation, and without it the weight cannot be told from the bias.",
                 where=str(self.log),
                 hint="Add columns qx, qy, qz, qw (sensor in base) to a table, or a topic of poses or /tf to messages; "
-                "name them in the rig's [orientation] (columns, topic, base and sensor).",
+                "name them in the rig's [orientation] (columns, file of a second table, topic, base and sensor).",
             )
         rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
         wrenches, poses, counts = average_poses(recording.wrenches(), rotations)
@@ -167,6 +167,7 @@ class CalibrateClock(Calibration):
             max_gap=setup.orientation.max_gap,
             noise=None if noise is None else noise.six(),
         )
+        columns = layout.pose_file is None and not contents(self.log).topics
         known = measured([1e3 * found.offset], [1e3 * found.deviation], "ms")
         return CalibrationResult(
             [
@@ -177,7 +178,7 @@ class CalibrateClock(Calibration):
                 ("left out", str(found.validation)),
             ],
             found,
-            notes=[*recording.notes, *found.notes, *_findings(found, columns=not contents(self.log).topics)],
+            notes=[*recording.notes, *found.notes, *_findings(found, columns=columns)],
         )
 
     def write(self, found: CalibrationResult) -> None:

@@ -73,8 +73,8 @@ def confirmed_pose(pose: NamedPose, recording: Recording, *, based: bool) -> Nam
         based: whether the wrenches are written in the base frame.
     """
     quaternions = recording.channels[ORIENTATION]
-    lengths = np.linalg.norm(quaternions, axis=1)
-    if not pose.ordered and not np.mean(np.abs(lengths - 1.0) < UNIT) > 0.5:
+    lengths = np.linalg.norm(quaternions[np.isfinite(quaternions).all(axis=1)], axis=1)
+    if not pose.ordered and len(lengths) and not np.mean(np.abs(lengths - 1.0) < UNIT) > 0.5:
         return None
     found = orientation_form(recording.wrenches(), quaternions, based=based)
     if found is None:

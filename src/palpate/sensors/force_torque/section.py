@@ -281,6 +281,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
         if pose is not None and quaternion:
             pose = confirmed_pose(pose, recording, based=found.layout.frame == "base")
         found = found.looked_at(recording, contents.stated, opened.time_unit, pose)
+        found = found if contents.poses is None else replace(found, remarks=(*found.remarks, *opened.notes()))
     found = _with_torques(found, recording.wrenches(), None if body is None else body.size)
     lacking = "" if found.time is None else found.time.lacking
     text = _TEXT.format_map({**_USUAL, **found.fields})
