@@ -124,7 +124,9 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
         acts_on=meaning.acts_on,
         acceleration=acceleration or None,
         acceleration_unit=_acceleration_unit(acceleration, contents.stated) or "m/s^2",
-        **read,
+        pose_file=read.get("file"),
+        pose_time=read.get("time"),
+        pose_time_unit=read.get("time_unit"),
     )
     why = f"columns {', '.join(wrench)} look like forces and torques"
     if not meaning.whose:
@@ -143,13 +145,8 @@ def _poses(contents: LogContents, names: Sequence[str]) -> tuple[NamedPose | Non
         what = f"has no columns that look like the {lacking}: {', '.join(names[:12])}."
         raise InputError(what, where=str(table.path), hint="Name them in the rig's [orientation].")
     unit, _ = time_unit(table.path, time)  # a doubt is a note on the log
-    read = {"pose_file": relpath(table.path, contents.path.parent), "pose_time": time, "pose_time_unit": unit}
-    lines = (
-        commented(f"file = {quoted(read['pose_file'])}", 'in the folder of the log, as "{log}_poses.csv"'),
-        f"time = {quoted(time)}",
-        f'time_unit = "{unit}"',
-    )
-    return pose, lines, read
+    read = {"file": relpath(table.path, contents.path.parent), "time": time, "time_unit": unit}
+    return pose, tuple(f"{key} = {quoted(value)}" for key, value in read.items()), read
 
 
 def _acceleration_unit(columns: Sequence[str], stated: Stated) -> str | None:
