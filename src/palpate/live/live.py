@@ -25,6 +25,7 @@ from palpate.live.replay import Replay
 from palpate.live.ros_poses import RosPoses
 from palpate.live.source import BATCH, Batch, Source, drained, source_of
 from palpate.live.stream_buffer import SlotForm, StreamBuffer
+from palpate.live.stuck_watch import StuckWatch
 from palpate.setup.built import BuiltEstimator
 from palpate.setup.rig import Rig, load_rig
 from palpate.setup.setup import Setup
@@ -139,6 +140,8 @@ class Live:
         layout = self.setup.layout()
         layout.require_live()
         self._samples, self._frame = SampleReader(layout, Path("the stream")), layout.frame
+        limits = None if layout.wrench_range is None else self._samples.recorded(layout.wrench_range)
+        self._stuck = StuckWatch(limits) if self.kind.channels == (FORCE, TORQUE) else None
         self.estimator = _unseen(self.setup).prepared().estimator  # what is slow, before samples come
         size = max(1, min(BATCH, NUMBERS // prod(self.source.shape)))
         self._batch = Batch(self.source.shape, size, self.source.dtype)
@@ -288,7 +291,13 @@ class Live:
         if self._ring is not None:
             self._ring.take_in(batch, count, unsteady)
         stamp = batch.stamp[:count].copy()
-        return _Samples(stamp, self._seconds(stamp), self._samples.readings(batch.values[:count]), beside)
+        time, readings = self._seconds(stamp), self._samples.readings(batch.values[:count])
+        if self._stuck is not None:
+            if event := self._stuck.add(time, batch.values[:count]):
+                self._said.append(event)
+            if self._stuck.stuck:
+                readings[:] = np.nan
+        return _Samples(stamp, time, readings, beside)
 
     def _answered(self, samples: _Samples) -> AnsweredSamples:
         """Return samples with their contacts; store these in the ring."""

@@ -34,13 +34,20 @@ class _Stretch:
     value: float
     whole: bool  # from the log's first row to the last so far
 
+    @property
+    def called(self) -> str:
+        """Words for what does not change."""
+        if self.channel is None:
+            return "the wrench"
+        return f"{'xyz'[self.channel % 3]} of the {'torque' if self.channel > 2 else 'force'}"
+
     def note(self) -> str:
         rows = f"from {self.start:.3f} s to {self.end:.3f} s ({self.rows:,} rows)"
         if self.channel is None:
             return (
                 f"the wrench {'does not change' if self.value else 'is exactly zero'} {rows}: these samples are invalid"
             )
-        named = f"{'xyz'[self.channel % 3]} of the {'torque' if self.channel > 2 else 'force'} is {self.value:g}"
+        named = f"{self.called} is {self.value:g}"
         where, which = ("in all rows", "the") if self.whole else (rows, "these")
         return f"{named} {where} while others change: it is dead or not measured, so {which} samples are invalid"
 
@@ -152,6 +159,12 @@ class StuckWrenches:
             )
         self._time, self._wrench = self._time[ready:].copy(), wrench[ready:].copy()
         return stuck[:ready]
+
+    @property
+    def stuck(self) -> str:
+        """What does not change at the last row with an answer, in words; "" if all do."""
+        called = [run.stretch.called for run in self._runs or () if run.open and run.stretch is not None]
+        return " and ".join(called)
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on what was found so far, one sentence each."""

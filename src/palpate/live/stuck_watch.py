@@ -1,0 +1,49 @@
+"""Watch a stream of wrenches for a sensor that hangs, or a channel that stands still."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.files.logs.stuck import StuckWrenches
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["StuckWatch"]
+
+EVERY = 0.1  # s between two looks, each of which takes as long as many samples
+MOST = 1000  # samples that wait for one
+
+
+@takes_arrays
+class StuckWatch:
+    """Watch of the wrenches of a stream, which looks at them ten times a second.
+
+    Args:
+        limits: (6,) as recorded, at which a channel is saturated and may stand; None: unknown.
+
+    Attributes:
+        stuck: what does not change, in words; "" while all do.
+    """
+
+    def __init__(self, limits: Float[np.ndarray, "6"] | None = None) -> None:
+        self.stuck = ""
+        self._finder = StuckWrenches(limits)
+        self._time, self._wrenches, self._count = list[np.ndarray](), list[np.ndarray](), 0
+
+    def add(self, time: Float[np.ndarray, " n"], wrenches: Float[np.ndarray, "n 6"]) -> str:
+        """Add wrenches (n, 6) as recorded at times (n,) [s], and return an event, a sentence, or "".
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
+        self._time.append(time)
+        self._wrenches.append(wrenches.copy())
+        self._count += len(time)
+        if self._count < MOST and abs(time[-1] - self._time[0][0]) < EVERY:
+            return ""
+        self._finder.find(np.concatenate(self._time), np.concatenate(self._wrenches))
+        self._time, self._wrenches, self._count = [], [], 0
+        before, self.stuck = self.stuck, self._finder.stuck
+        if self.stuck and self.stuck != before:
+            return f"{self.stuck} does not change: contacts are invalid until it does"
+        return f"{before} changes again" if before and not self.stuck else ""
