@@ -162,7 +162,7 @@ class StuckWrenches:
 
     @property
     def stuck(self) -> str:
-        """What does not change at the last row with an answer, in words; "" if all do."""
+        """Words for what does not change at the last row with an answer; "" if all do."""
         called = [run.stretch.called for run in self._runs or () if run.open and run.stretch is not None]
         return " and ".join(called)
 
