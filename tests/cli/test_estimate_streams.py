@@ -162,6 +162,7 @@ def test_ctrl_c_leaves_a_whole_file_of_what_was_done(
     assert estimate(tmp_path / "log.parquet", made / "rig.toml", tmp_path / f"whole{suffix}") == 0
     capsys.readouterr()
     monkeypatch.setattr("palpate.files.logs.columns.BLOCK", 500)
+    monkeypatch.setattr("palpate.files.logs.stuck.FIRST", 1)
     monkeypatch.setattr("palpate.cli.estimate.progress", _interrupting(2))
     output = tmp_path / f"contacts{suffix}"
     report = ("--report", str(tmp_path / "report.html")) if suffix == ".csv" else ()
