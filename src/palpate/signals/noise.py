@@ -31,7 +31,7 @@ NEAR = 5.0  # standard deviations: a contact begins at ten
 SEGMENTS = 8  # that a spectrum is averaged over, at least
 LONGEST = 2048  # samples of a segment
 HARMONICS = 3  # of the error of a quantised reading; the next is below 1 % of its variance
-STILL, POSES = 2.0, 1.0  # degrees a second of a sensor at rest, degrees a sample of a log of poses
+STILL, POSES = 2.0, 10.0  # degrees a second of a sensor at rest, degrees a sample of a log of poses
 WRONG = 2.0  # times too large or too small: reported
 
 
@@ -190,7 +190,7 @@ def log_noise(
 
     Where orientations are known, only samples count in which the sensor turns by less than 2 degrees a second; if there
     are hardly any, the windows of `estimate_noise` count while it moves. The noise cannot be known if the sensor turns
-    by more than a degree from one sample to the next, or if a channel never changes.
+    by more than 10 degrees from one sample to the next, or if a channel never changes.
 
     Args:
         time: (n,) [s].
