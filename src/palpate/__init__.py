@@ -59,6 +59,7 @@ if _CHECKING:
     from palpate.live.live import open_live
     from palpate.sensors.force_torque import Compensation, ForceTorque
     from palpate.sensors.force_torque.calibrate import identify_payload
+    from palpate.sensors.force_torque.calibrate_imu import identify_payload_with_imu
     from palpate.sensors.load_cells import LoadCellArray, LoadCells
     from palpate.sensors.load_cells.calibrate import identify_load_cells
     from palpate.sensors.marker_ring import MarkerRing, RingEstimator
@@ -66,7 +67,7 @@ if _CHECKING:
     from palpate.sensors.taxels.skin_map import Sheet, map_skin
     from palpate.setup import load_rig
     from palpate.setup.pipeline import estimate, open_log
-    from palpate.signals import Butterworth, Kalman, Payload, Recording
+    from palpate.signals import Butterworth, Imu, Kalman, Payload, Recording
     from palpate.spatial.pose import Pose
     from palpate.spatial.wrench import Wrench
     from palpate.surfaces import Mesh, Surface, plane
@@ -83,6 +84,7 @@ __all__ = [
     "DifferentialDrive",
     "ForceTorque",
     "GeometryError",
+    "Imu",
     "InputError",
     "Kalman",
     "LoadCellArray",
@@ -109,6 +111,7 @@ __all__ = [
     "identify_load_cells",
     "identify_mounting",
     "identify_payload",
+    "identify_payload_with_imu",
     "load_rig",
     "locate",
     "map_skin",
@@ -128,6 +131,7 @@ _NAMES = {
     "palpate.live.live": "open_live",
     "palpate.sensors.force_torque": "Compensation ForceTorque",
     "palpate.sensors.force_torque.calibrate": "identify_payload",
+    "palpate.sensors.force_torque.calibrate_imu": "identify_payload_with_imu",
     "palpate.sensors.load_cells": "LoadCellArray LoadCells",
     "palpate.sensors.load_cells.calibrate": "identify_load_cells",
     "palpate.sensors.marker_ring": "MarkerRing RingEstimator",
@@ -135,7 +139,7 @@ _NAMES = {
     "palpate.sensors.taxels.skin_map": "Sheet map_skin",
     "palpate.setup": "load_rig",
     "palpate.setup.pipeline": "estimate open_log",
-    "palpate.signals": "Butterworth Kalman Payload Recording",
+    "palpate.signals": "Butterworth Imu Kalman Payload Recording",
     "palpate.spatial.pose": "Pose",
     "palpate.spatial.wrench": "Wrench",
     "palpate.surfaces": "Mesh Surface plane",

@@ -272,7 +272,7 @@ class Live:
             try:
                 self.estimator.run_into(np.zeros(1), nothing, self._rows, np.zeros(1, dtype=np.int64))
             except InputError as problem:
-                hint = "Write in [orientation] which ROS 2 topic has poses, or remove the payload."
+                hint = "Write in [orientation] which ROS 2 topic has poses, or remove the payload. No IMU is read live."
                 raise InputError(problem.what, where=self._where, hint=hint) from problem
             self.estimator.reset()
 

@@ -24,7 +24,7 @@ from palpate.sensors.force_torque.model import ForceTorque
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
 from palpate.setup.built import FIRST, BuiltEstimator, Guess
-from palpate.setup.guess_columns import WrenchColumns, columns_guess
+from palpate.setup.guess_columns import WrenchColumns, acceleration_table, columns_guess
 from palpate.setup.guess_pose import guess_pose
 from palpate.setup.names import made_up
 from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
@@ -163,8 +163,9 @@ def _wrong_noise(setup: Setup, seen: Noise | None) -> list[str]:
 
 def _noise_of(setup: Setup, recording: Recording) -> tuple[Noise | None, str]:
     """Return the noise of a recording without its payload, and where it comes from or why it is not known."""
-    quaternions = recording.channels.get(ORIENTATION)
-    if setup.of(ForceTorqueSection).payload is None or quaternions is None:
+    payload, quaternions = setup.of(ForceTorqueSection).payload, recording.channels.get(ORIENTATION)
+    gravity = ORIENTATION if payload is None or payload.imu is None else ACCELERATION
+    if payload is None or gravity not in recording.channels:
         wrenches = recording.wrenches()
     else:  # the payload moves with the arm and is not noise
         wrenches = free_wrenches(setup, recording)
@@ -244,13 +245,21 @@ def _payload_said(payload: Payload | None, tare: float | None) -> list[str]:
 
 def _motion(setup: Setup, head: Recording | None) -> Motion | None:
     stated, payload = setup.acceleration, setup.of(ForceTorqueSection).payload
-    if payload is None or not payload.weight.any() or head is None:
+    if payload is None or not payload.weight.any():
+        return None
+    if payload.imu is not None and (stated.kind != "imu" or stated.from_poses):
+        what = "the payload takes gravity from the IMU with which it was calibrated."
+        hint = 'Name the IMU\'s columns or topic there, and write kind = "imu".'
+        raise InputError(what, where="[acceleration] of the rig", hint=hint)
+    if head is None:
         return None
     recorded = stated.kind if ACCELERATION in head.channels else "none"
     if recorded != "none" and not stated.from_poses:
         wrong = wrong_acceleration(head.channels[ACCELERATION], stated.kind)
         if wrong:
             raise InputError(f"{wrong}.", where=f"{head.source}, [acceleration] of the rig")
+    if payload.imu is not None:
+        return None
     source = "poses" if stated.from_poses else recorded
     return Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
 
@@ -275,6 +284,8 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
         if made_up(contents.names) and found.time.column and (np.diff(recording.time) <= 0).mean() > 0.1:
             return None  # the first of seven columns without names is no time
         found = found.looked_at(recording, contents.stated, opened.time_unit)
+    elif ACCELERATION in recording.channels:
+        found = _with_imu(found, recording)
     found = _with_torques(found, recording.wrenches(), None if body is None else body.size)
     lacking = "" if found.time is None else found.time.lacking
     text = _TEXT.format_map({**_USUAL, **found.fields})
@@ -319,7 +330,21 @@ def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> Wren
         "orientation": pose.text,
         "called": seen.named.get(wrenches[0], ("", ""))[0],  # the sensor's frame; "frame" is the rig's key
     }
-    return WrenchColumns(why, pose.layout, fields, (*([several] if len(wrenches) > 1 else []), *pose.remarks))
+    remarks = [*([several] if len(wrenches) > 1 else []), *pose.remarks]
+    imus, layout = guess.imu_topics(contents), pose.layout
+    if imus and layout.frames is None and layout.orientation_topic in (None, NONE):  # gravity comes from nowhere else
+        layout = replace(layout, acceleration_topic=imus[0])
+    elif imus:
+        remarks.append(f"topic {imus[0]!r} of an IMU is not used: if it is on the sensor, name it in [acceleration]")
+    return WrenchColumns(why, layout, fields, tuple(remarks))
+
+
+def _with_imu(found: WrenchColumns, recording: Recording) -> WrenchColumns:
+    """Return the guess with the [acceleration] of its topic, and a remark on it."""
+    topic = str(found.layout.acceleration_topic)
+    text, remark = acceleration_table("topic", topic, f"topic {topic!r} is", None, recording)
+    said = "it gives gravity if it is fixed to the sensor, as no pose is in the log (palpate calibrate payload)"
+    return replace(found, fields={**found.fields, "acceleration": text}, remarks=(*found.remarks, remark, said))
 
 
 def _torque_unit(free: np.ndarray, size: float | None) -> str:
