@@ -67,7 +67,7 @@ if _CHECKING:
     from palpate.sensors.taxels.skin_map import Sheet, map_skin
     from palpate.setup import load_rig
     from palpate.setup.pipeline import estimate, open_log
-    from palpate.signals import Butterworth, Imu, Kalman, Payload, Recording
+    from palpate.signals import Butterworth, Kalman, Payload, Recording
     from palpate.spatial.pose import Pose
     from palpate.spatial.wrench import Wrench
     from palpate.surfaces import Mesh, Surface, plane
@@ -84,7 +84,6 @@ __all__ = [
     "DifferentialDrive",
     "ForceTorque",
     "GeometryError",
-    "Imu",
     "InputError",
     "Kalman",
     "LoadCellArray",
@@ -139,7 +138,7 @@ _NAMES = {
     "palpate.sensors.taxels.skin_map": "Sheet map_skin",
     "palpate.setup": "load_rig",
     "palpate.setup.pipeline": "estimate open_log",
-    "palpate.signals": "Butterworth Imu Kalman Payload Recording",
+    "palpate.signals": "Butterworth Kalman Payload Recording",
     "palpate.spatial.pose": "Pose",
     "palpate.spatial.wrench": "Wrench",
     "palpate.surfaces": "Mesh Surface plane",

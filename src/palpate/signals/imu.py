@@ -18,7 +18,7 @@ from palpate.spatial.pose import rotation_from_quaternion
 __all__ = ["Imu"]
 
 
-@called_as("palpate.Imu(quaternion=[0, 0, 0, 1])")
+@called_as("palpate.signals.Imu(quaternion=[0, 0, 0, 1])")
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class Imu(Value):

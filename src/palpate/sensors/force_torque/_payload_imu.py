@@ -74,8 +74,8 @@ def require_spread(accelerations: Float[np.ndarray, "n 3"], of: str) -> None:
     unknown = ("weight", "force_bias", "center_of_mass", "rotation of the IMU")
     if len(accelerations) < FEWEST:
         raise NotIdentifiable(
-            f"the log has {len(accelerations)} {of}, and an IMU needs {FEWEST} or more, as its own mounting and bias "
-            "are found too. Add orientations that differ by 30 degrees or more, about two axes.",
+            f"an IMU needs {FEWEST} {of} or more, as its own mounting and bias are found too, and has "
+            f"{len(accelerations)}. Add orientations that differ by 30 degrees or more, about two axes.",
             rank=7 * len(accelerations),  # nine numbers each, and two for gravity's direction
             missing=unknown,
         )
@@ -127,15 +127,15 @@ def fit(
     require_spread(readings[:, 6:], of)
     now = _first(readings, magnitude)
     for _ in range(HUBER_ROUNDS if robust else 0):
-        spread = robust_spread(now.residuals(readings, magnitude), _floor(readings))
-        far = (np.abs(now.residuals(readings, magnitude)) / spread).max(axis=1)
-        now = replace(now, deviations=_alike(spread**2))
+        residuals, spread = _spread(now, readings, magnitude)
+        far = (np.abs(residuals) / spread).max(axis=1)
+        now = replace(now, deviations=spread)
         now = _stepped(now, readings, magnitude, np.minimum(1.0, HUBER / np.maximum(far, 1e-12)))[0]
     for _ in range(10):
-        residuals, before = now.residuals(readings, magnitude), now.kept
+        before = now.kept
         if robust:
-            inside = np.all(np.abs(residuals) <= CUTOFF * robust_spread(residuals, _floor(readings)), axis=1)
-            now = replace(now, kept=np.asarray(inside, dtype=bool))
+            residuals, spread = _spread(now, readings, magnitude)
+            now = replace(now, kept=np.asarray(np.all(np.abs(residuals) <= CUTOFF * spread, axis=1), dtype=bool))
         if now.information.any() and np.array_equal(now.kept, before):
             break
         require_spread(readings[now.kept, 6:], of)
@@ -258,6 +258,13 @@ def _tangents(up: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 2"]:
 def _alike(squares: Float[np.ndarray, "9"]) -> Float[np.ndarray, "9"]:
     """Return roots (9,) of the means of squares within each kind."""
     return np.repeat(np.sqrt(squares.reshape(3, 3).mean(axis=1)), 3)
+
+
+def _spread(now: ImuFit, readings: np.ndarray, magnitude: float) -> tuple[np.ndarray, Float[np.ndarray, "9"]]:
+    """Return residuals (n, 9) and robust standard deviations (9,) of the errors, of which the fit explains a part."""
+    residuals, count = now.residuals(readings, magnitude), len(readings)
+    explained = np.sqrt(9 * count / (7 * count - 16))
+    return residuals, explained * _alike(robust_spread(residuals, _floor(readings)) ** 2)
 
 
 def _floor(readings: Float[np.ndarray, "n 9"]) -> Float[np.ndarray, "9"]:

@@ -141,8 +141,8 @@ def _unexplained(found: ImuFit, readings: np.ndarray, magnitude: float) -> Input
         )
     if (share := rms(left[:, :6])[0] / found.weight) > WORST_SHARE or not found.kept.mean() > 0.5:
         return InputError(
-            f"the fit leaves {share * found.weight:.2g} N, {share:.0%} of the weight, in the {found.kept.mean():.0%} of "
-            "the log that it keeps: forces and accelerations do not turn together.",
+            f"the fit keeps {found.kept.mean():.0%} of the log and leaves {share:.0%} of the weight in it: forces and "
+            "accelerations do not turn together.",
             hint="Check for touches and motion, wrong units or times, and that the IMU is fixed to the sensor.",
         )
     return None
@@ -158,8 +158,8 @@ def _mirrored(readings: np.ndarray, magnitude: float, of: str, share: float) -> 
         return None
     return InputError(
         "forces and accelerations are mirror images: the accelerations point along gravity at rest, or one of the two "
-        "has left-handed axes, or the wrench is what the payload feels.",
-        hint="Reverse the accelerations, or one axis of theirs; or correct axes or acts_on in the rig's [force_torque].",
+        "has left-handed axes, or the wrench acts on the payload.",
+        hint="Reverse the accelerations or one axis of theirs, or correct axes or acts_on in the rig's [force_torque].",
     )
 
 

@@ -16,6 +16,7 @@ __all__ = ["average_poses", "average_rests"]
 STILL = radians(0.3)
 ENOUGH = 4  # poses
 FAR = radians(2.0)  # between the rows of a table with one row for each orientation, at least
+BRIEF = 0.25  # of the usual length: a shorter stretch is none of its own
 NOISE = 5.0  # standard deviations of an accelerometer's direction by which a rest may seem to turn
 
 
@@ -69,7 +70,7 @@ def average_rests(
             accelerometer along an axis, None where each row stands alone.
 
     Raises:
-        InputError: arrays of other shapes, or fewer than four stretches in a log of a sensor that moves.
+        InputError: arrays of other shapes, or fewer than four stretches in a log that moves for most of the time.
     """
     both = np.concatenate([wrenches, accelerations], axis=1)
     lengths = np.linalg.norm(accelerations, axis=1)
@@ -80,11 +81,14 @@ def average_rests(
         return wrenches, accelerations, np.ones(len(wrenches), dtype=np.int64), None
     seen = estimate_noise(up)
     still = max(STILL, NOISE * (0.0 if seen is None else float(np.linalg.norm(seen))))
-    stretches = [rows for rows in _stretches(up[:, None], finite, np.cos(still)) if len(rows) >= shortest]
-    if len(stretches) < ENOUGH:
+    found = _stretches(up[:, None], finite, np.cos(still))
+    stretches = [rows for rows in found if len(rows) >= shortest]
+    usual = BRIEF * float(np.median([len(rows) for rows in stretches])) if stretches else 0.0
+    stretches = [rows for rows in stretches if len(rows) >= usual]  # not the slow begin of a turn
+    if len(stretches) < ENOUGH and sum(map(len, stretches)) < 0.5 * np.count_nonzero(finite):
         raise InputError(
-            f"the IMU rests in {len(stretches)} stretches of {shortest} samples or more, and {ENOUGH} are needed: the "
-            "sensor moves, and its acceleration hides gravity.",
+            f"the sensor moves: gravity keeps its direction in {len(stretches)} stretches of {shortest} samples or "
+            "more, and elsewhere the accelerations of the motion hide it.",
             hint="Hold it still for a second or longer in each of some twelve orientations.",
         )
     means = np.stack([both[rows].mean(axis=0) for rows in stretches])
