@@ -12,7 +12,7 @@ import palpate
 from evidence.row import Row
 from palpate.surfaces import Sphere
 
-__all__ = ["NOISE", "G", "Rests", "mistakes", "rows", "squared_distance", "touches"]
+__all__ = ["BALL", "MASS", "NOISE", "PLACE", "Rests", "mistakes", "rows", "squared_distance", "touches"]
 
 COMMAND = "python -m evidence --only payload"
 G = 9.80665
@@ -96,9 +96,9 @@ def mistakes() -> dict[str, tuple[np.ndarray, str]]:
     }  # fmt: skip
 
 
-def touches(seed: int) -> tuple[Rests, np.ndarray]:
+def touches(seed: int, noise: float = 1.0) -> tuple[Rests, np.ndarray]:
     """Return rests in each of which a ball on the tool is pressed by 8 N, and the places (n, 3) on it [m]."""
-    rests, rng = Rests.of(seed), np.random.default_rng(seed)
+    rests, rng = Rests.of(seed, noise=noise), np.random.default_rng(seed)
     out = rng.normal(size=(len(rests.readings), 3))
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     force, point = -8.0 * out, PLACE + BALL * out

@@ -220,8 +220,8 @@ def kept_samples(
     return kept
 
 
-def robust_spread(residuals: np.ndarray, floor: np.ndarray) -> Float[np.ndarray, "6"]:
-    """Return standard deviations (6,) from the median absolute residual, wider for few samples [Rousseeuw 1987]."""
+def robust_spread(residuals: Float[np.ndarray, "n k"], floor: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Return standard deviations (k,) from the median absolute residual, wider for few samples [Rousseeuw 1987]."""
     free = max(len(residuals) - 2, 1)  # six unknowns are two samples' worth
     middle = 1.4826 * (1.0 + 5.0 / free) * np.asarray(np.median(np.abs(residuals), axis=0))
     return np.maximum(middle, floor)

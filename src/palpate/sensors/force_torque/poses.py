@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
-from palpate.signals.noise import estimate_noise
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["average_poses", "average_rests"]
@@ -17,7 +16,7 @@ STILL = radians(0.3)
 ENOUGH = 4  # poses
 FAR = radians(2.0)  # between the rows of a table with one row for each orientation, at least
 BRIEF = 0.25  # of the usual length: a shorter stretch is none of its own
-NOISE = 5.0  # standard deviations of an accelerometer's direction by which a rest may seem to turn
+NOISE = 4.2  # median steps from a reading to the next: by noise, a rest seems to turn further 4 times in a million
 
 
 @takes_arrays
@@ -57,8 +56,8 @@ def average_rests(
 ) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k 3"], Int[np.ndarray, " k"], float | None]:
     """Return mean wrenches, accelerations and sample counts of the stretches in which gravity keeps its direction.
 
-    It may turn by 0.3 degrees, or by 5 standard deviations of the accelerometer's noise. A table that holds a row for
-    each orientation is returned unchanged, with counts of one.
+    It may turn by 0.3 degrees, or by as much as the accelerometer's noise can make it seem. A table with a row for each
+    orientation is returned unchanged, with counts of one.
 
     Args:
         wrenches: (n, 6) [N, N m]; rows that are not finite are in no stretch.
@@ -79,10 +78,9 @@ def average_rests(
     steps = np.linalg.norm(np.diff(up[finite], axis=0), axis=1)
     if not len(steps) or np.median(steps) > FAR:
         return wrenches, accelerations, np.ones(len(wrenches), dtype=np.int64), None
-    seen = estimate_noise(up)
-    still = max(STILL, NOISE * (0.0 if seen is None else float(np.linalg.norm(seen))))
-    found = _stretches(up[:, None], finite, np.cos(still))
-    stretches = [rows for rows in found if len(rows) >= shortest]
+    noise = NOISE * float(np.median(steps))
+    found = _stretches(up[:, None], finite, np.cos(max(STILL, noise)))
+    stretches = [rows for rows in found if len(rows) >= shortest and _rests(up[rows], max(STILL, noise))]
     usual = BRIEF * float(np.median([len(rows) for rows in stretches])) if stretches else 0.0
     stretches = [rows for rows in stretches if len(rows) >= usual]  # not the slow begin of a turn
     if len(stretches) < ENOUGH and sum(map(len, stretches)) < 0.5 * np.count_nonzero(finite):
@@ -94,8 +92,15 @@ def average_rests(
     means = np.stack([both[rows].mean(axis=0) for rows in stretches])
     scatter = np.concatenate([accelerations[rows] - accelerations[rows].mean(axis=0) for rows in stretches])
     counts = np.array([len(rows) for rows in stretches])
-    noise = np.sqrt((scatter**2).sum() / (3 * (counts.sum() - len(counts))))
-    return means[:, :6], means[:, 6:], counts, float(noise)
+    deviation = np.sqrt((scatter**2).sum() / (3 * (counts.sum() - len(counts))))
+    return means[:, :6], means[:, 6:], counts, float(deviation)
+
+
+def _rests(up: Float[np.ndarray, "n 3"], noise: float) -> bool:
+    """Return whether directions keep their mean from one half to the other, as they do not in a slow turn."""
+    first, second = np.array_split(up, 2)
+    apart = float(np.linalg.norm(first.mean(axis=0) - second.mean(axis=0)))
+    return apart <= max(STILL / 4, noise / np.sqrt(len(first)))
 
 
 def _stretches(
