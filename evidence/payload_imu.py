@@ -108,7 +108,7 @@ def touches(seed: int, noise: float = 1.0) -> tuple[Rests, np.ndarray]:
 
 def rows(small: bool) -> Iterator[Row]:
     """Return what comes back from rests, mistakes, and touches by IMU and by poses."""
-    seeds = 20 if small else 400
+    seeds = 20 if small else 200
     made = [(rests := Rests.of(seed), rests.identified()) for seed in range(seeds)]
     within = [
         abs(e[0]) < 0.01 * MASS * G and np.linalg.norm(e[4:7]) < 1e-3 and np.linalg.norm(e[10:13]) < np.pi / 180

@@ -96,7 +96,7 @@ class Imu(Value):
             length = np.sqrt(force[:, 0] ** 2 + force[:, 1] ** 2 + force[:, 2] ** 2)
             length = np.where((length > 0.0) & (length <= LARGEST), length, np.nan)
             x, y, z = (force / length[:, None]).T
-        sign = np.copysign(1.0, z)  # a right-handed frame about (x, y, z) that needs no case [Duff 2017]
+        sign = np.copysign(1.0, z)  # a right-handed frame about (x, y, z) that needs no case [duff]
         share = -1.0 / (sign + z)
         both = x * y * share
         rows = [1.0 + sign * x * x * share, sign * both, -sign * x, both, sign + y * y * share, -y, x, y, z]

@@ -64,7 +64,7 @@ def identify_payload_with_imu(
     if not 0.0 < magnitude <= LARGEST:  # NaN too
         raise InputError(f"magnitude of gravity must be positive, not {magnitude}.")
     rows = np.concatenate([wrenches, accelerations], axis=1)
-    complete = (np.abs(rows) <= LARGEST).all(axis=1)
+    complete = np.asarray((np.abs(rows) <= LARGEST).all(axis=1), dtype=bool)
     readings = rows[complete]
     if not len(readings):
         raise InputError(f"none of the {len(rows)} rows is complete: each has a missing value.")
@@ -85,21 +85,17 @@ def identify_payload_with_imu(
     covariance = np.zeros((18, 18))
     covariance[2:, 2:] = left.widening * found.covariance
     options = {"gravity": "IMU", "robust": str(robust).lower(), "left_out": str(left)}
+    seen = float(found.deviations[-1]) if noise is None else noise
     return Payload(
         [0.0, 0.0, -found.weight],
         *found.rest[:9].reshape(3, 3),
-        covariance[:12, :12],
-        magnitude,
-        rms(found.residuals(readings, magnitude)[found.kept, :6]),
-        int(found.kept.sum()),
-        {**options, **(provenance or {})},
-        tuple(notes),
-        Imu(
-            quaternion_from_rotation(found.turn),
-            found.rest[9:],
-            float(found.deviations[-1]) if noise is None else noise,
-            covariance[12:],
-        ),
+        covariance=covariance[:12, :12],
+        magnitude=magnitude,
+        residual=rms(found.residuals(readings, magnitude)[found.kept, :6]),
+        samples=int(found.kept.sum()),
+        provenance={**options, **(provenance or {})},
+        notes=notes,
+        imu=Imu(quaternion_from_rotation(found.turn), found.rest[9:], seen, covariance[12:]),
     )
 
 

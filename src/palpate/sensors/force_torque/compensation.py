@@ -506,7 +506,7 @@ class Compensation:
     def _moves(self, channels: Mapping[str, np.ndarray], source: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return rotations, accelerations and their standard deviation, n rows or one, from poses or from an IMU."""
         if self._imu is None or self.payload is None:
-            known = channels if self._weighs else {}
+            known: Mapping[str, np.ndarray] = channels if self._weighs else {}
             return (
                 self._rotations(channels, source),
                 known[ACCELERATION].copy() if ACCELERATION in known else np.zeros((1, 3)),
