@@ -182,8 +182,8 @@ class Payload(Value):
             Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6), an error common to all samples.
 
         Raises:
-            InputError: no rotations for a payload that weighs something, or arrays of other shapes; with an IMU rotations,
-                or no readings of it.
+            InputError: no rotations for a payload that weighs something; with an IMU rotations, or no readings of it;
+                arrays of other shapes.
         """
         if self.imu is not None:
             if accelerations is None or rotations is not None:

@@ -215,9 +215,9 @@ def _stepped(
         without = (np.eye(9) - own @ inverse) * np.sqrt(weights)[:, None, None]
         matrix = (without @ jacobian).reshape(-1, 16)
         size = np.linalg.norm(matrix, axis=0)
-        step = (
-            np.asarray(np.linalg.lstsq(matrix / size, (without @ residuals[..., None]).ravel(), rcond=None)[0]) / size
-        )
+        target = (without @ residuals[..., None]).ravel()
+        solved: np.ndarray = np.linalg.lstsq(matrix / size, target, rcond=None)[0]
+        step = solved / size
     moved = inverse @ (residuals - jacobian @ step)[..., None]
     up = now.up + (_tangents(now.up) @ moved)[..., 0]
     rest, turned = now.rest + np.delete(step, [0, 10, 11, 12]), Pose.from_rotation_vector(step[10:13], np.zeros(3))
