@@ -14,6 +14,7 @@ from palpate.signals.recording import LARGEST
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate.spatial.shown import one_line
 
 __all__ = ["Imu"]
 
@@ -68,6 +69,9 @@ class Imu(Value):
             raise InputError("the quaternion must not be zero.", where="imu", hint="Write 0, 0, 0, 1 for no turn.")
         if not 0.0 <= noise <= LARGEST:  # NaN too
             raise InputError(f"noise must be at least 0 m/s^2, not {noise}.", where="imu")
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
     @property
     def rotation(self) -> Float[np.ndarray, "3 3"]:

@@ -179,7 +179,7 @@ def _first(readings: np.ndarray, magnitude: float) -> ImuFit:
     weight = magnitude * max(float(proper @ size) / float((away**2).sum()), 1e-9)
     up = felt @ turn / np.linalg.norm(felt, axis=1, keepdims=True)
     levers = np.concatenate([weight * skew(up), np.broadcast_to(np.eye(3), (len(up), 3, 3))], axis=2)
-    lever = np.linalg.lstsq(levers.reshape(-1, 6), torque.ravel(), rcond=None)[0]
+    lever = _least_squares(levers.reshape(-1, 6), torque.ravel())
     rest = np.concatenate([(force + weight * up).mean(axis=0), lever, np.zeros(3)])
     made = ImuFit(weight, turn, rest, up, np.ones(9), np.ones(len(up), dtype=bool), np.zeros((16, 16)))
     squares = (made.residuals(readings, magnitude) ** 2).mean(axis=0)
@@ -215,9 +215,7 @@ def _stepped(
         without = (np.eye(9) - own @ inverse) * np.sqrt(weights)[:, None, None]
         matrix = (without @ jacobian).reshape(-1, 16)
         size = np.linalg.norm(matrix, axis=0)
-        target = (without @ residuals[..., None]).ravel()
-        solved: np.ndarray = np.linalg.lstsq(matrix / size, target, rcond=None)[0]
-        step = solved / size
+        step = _least_squares(matrix / size, (without @ residuals[..., None]).ravel()) / size
     moved = inverse @ (residuals - jacobian @ step)[..., None]
     up = now.up + (_tangents(now.up) @ moved)[..., 0]
     rest, turned = now.rest + np.delete(step, [0, 10, 11, 12]), Pose.from_rotation_vector(step[10:13], np.zeros(3))
@@ -243,6 +241,10 @@ def _jacobians(now: ImuFit, readings: np.ndarray, magnitude: float) -> tuple[np.
     own[:, :3], own[:, 3:6], own[:, 6:] = -now.weight * np.eye(3), -now.weight * lever, magnitude * now.turn
     scale = now.deviations[:, None]
     return jacobian / scale, own @ _tangents(now.up) / scale, now.residuals(readings, magnitude) / now.deviations
+
+
+def _least_squares(matrix: np.ndarray, target: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(matrix, target, rcond=None)[0]
 
 
 def _inverse(own: Float[np.ndarray, "n 9 2"]) -> Float[np.ndarray, "n 2 9"]:
