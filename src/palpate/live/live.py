@@ -284,7 +284,8 @@ class Live:
         unsteady = TILT * batch.turned if self._posed else batch.turned
         if self._posed:
             beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
-            beside |= {ACCELERATION: np.nan_to_num(batch.acceleration[:count]), UNSTEADY: unsteady[:count, None]}
+            felt = self._samples.acceleration * np.nan_to_num(batch.acceleration[:count])
+            beside |= {ACCELERATION: felt, UNSTEADY: unsteady[:count, None]}
         if self._ring is not None:
             self._ring.take_in(batch, count, unsteady)
         stamp = batch.stamp[:count].copy()

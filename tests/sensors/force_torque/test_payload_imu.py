@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 import palpate
-from evidence.payload_imu import BALL, MASS, NOISE, PLACE, Rests, mistakes, squared_distance, touches
+from evidence.payload_imu import BALL, MASS, NOISE, PLACE, G, Rests, mistakes, squared_distance, touches
 from palpate.cli import main
 from palpate.contact.estimate import ROW
 from palpate.signals import Imu, Payload
@@ -229,8 +229,10 @@ def test_a_log_of_columns_is_calibrated_and_its_touches_are_found(
         own = slice(34 * k, 34 * k + 25)  # 9 samples of a turn follow
         assert (contacts.status[own] == palpate.Status.CONTACT).all()
         assert np.linalg.norm(contacts.point[own].mean(axis=0) - place) < 1e-3
-    replayed = '\n[source]\nkind = "replay"\naddress = "touch.csv"\nspeed = 0\n'
-    (tmp_path / "live.toml").write_text(RIG + replayed, encoding="utf-8")
+    inner = np.loadtxt(touched, delimiter=",", skiprows=1) / np.repeat([1.0, G], [7, 3])
+    np.savetxt(tmp_path / "in_g.csv", inner, delimiter=",", header=f"time,{COLUMNS}", comments="", fmt="%.12g")
+    replayed = '\n[source]\nkind = "replay"\naddress = "in_g.csv"\nspeed = 0\n'
+    (tmp_path / "live.toml").write_text(f'{RIG}unit = "g"\n{replayed}', encoding="utf-8")
     with palpate.open_live(tmp_path / "live.toml") as live:
         points = np.array([row[ROW.point] for _, row in live])
     np.testing.assert_allclose(points[-25:], contacts.point[-25:], atol=1e-3)  # without the later samples of a touch

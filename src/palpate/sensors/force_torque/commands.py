@@ -49,7 +49,8 @@ class CalibratePayload(Calibration):
         gravity: its direction in the base as x,y,z (0,0,-1 when z points up), or free: identified too.
         magnitude: of gravity [m/s^2].
         base_frame: the wrenches are written in the base frame (a rig says it as frame = "base").
-        force: write the payload although a known mistake explains the log better, or the fit leaves much of the weight.
+        force: write the payload although a known mistake explains the log better, or the fit leaves much of the weight;
+            not without orientations.
     """
 
     replaces = "force_torque.payload"

@@ -100,7 +100,7 @@ def _rests(up: Float[np.ndarray, "n 3"], noise: float) -> bool:
     """Return whether directions keep their mean from one half to the other, as they do not in a slow turn."""
     first, second = np.array_split(up, 2)
     apart = float(np.linalg.norm(first.mean(axis=0) - second.mean(axis=0)))
-    return apart <= max(STILL / 4, noise / np.sqrt(len(first)))
+    return apart <= max(STILL / 4, noise / len(first) ** 0.5)
 
 
 def _stretches(
