@@ -1,4 +1,4 @@
-"""Payload: two public recordings of an Axia80 on an arm, and mistakes that must be named."""
+"""Payload: two public recordings of an Axia80 on an arm, mistakes that must be named, and an IMU in place of poses."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import palpate
-from evidence import payload_mistakes
+from evidence import payload_imu, payload_mistakes
 from evidence.row import Row, shared, skipped
 from palpate.spatial.pose import rotation_from_quaternion
 
@@ -22,7 +22,7 @@ SWAP = [0, 2, 1, 3, 5, 4]
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """Real recordings, turns about one axis, and mistakes."""
+    """Real recordings, turns about one axis, mistakes, and an IMU."""
     folder = shared()
     if folder is None:
         yield from skipped(NAME, "seven and a hundred real poses", "", COMMAND)
@@ -30,6 +30,7 @@ def rows(small: bool) -> Iterator[Row]:
         yield from _real(folder / "data" / "payload")
     yield from _one_axis()
     yield from payload_mistakes.rows(small)
+    yield from payload_imu.rows(small)
 
 
 def _real(folder: Path) -> Iterator[Row]:

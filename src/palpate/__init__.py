@@ -59,6 +59,7 @@ if _CHECKING:
     from palpate.live.live import open_live
     from palpate.sensors.force_torque import Compensation, ForceTorque
     from palpate.sensors.force_torque.calibrate import identify_payload
+    from palpate.sensors.force_torque.calibrate_imu import identify_payload_with_imu
     from palpate.sensors.load_cells import LoadCellArray, LoadCells
     from palpate.sensors.load_cells.calibrate import identify_load_cells
     from palpate.sensors.marker_ring import MarkerRing, RingEstimator
@@ -109,6 +110,7 @@ __all__ = [
     "identify_load_cells",
     "identify_mounting",
     "identify_payload",
+    "identify_payload_with_imu",
     "load_rig",
     "locate",
     "map_skin",
@@ -128,6 +130,7 @@ _NAMES = {
     "palpate.live.live": "open_live",
     "palpate.sensors.force_torque": "Compensation ForceTorque",
     "palpate.sensors.force_torque.calibrate": "identify_payload",
+    "palpate.sensors.force_torque.calibrate_imu": "identify_payload_with_imu",
     "palpate.sensors.load_cells": "LoadCellArray LoadCells",
     "palpate.sensors.load_cells.calibrate": "identify_load_cells",
     "palpate.sensors.marker_ring": "MarkerRing RingEstimator",

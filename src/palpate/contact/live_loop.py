@@ -22,7 +22,7 @@ class CompiledSensor(WrenchSensor, Protocol):
     """A wrench sensor with a compiled loop that turns its readings into rows.
 
     Attributes:
-        loop: module and name of the loop.
+        loop: module and name of the loop; "" for a sensor without one.
         live_inputs: inputs of one live sample.
         state: state that one sample leaves to the next.
         revision: a number that changes if `constants` does.

@@ -107,7 +107,7 @@ class WrenchEstimator(ContactEstimator):
         self._wrenches = SurfaceWrenches(self.sensor, placed, filter, rate, drift, shape, logs=not live)
         self.plausibility = Plausibility(self.locator, self._unfiltered, self.mount)
         self._live: LiveLoop | None = None
-        if filter is None and isinstance(self.sensor, CompiledSensor):
+        if filter is None and isinstance(self.sensor, CompiledSensor) and self.sensor.loop:
             self._live = LiveLoop(self.sensor, self.locator, placed)
             if live:
                 self._live.run(self.empty(1))

@@ -275,7 +275,7 @@ class Live:
             try:
                 self.estimator.run_into(np.zeros(1), nothing, self._rows, np.zeros(1, dtype=np.int64))
             except InputError as problem:
-                hint = "Write in [orientation] which ROS 2 topic has poses, or remove the payload."
+                hint = "Write in [orientation] which ROS 2 topic has poses, or remove the payload. No IMU is read live."
                 raise InputError(problem.what, where=self._where, hint=hint) from problem
             self.estimator.reset()
 
@@ -287,7 +287,8 @@ class Live:
         unsteady = TILT * batch.turned if self._posed else batch.turned
         if self._posed:
             beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
-            beside |= {ACCELERATION: np.nan_to_num(batch.acceleration[:count]), UNSTEADY: unsteady[:count, None]}
+            felt = self._samples.acceleration * np.nan_to_num(batch.acceleration[:count])
+            beside |= {ACCELERATION: felt, UNSTEADY: unsteady[:count, None]}
         if self._ring is not None:
             self._ring.take_in(batch, count, unsteady)
         stamp = batch.stamp[:count].copy()

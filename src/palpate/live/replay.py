@@ -71,7 +71,7 @@ class Replay:
         values = values_of(first)
         self.shape: tuple[int, ...] = tuple(values.shape[1:])
         self.dtype: DTypeLike = np.uint8 if IMAGE in first.channels else np.float64
-        self.poses = ORIENTATION in first.channels
+        self.poses = ORIENTATION in first.channels or ACCELERATION in first.channels
         self.ended, self.patient = False, not speed
         self._said: list[str] = []
         self._rest = self._samples()

@@ -18,6 +18,7 @@ from palpate.surfaces.mesh import UNITS, Mesh, plausible_size, unit_named
 __all__ = [
     "array_topic",
     "frames_table",
+    "imu_topics",
     "mesh_size",
     "orientation_table",
     "pose_table",
@@ -42,6 +43,11 @@ def topics_of(contents: LogContents, wanted: str) -> list[str]:
     """
     there = [topic for topic in contents.topics if topic.count and role(topic.kind) == wanted]
     return [topic.name for topic in there if not topic.name.startswith(RESULTS)]
+
+
+def imu_topics(contents: LogContents) -> list[str]:
+    """Return the names of the topics with messages of an IMU."""
+    return [topic.name for topic in contents.topics if topic.count and topic.kind == "sensor_msgs/Imu"]
 
 
 def array_topic(

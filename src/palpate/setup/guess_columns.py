@@ -24,7 +24,7 @@ from palpate.setup.names import acceleration_columns, made_up, time_column, wren
 from palpate.signals.acceleration import kind_of_acceleration
 from palpate.signals.recording import ACCELERATION, Recording
 
-__all__ = ["WrenchColumns", "columns_guess"]
+__all__ = ["WrenchColumns", "acceleration_table", "columns_guess"]
 
 _COUNTS = 50.0  # in whole numbers up to less than this, forces may have been rounded
 
@@ -72,7 +72,8 @@ class WrenchColumns:
             fields["unsure"] = "# "  # in counts: without it, it is taken from the log by the units that will stand here
             remarks.append(whole)
         if self.acceleration:
-            fields["acceleration"], doubt = _acceleration_table(self.acceleration, stated, recording)
+            unit, named = _acceleration_unit(self.acceleration, stated), f"{self.acceleration[0]!r} ... are"
+            fields["acceleration"], doubt = acceleration_table("columns", self.acceleration, named, unit, recording)
             remarks.append(doubt)
         return replace(self, layout=layout, fields=fields, remarks=tuple(remarks), time=time)
 
@@ -204,11 +205,19 @@ def _said(
     return said
 
 
-def _acceleration_table(columns: tuple[str, ...], stated: Stated, recording: Recording) -> tuple[str, str]:
-    """Return the [acceleration] of a rig, its kind judged by the numbers, and a remark on it."""
-    unit = _acceleration_unit(columns, stated)
-    values = recording.channels[ACCELERATION]  # in m/s^2 if the unit is known, else as recorded
-    kind, unit, length = kind_of_acceleration(values, unit)
+def acceleration_table(
+    key: str, value: str | Sequence[str], named: str, unit: str | None, recording: Recording
+) -> tuple[str, str]:
+    """Return the [acceleration] of a rig as TOML, its kind judged by the numbers, and a remark on it.
+
+    Args:
+        key: "columns" or "topic".
+        value: the names of the columns, or that of the topic.
+        named: subject and verb of the remark.
+        unit: in which the log states them; None: it does not.
+        recording: with `ACCELERATION`, in m/s^2 if the unit is known, else as recorded.
+    """
+    kind, unit, length = kind_of_acceleration(recording.channels[ACCELERATION], unit)
     means = {
         "imu": f"gravity is in it: {length:.3g} {unit} at the median",
         "motion": f"no gravity is in it: {length:.3g} {unit} at the median",
@@ -216,10 +225,10 @@ def _acceleration_table(columns: tuple[str, ...], stated: Stated, recording: Rec
     }
     lines = [
         "[acceleration]",
-        commented(f"columns = {quoted(columns)}", "of the sensor, along its axes"),
+        commented(f"{key} = {quoted(value)}", "of the sensor, along its axes"),
         commented(f'kind = "{kind}"', f'{means[kind]}; or "imu" (with gravity), "motion" (without), "none"'),
         commented(f'unit = "{unit}"', "m/s^2, g, mg"),
     ]
-    named = f"{columns[0]!r} ... are taken for " if kind != "none" else f"{columns[0]!r} ... are not used: "
+    named = f"{named} taken for " if kind != "none" else f"{named} not used: "
     what = {"imu": "the acceleration of an IMU", "motion": "the acceleration of the motion"}.get(kind, "")
     return "\n".join(["", *lines, ""]), f"{named}{what}{', ' if what else ''}{means[kind]}: check [acceleration] kind"

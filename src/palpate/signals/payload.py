@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import by_name, called_as
 from palpate.errors import InputError
+from palpate.signals.imu import Imu
 from palpate.signals.recording import LARGEST
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import takes_arrays
@@ -51,6 +52,8 @@ class Payload(Value):
         samples: number of wrenches used.
         provenance: origin of the payload: input hashes, version, options.
         notes: remarks on the fit for the user, one sentence each.
+        imu: accelerometer on the sensor, from which gravity is taken in place of the orientation; the base is then the
+            one of `Imu.upright`, whose z axis points up. None: none.
         mass: [kg] in place of the weight, in a base whose z axis points up.
 
     Raises:
@@ -68,6 +71,7 @@ class Payload(Value):
     samples: int
     provenance: Mapping[str, str]
     notes: tuple[str, ...]
+    imu: Imu | None
 
     def __init__(
         self,
@@ -81,6 +85,7 @@ class Payload(Value):
         samples: int = 0,
         provenance: Mapping[str, str] = MappingProxyType({}),
         notes: Sequence[str] = (),
+        imu: Imu | None = None,
         *,
         mass: float | None = None,
     ) -> None:
@@ -104,7 +109,12 @@ class Payload(Value):
             samples=samples,
             provenance=MappingProxyType(dict(provenance)),
             notes=tuple(notes),
+            imu=imu,
         )
+        if imu is not None and (self.weight[:2].any() or self.weight[2] > 0):
+            raise InputError(
+                "the weight of a payload with an IMU must be (0, 0, -m g).", where="payload", hint="State the mass."
+            )
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Payload:
@@ -130,6 +140,7 @@ class Payload(Value):
 
     def __repr__(self) -> str:
         held = f"{self.mass:.4g} kg at {vector(1e3 * self.center_of_mass, 1)} mm" if self.weight.any() else "no weight"
+        held += "" if self.imu is None else ", gravity from an IMU"
         bias = f"bias {vector(self.force_bias)} N, {vector(self.torque_bias, 4)} N m"
         return f"Payload({held}, {bias}{f', from {self.samples:,} samples' if self.samples else ''})"
 
@@ -162,16 +173,26 @@ class Payload(Value):
 
         Args:
             wrenches: (*batch, 6) [N, N m] in the sensor frame.
-            rotations: (*batch, 3, 3), sensor in base; a NaN in one gives a NaN wrench. None: the payload has no weight.
+            rotations: (*batch, 3, 3), sensor in base; a NaN in one gives a NaN wrench. None: the payload has no weight,
+                or an IMU.
             accelerations: (*batch, 3) [m/s^2] of the sensor's origin in the sensor frame, without gravity; None: at
-                rest. Beyond 1e9 it gives a NaN wrench.
+                rest. With an IMU its readings, gravity included. Beyond 1e9 it gives a NaN wrench.
 
         Returns:
             Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6), an error common to all samples.
 
         Raises:
-            InputError: no rotations for a payload that weighs something, or arrays of other shapes.
+            InputError: no rotations for a payload that weighs something; with an IMU rotations, or no readings of it;
+                arrays of other shapes.
         """
+        if self.imu is not None:
+            if accelerations is None or rotations is not None:
+                what = "the payload takes gravity from an IMU: give accelerations, as it reads them, and no rotations."
+                raise InputError(what, where="payload")
+            flat = np.broadcast_to(accelerations, (*wrenches.shape[:-1], 3)).reshape(-1, 3)
+            rotations, accelerations = (
+                each.reshape(*wrenches.shape[:-1], *each.shape[1:]) for each in self.imu.upright(flat, self.magnitude)
+            )
         transposed = self._base_in_sensor(wrenches, rotations)
         weight = transposed @ self.weight
         jacobian_weight = transposed
@@ -181,13 +202,49 @@ class Payload(Value):
             direction = self.gravity / self.magnitude if self.weight.any() else np.zeros(3)
             jacobian_weight = transposed - accelerations[..., :, None] * (direction / self.magnitude)
         load = np.concatenate([weight + self.force_bias, np.cross(self.center_of_mass, weight) + self.torque_bias], -1)
-        jacobian = np.zeros((*wrenches.shape[:-1], 6, 12))  # of the load; the contact's is its negative
-        jacobian[..., :3, :3] = jacobian_weight
-        jacobian[..., 3:, :3] = skew(self.center_of_mass) @ jacobian_weight
+        jacobian = self.load_jacobian(jacobian_weight, weight)  # of the load; the contact's is its negative
+        return wrenches - load, jacobian @ self.load_covariance @ np.swapaxes(jacobian, -1, -2)
+
+    def load_jacobian(
+        self, turn: Float[np.ndarray, "*batch 3 3"], weight: Float[np.ndarray, "*batch 3"]
+    ) -> Float[np.ndarray, "*batch 6 p"]:
+        """Return the Jacobian (*batch, 6, p) of the load by the parameters of `load_covariance`.
+
+        Args:
+            turn: (*batch, 3, 3) Jacobian of the payload's force in the sensor's frame by its weight.
+            weight: (*batch, 3) [N] that force.
+        """
+        jacobian = np.zeros((*weight.shape[:-1], 6, 12 if self.imu is None else 15))
+        jacobian[..., :3, :3] = turn
+        jacobian[..., 3:, :3] = skew(self.center_of_mass) @ turn
         jacobian[..., :3, 3:6] = np.eye(3)
         jacobian[..., 3:, 6:9] = -skew(weight)
-        jacobian[..., 3:, 9:] = np.eye(3)
-        return wrenches - load, jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
+        jacobian[..., 3:, 9:12] = np.eye(3)
+        if self.imu is not None:
+            jacobian[..., :3, 12:] = skew(weight)
+            jacobian[..., 3:, 12:] = skew(self.center_of_mass) @ skew(weight)
+        return jacobian
+
+    @property
+    def load_covariance(self) -> Float[np.ndarray, "p p"]:
+        """Covariance (12, 12) of the parameters; with an IMU (15, 15), with its rotation vector [rad] behind them.
+
+        An error of the IMU's bias is one of the biases of force and torque, into which it is put.
+        """
+        if self.imu is None:
+            return self.covariance
+        joint = self.joint_covariance
+        push, parts = self.mass * self.imu.rotation.T, np.eye(15, 18)
+        parts[3:6, 15:], parts[9:12, 15:] = push, skew(self.center_of_mass) @ push
+        return parts @ joint @ parts.T
+
+    @property
+    def joint_covariance(self) -> Float[np.ndarray, "p p"]:
+        """Covariance (12, 12), or with an IMU (18, 18), with its rotation vector [rad] and bias [m/s^2] behind."""
+        if self.imu is None:
+            return self.covariance
+        own = self.imu.covariance
+        return np.block([[self.covariance, own[:, :12].T], [own]])
 
     def _base_in_sensor(self, wrenches: np.ndarray, rotations: np.ndarray | None) -> np.ndarray:
         """Return R^T, every entry NaN where one is."""

@@ -44,6 +44,9 @@ LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 class SampleReader:
     """Converter of the raw numbers of one log to recordings, which counts irregularities.
 
+    Attributes:
+        acceleration: m/s^2 in the log's unit of accelerations.
+
     Raises:
         InputError: axes or units of the layout are invalid.
     """
@@ -63,7 +66,7 @@ class SampleReader:
         self._picked = np.append(picked[0], 3 + picked[1])
         self._factors = sign * np.append(force * signs[0], torque * signs[1])
         self._as_it_is = bool(np.array_equal(self._picked, np.arange(6)) and (self._factors == 1.0).all())
-        self._acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
+        self.acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
         self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
         self._layout = layout
         self._pose = SensorPose(layout.orientation_form, inverse=layout.inverse, sensor_rotation=layout.sensor_rotation)
@@ -130,8 +133,8 @@ class SampleReader:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
         if self._layout.moves_torque and TORQUE in channels:
             channels[TORQUE] = self._torque(channels)
-        if ACCELERATION in channels and self._acceleration != 1.0:
-            channels[ACCELERATION] = self._acceleration * channels[ACCELERATION]
+        if ACCELERATION in channels and self.acceleration != 1.0:
+            channels[ACCELERATION] = self.acceleration * channels[ACCELERATION]
         channels |= {array.name: self._scaled(array, read[array.name]) for array in self._arrays}
         self._times.add(time)
         channels = {name: sealed(values, own=True) for name, values in channels.items()}

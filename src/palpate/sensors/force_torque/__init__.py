@@ -2,6 +2,6 @@
 
 from palpate.sensors.force_torque.compensation import Compensation
 from palpate.sensors.force_torque.model import ForceTorque
-from palpate.sensors.force_torque.poses import average_poses
+from palpate.sensors.force_torque.poses import average_poses, average_rests
 
-__all__ = ["Compensation", "ForceTorque", "average_poses"]
+__all__ = ["Compensation", "ForceTorque", "average_poses", "average_rests"]

@@ -20,6 +20,7 @@ __all__ = [
     "kept_samples",
     "model",
     "residual_covariance",
+    "robust_spread",
     "torque_columns",
     "two_stage",
 ]
@@ -207,11 +208,11 @@ def kept_samples(
 
     residuals = left(None)
     for _ in range(10):
-        distance = (np.abs(residuals) / _spread(residuals, floor)).reshape(-1, 2, 3).max(axis=2)
+        distance = (np.abs(residuals) / robust_spread(residuals, floor)).reshape(-1, 2, 3).max(axis=2)
         residuals = left(np.minimum(1.0, HUBER / np.maximum(distance, 1e-12)))
     kept = np.ones(len(wrenches), dtype=bool)
     for _ in range(20):
-        inside = np.all(np.abs(residuals) <= CUTOFF * _spread(residuals, floor), axis=1)
+        inside = np.all(np.abs(residuals) <= CUTOFF * robust_spread(residuals, floor), axis=1)
         before, kept = kept, np.asarray(inside, dtype=bool)
         if np.array_equal(before, kept):
             break
@@ -219,8 +220,8 @@ def kept_samples(
     return kept
 
 
-def _spread(residuals: np.ndarray, floor: np.ndarray) -> Float[np.ndarray, "6"]:
-    """Return standard deviations (6,) from the median absolute residual, wider for few samples [Rousseeuw 1987]."""
+def robust_spread(residuals: Float[np.ndarray, "n k"], floor: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Return standard deviations (k,) from the median absolute residual, wider for few samples [Rousseeuw 1987]."""
     free = max(len(residuals) - 2, 1)  # six unknowns are two samples' worth
     middle = 1.4826 * (1.0 + 5.0 / free) * np.asarray(np.median(np.abs(residuals), axis=0))
     return np.maximum(middle, floor)

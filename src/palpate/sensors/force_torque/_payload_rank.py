@@ -8,7 +8,7 @@ from jaxtyping import Float
 from palpate.errors import NotIdentifiable
 from palpate.sensors.force_torque._payload_fit import force_columns, torque_columns
 
-__all__ = ["check_noise", "check_poses"]
+__all__ = ["across", "check_noise", "check_poses", "named"]
 
 MIN_SINGULAR = 0.02  # orientations are only good to about a degree: a smaller singular value may be nothing but that
 MAX_SHARE = 0.1  # of the weight: largest standard error of a direction of weight or bias that counts as determined
@@ -72,10 +72,10 @@ def _force_refusal(null: np.ndarray, rotations: np.ndarray, direction: np.ndarra
     if direction is not None:
         down = rotations[0].T @ direction
         return NotIdentifiable(
-            f"every pose has gravity along {_named(down)} of the sensor, so the mass cannot be told from the force "
+            f"every pose has gravity along {named(down)} of the sensor, so the mass cannot be told from the force "
             f"bias along it. {_turn_across(down)}.",
             rank=rank,
-            missing=("mass", f"force_bias along {_named(down)} (sensor)"),
+            missing=("mass", f"force_bias along {named(down)} (sensor)"),
         )
     if len(null) > 1:
         return NotIdentifiable(
@@ -86,21 +86,21 @@ def _force_refusal(null: np.ndarray, rotations: np.ndarray, direction: np.ndarra
         )
     base, sensor = (part / np.linalg.norm(part) for part in (null[0, :3], -null[0, 3:]))
     sign = 1.0 if base[np.abs(base).argmax()] > 0 else -1.0
-    base, sensor = _named(sign * base), sign * sensor
+    base, sensor = named(sign * base), sign * sensor
     return NotIdentifiable(
-        f"every pose turns about one axis, {base} of the base, which is {_named(sensor)} of the sensor: the weight "
+        f"every pose turns about one axis, {base} of the base, which is {named(sensor)} of the sensor: the weight "
         f"along it cannot be told from the force bias along it. {_turn_across(sensor)}, or state gravity's direction "
         "if it is not that axis.",
         rank=rank,
-        missing=(f"weight along {base} (base)", f"force_bias along {_named(sensor)} (sensor)"),
+        missing=(f"weight along {base} (base)", f"force_bias along {named(sensor)} (sensor)"),
     )
 
 
 def _turn_across(axis: np.ndarray) -> str:
     """Return advice on two turns: one separates weight from bias, the other helps if the weight is along `axis`."""
-    one = _across(axis)
+    one = across(axis)
     other = np.cross(axis, one)
-    turns = (_named(turn if turn[np.abs(turn).argmax()] > 0 else -turn) for turn in (one, other))
+    turns = (named(turn if turn[np.abs(turn).argmax()] > 0 else -turn) for turn in (one, other))
     return f"Add poses turned by 30 degrees or more about {' and about '.join(turns)} of the sensor"
 
 
@@ -117,22 +117,22 @@ def _noise_refusal(weight: np.ndarray, noise: float, count: int, rank: int) -> N
 
 def _torque_refusal(null: np.ndarray) -> NotIdentifiable:
     unit = null / np.linalg.norm(null, axis=1, keepdims=True)
-    names = tuple(f"center_of_mass along {_named(row)} (sensor)" for row in unit)
+    names = tuple(f"center_of_mass along {named(row)} (sensor)" for row in unit)
     return NotIdentifiable(
         f"the weight's direction in the sensor varies too little: {', '.join(names)} cannot be told from the torque "
-        f"bias. Add a pose turned by 30 degrees or more about {_named(_across(unit[0]))} of the sensor.",
+        f"bias. Add a pose turned by 30 degrees or more about {named(across(unit[0]))} of the sensor.",
         rank=6 - len(null),
         missing=(*names, "torque_bias"),
     )
 
 
-def _across(axis: np.ndarray) -> np.ndarray:
+def across(axis: np.ndarray) -> np.ndarray:
     other = np.eye(3)[np.abs(axis).argmin()]
     across = other - axis * (axis @ other) / (axis @ axis)
     return across / np.linalg.norm(across)
 
 
-def _named(axis: np.ndarray) -> str:
+def named(axis: np.ndarray) -> str:
     """Return an axis as text: 'z', '-x', or the three numbers."""
     largest = int(np.abs(axis).argmax())
     if abs(axis[largest]) > 0.9998:  # about a degree

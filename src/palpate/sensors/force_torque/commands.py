@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -12,20 +12,24 @@ from palpate.calibration.clock import ClockOffset, identify_offset
 from palpate.console.calibration import Calibration, CalibrationResult, origin
 from palpate.console.options import FileOption, Log, Output, RigFile
 from palpate.errors import InputError
-from palpate.files.logs import contents, read_poses, read_recording
+from palpate.files.logs import LogContents, contents, read_poses, read_recording
 from palpate.files.logs.layout import LogLayout
 from palpate.files.units import measured
 from palpate.sensors.force_torque.calibrate import identify_payload
+from palpate.sensors.force_torque.calibrate_imu import identify_payload_with_imu
 from palpate.sensors.force_torque.files import of_payload
-from palpate.sensors.force_torque.poses import average_poses
+from palpate.sensors.force_torque.poses import average_poses, average_rests
 from palpate.sensors.force_torque.section import ForceTorqueSection
 from palpate.setup.edit import update_offset
-from palpate.signals.payload import STANDARD_GRAVITY
-from palpate.signals.recording import ORIENTATION
+from palpate.setup.guess import imu_topics
+from palpate.setup.names import acceleration_columns
+from palpate.signals.payload import STANDARD_GRAVITY, Payload
+from palpate.signals.recording import ACCELERATION, ORIENTATION, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = ["CalibrateClock", "CalibratePayload"]
 
+ALONE = "each on its own"
 SURE = 3.0  # standard deviations from which on two clocks differ
 
 
@@ -34,17 +38,19 @@ class CalibratePayload(Calibration):
     """Identify mass, center of mass and bias: gravity compensation.
 
     Hold some seven poses that differ about more than one axis. Stretches at rest are averaged; where there are none,
-    all samples are used.
+    all samples are used. A log without orientations may have the accelerations of an IMU fixed to the sensor: hold some
+    twelve orientations still, and the IMU's rotation and bias are identified too.
 
     Args:
-        log: CSV or Parquet with time,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw (sensor in base); MCAP or a ROS bag with
-            WrenchStamped and PoseStamped; or as the rig says.
+        log: CSV or Parquet with time,fx,fy,fz,tx,ty,tz and qx,qy,qz,qw (sensor in base) or ax,ay,az; MCAP or a ROS bag
+            with WrenchStamped and PoseStamped or Imu; or as the rig says.
         output: payload.toml to write.
         rig: TOML with the columns, topics and units of the log.
         gravity: its direction in the base as x,y,z (0,0,-1 when z points up), or free: identified too.
         magnitude: of gravity [m/s^2].
         base_frame: the wrenches are written in the base frame (a rig says it as frame = "base").
-        force: write the payload although a known mistake explains the log better, or the fit leaves much of the weight.
+        force: write the payload although a known mistake explains the log better, or the fit leaves much of the weight;
+            not without orientations.
     """
 
     replaces = "force_torque.payload"
@@ -67,27 +73,21 @@ class CalibratePayload(Calibration):
         """
         layout = LogLayout() if self.rig is None else self.stated.layout("force_torque")
         recording = read_recording(self.log, layout)
-        if ORIENTATION not in recording.channels:
+        if self.rig is None and not {ORIENTATION, ACCELERATION} & set(recording.channels):
+            recording = read_recording(self.log, _with_imu(layout, contents(self.log)))
+        in_base = self.base_frame or layout.frame == "base"
+        if ORIENTATION in recording.channels:
+            payload, used = self._by_poses(recording, in_base)
+        elif ACCELERATION in recording.channels:
+            payload, used = self._by_imu(recording, in_base)
+        else:
             raise InputError(
                 "the log has no orientation, and without it the weight cannot be told from the bias.",
                 where=str(self.log),
                 hint="Add columns qx, qy, qz, qw (sensor in base) to a table, or a topic of poses or /tf to messages; "
-                "name them in the rig's [orientation] (columns, file of a second table, topic, base and sensor).",
+                "name them in the rig's [orientation] (columns, file of a second table, topic, base and sensor). Or name "
+                "the accelerations of an IMU on the sensor in its [acceleration] (columns, topic).",
             )
-        rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
-        wrenches, poses, counts = average_poses(recording.wrenches(), rotations)
-        averaged = bool(counts.max() > 1)
-        payload = identify_payload(
-            wrenches,
-            poses,
-            gravity=_direction(self.gravity),
-            magnitude=self.magnitude,
-            hypothesis="base frame" if self.base_frame or layout.frame == "base" else "as is",
-            unchecked=self.force,
-            of="poses" if averaged else "samples",
-            provenance=self.record(gravity=self.gravity),
-        )
-        used = f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if averaged else "each on its own"
         return CalibrationResult(
             [
                 ("samples", f"{len(recording):,}; used: {used}"),
@@ -97,6 +97,43 @@ class CalibratePayload(Calibration):
             payload,
             notes=[*recording.notes, *payload.notes],
         )
+
+    def _by_poses(self, recording: Recording, in_base: bool) -> tuple[Payload, str]:
+        rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
+        wrenches, poses, counts = average_poses(recording.wrenches(), rotations)
+        averaged = bool(counts.max() > 1)
+        payload = identify_payload(
+            wrenches,
+            poses,
+            gravity=_direction(self.gravity),
+            magnitude=self.magnitude,
+            hypothesis="base frame" if in_base else "as is",
+            unchecked=self.force,
+            of="poses" if averaged else "samples",
+            provenance=self.record(gravity=self.gravity),
+        )
+        return payload, f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if averaged else ALONE
+
+    def _by_imu(self, recording: Recording, in_base: bool) -> tuple[Payload, str]:
+        if in_base or self.gravity != "free":
+            what = "wrenches in the base frame need" if in_base else "--gravity is a direction in the base, and needs"
+            raise InputError(f"{what} orientations, and the log has only accelerations.", where=str(self.log))
+        wrenches, felt, counts, noise = average_rests(recording.wrenches(), recording.channels[ACCELERATION])
+        payload = identify_payload_with_imu(
+            wrenches,
+            felt,
+            magnitude=self.magnitude,
+            noise=noise,
+            of="samples" if noise is None else "rests",
+            provenance=self.record(gravity="IMU"),
+        )
+        return payload, ALONE if noise is None else f"{len(counts)} rests of {int(counts.sum()):,} samples"
+
+
+def _with_imu(layout: LogLayout, there: LogContents) -> LogLayout:
+    """Return the layout with the only accelerations of an IMU that a log has, if any."""
+    columns, topics = acceleration_columns(list(there.names)), imu_topics(there)
+    return replace(layout, acceleration=columns, acceleration_topic=topics[0] if len(topics) == 1 else None)
 
 
 def _direction(text: str) -> np.ndarray | None:
@@ -162,7 +199,7 @@ class CalibrateClock(Calibration):
             recording.wrenches(),
             pose_time,
             quaternions,
-            payload=payload if payload is not None and payload.weight.any() else None,
+            payload=payload if payload is not None and payload.weight.any() and payload.imu is None else None,
             search=(before - self.search, before + self.search),
             max_gap=setup.orientation.max_gap,
             noise=None if noise is None else noise.six(),

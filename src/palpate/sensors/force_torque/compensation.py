@@ -65,8 +65,12 @@ class Compensation:
 
     Args:
         sensor: noise, range and frame of the wrenches.
-        payload: payload to compensate; None: none.
+        payload: payload to compensate; None: none. With an `Imu`, gravity and acceleration are those of its readings,
+            the `ACCELERATION` of recordings, and orientations and `motion` are not used.
         motion: source of accelerations in a stream; None: only those of the recordings.
+
+    Raises:
+        InputError: the payload has an IMU, and the wrenches are in the base frame.
     """
 
     channels = (FORCE, TORQUE)
@@ -80,6 +84,13 @@ class Compensation:
         load = Payload() if payload is None else payload
         self._weighs = bool(load.weight.any() or load.covariance[:3, :3].any())
         self._turned, self._drifts = sensor.frame == "base", bool(sensor.drift.any())
+        self._imu = load.imu if self._weighs else None
+        if self._imu is not None:
+            if self._turned:
+                what = "wrenches in the base frame need orientations, which a payload with an IMU does not have."
+                raise InputError(what, where="force_torque.frame")
+            self.loop = ""  # the compiled one knows nothing of an IMU's errors
+            self.motion, self._tilts = None, square_root(load.load_covariance)
         self._limits = np.full(6, np.inf) if sensor.limits is None else sensor.limits.copy()
         slope = load.gravity / load.magnitude**2 if load.weight.any() else np.zeros(3)
         self._load: Float[np.ndarray, "11"] = np.concatenate(
@@ -87,7 +98,7 @@ class Compensation:
         )
         self._gains = np.repeat([1.0, sensor.lever**2], 3)
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
-        self._doubts = square_root(load.covariance)
+        self._doubts = square_root(load.covariance if self._imu is None else np.zeros((12, 12)))
         self._turns, self.revision = bool(self.needs_orientation), 0
         self._kept, self._means = (1.0, np.ones(6)), dict[int, Float[np.ndarray, "6 6"]]()
         self._stated, self.zeros_taken = self._load.copy(), 0
@@ -104,7 +115,7 @@ class Compensation:
     @property
     def needs_orientation(self) -> str:
         """Reason why samples need the sensor's orientation; "" where they do not."""
-        if self._weighs:
+        if self._weighs and self._imu is None:
             return "the payload's weight turns with the sensor"
         return "the wrenches are in the base frame" if self._turned else ""
 
@@ -145,11 +156,17 @@ class Compensation:
             time: [s].
             reading: (6,) [N, N m] as measured.
             rotation: (3, 3) sensor in base, where it is needed.
-            acceleration: (3,) [m/s^2] in the sensor's frame, without gravity; None: 0.
+            acceleration: (3,) [m/s^2] in the sensor's frame, without gravity; None: 0. Of a payload with an IMU its
+                reading, which is needed.
 
         Raises:
-            InputError: the rotation is needed and None, or an argument has another shape.
+            InputError: the rotation or the IMU's reading is needed and None, or an argument has another shape.
         """
+        if self._imu is not None:
+            beside = {} if acceleration is None else {ACCELERATION: shaped(acceleration, (3,), "acceleration")[None]}
+            rotations, accelerations, unsteady = self._moves(beside, "update")
+            self.live_inputs[6:15], self.live_inputs[18] = rotations.ravel(), unsteady[0, 0]
+            acceleration = accelerations[0]
         if self._turns:
             if rotation is None:
                 raise InputError(f"update needs the orientation of the sensor: {self.needs_orientation}.")
@@ -183,10 +200,10 @@ class Compensation:
             raise InputError(f"the readings of {count} samples must have shape ({count}, 6), not {readings.shape}.")
         made = np.zeros(20 * count)
         made[: 6 * count] = readings.ravel()
-        made[6 * count : 15 * count].reshape(count, 3, 3)[:] = self._rotations(extra_channels, "the stream")
-        for name, begin, end in ((ACCELERATION, 15, 18), (UNSTEADY, 18, 19)):
-            if self._weighs and name in extra_channels:
-                made[begin * count : end * count] = extra_channels[name].ravel()
+        rotations, accelerations, unsteady = self._moves(extra_channels, "the stream")
+        made[6 * count : 15 * count].reshape(count, 3, 3)[:] = rotations
+        made[15 * count : 18 * count].reshape(count, 3)[:] = accelerations
+        made[18 * count : 19 * count].reshape(count, 1)[:] = unsteady
         if self._drifts:
             made[19 * count :] = self._aged(time)[:, 0]
         return made
@@ -213,6 +230,8 @@ class Compensation:
         located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
         constant = self._load, *self._placing(placement)
         self._place(wrenches, *measured.readings[2:], share, *constant, located, covariances)
+        if self._imu is not None:
+            covariances += self._tilted(measured.readings, placement.matrix, free=self._unsure is self._doubts)
         return located, None if self.noise is None else covariances
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
@@ -335,6 +354,8 @@ class Compensation:
         located, spread = np.empty((1, 6)), np.empty((1, 6, 6))
         rest = self._mean, self._unknown(), ITSELF.factor, ITSELF.matrix, constant, located, spread
         self._place(np.zeros((1, 6)), *middle[2:], np.zeros(1), self._stated, *rest)
+        if self._imu is not None:
+            spread += self._tilted(middle, ITSELF.matrix, free=False)
         return noise, spread[0]
 
     @takes_arrays
@@ -358,7 +379,7 @@ class Compensation:
         spread = self._of_mean(self._samples)
         if self._samples is None and self.payload is not None:
             biases = np.r_[3:6, 9:12]
-            spread = self.payload.covariance[np.ix_(biases, biases)]
+            spread = self.payload.load_covariance[np.ix_(biases, biases)]
         regressor = self._hung(self._mean[:3])[:, None] if self.coefficients else np.zeros((6, 0))
         return self._tared, ZeroState(self._own[0].copy(), np.zeros(0), spread), regressor
 
@@ -475,15 +496,40 @@ class Compensation:
         return np.diag(np.repeat(np.where(seen > EXPLAINED * stated, seen - stated, 0.0), 3))
 
     def _readings(self, recording: Recording) -> _Readings:
-        moves: Mapping[str, np.ndarray] = recording.channels if self._weighs else {}
         return _Readings(
             recording.time.copy(),
             recording.wrenches(),
-            self._rotations(recording.channels, recording.source),
-            moves[ACCELERATION].copy() if ACCELERATION in moves else np.zeros((1, 3)),
-            moves[UNSTEADY].copy() if UNSTEADY in moves else np.zeros((1, 1)),
+            *self._moves(recording.channels, recording.source),
             self._aged(recording.time) if self._drifts else np.zeros((1, 1)),
         )
+
+    def _moves(self, channels: Mapping[str, np.ndarray], source: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return rotations, accelerations and their standard deviation, n rows or one, from poses or from an IMU."""
+        if self._imu is None or self.payload is None:
+            known: Mapping[str, np.ndarray] = channels if self._weighs else {}
+            return (
+                self._rotations(channels, source),
+                known[ACCELERATION].copy() if ACCELERATION in known else np.zeros((1, 3)),
+                known[UNSTEADY].copy() if UNSTEADY in known else np.zeros((1, 1)),
+            )
+        if ACCELERATION not in channels:
+            raise InputError(
+                "the payload takes gravity from an IMU, and there are no accelerations.",
+                where=source,
+                hint='Name the columns or the topic of the IMU in the rig\'s [acceleration], with kind = "imu".',
+            )
+        return *self._imu.upright(channels[ACCELERATION], self.payload.magnitude), np.full((1, 1), self._imu.noise)
+
+    def _tilted(self, readings: _Readings, matrix: Float[np.ndarray, "6 6"], *, free: bool) -> np.ndarray:
+        """Return covariances (n, 6, 6) of a payload with an IMU, in the frame of `matrix`; its biases err if `free`."""
+        load, payload, factor = self._load, self.payload or Payload(), self._tilts.copy()
+        if not free:
+            factor[:, 3:6] = factor[:, 9:12] = 0.0
+        inside = readings.rotation.swapaxes(1, 2)
+        turn = inside - readings.acceleration[:, :, None] * load[6:9]
+        hangs = inside @ load[:3] - load[9] * readings.acceleration
+        errors = matrix @ payload.load_jacobian(turn - self._mean[:3], hangs - self._mean[3]) @ factor.T
+        return errors @ errors.swapaxes(1, 2)
 
     def _compensated(
         self, readings: _Readings, zero: Float[np.ndarray, "6"], load: Float[np.ndarray, "11"] | None = None

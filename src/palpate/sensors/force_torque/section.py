@@ -25,7 +25,7 @@ from palpate.sensors.force_torque.orientation_form import confirmed_pose
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
 from palpate.setup.built import FIRST, BuiltEstimator, Guess
-from palpate.setup.guess_columns import WrenchColumns, columns_guess
+from palpate.setup.guess_columns import WrenchColumns, acceleration_table, columns_guess
 from palpate.setup.guess_pose import guess_pose
 from palpate.setup.names import made_up
 from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
@@ -33,7 +33,7 @@ from palpate.setup.tables import RigForceTorque
 from palpate.setup.wrench import wrench_estimator
 from palpate.signals.acceleration import turned_from_gravity, wrong_acceleration
 from palpate.signals.motion import Motion
-from palpate.signals.noise import Noise, NoiseSpectrum, estimate_noise, log_noise, wrong_noise
+from palpate.signals.noise import Noise, NoiseSpectrum, log_noise, wrong_noise
 from palpate.signals.payload import Payload
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
 from palpate.signals.wrench_sensor import Measured
@@ -42,7 +42,6 @@ __all__ = ["FORCE_TORQUE", "ForceTorqueSection", "accelerated", "compensation", 
 
 _LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: lever arm of a force about a sensor, doubtful and impossible
 _TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
-_LEAST_NOISE = 1e-6  # N, N m: the noise of a log that never changes, in place of zero
 _TEXT = """\
 {time}[force_torque]
 {wrench}
@@ -50,7 +49,7 @@ units = {{ force = "{force_unit}", torque = "{torque_unit}" }}{torque_remark}
 axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
 # left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
 frame = "{frame}"                     # "sensor", or "base", which needs an orientation
-{meaning}{unsure}noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log
+{meaning}{unsure}{noise}   # of one reading: {noise_source}
 # range = {{ force = 200, torque = 10 }}     # of the sensor: a reading at it is saturated
 # payload = "payload.toml"           # written by: palpate calibrate payload
 
@@ -165,8 +164,9 @@ def _wrong_noise(setup: Setup, seen: Noise | None) -> list[str]:
 
 def _noise_of(setup: Setup, recording: Recording) -> tuple[Noise | None, str]:
     """Return the noise of a recording without its payload, and where it comes from or why it is not known."""
-    quaternions = recording.channels.get(ORIENTATION)
-    if setup.of(ForceTorqueSection).payload is None or quaternions is None:
+    payload, quaternions = setup.of(ForceTorqueSection).payload, recording.channels.get(ORIENTATION)
+    gravity = ORIENTATION if payload is None or payload.imu is None else ACCELERATION
+    if payload is None or gravity not in recording.channels:
         wrenches = recording.wrenches()
     else:  # the payload moves with the arm and is not noise
         wrenches = free_wrenches(setup, recording)
@@ -246,13 +246,21 @@ def _payload_said(payload: Payload | None, tare: float | None) -> list[str]:
 
 def _motion(setup: Setup, head: Recording | None) -> Motion | None:
     stated, payload = setup.acceleration, setup.of(ForceTorqueSection).payload
-    if payload is None or not payload.weight.any() or head is None:
+    if payload is None or not payload.weight.any():
+        return None
+    if payload.imu is not None and (stated.kind != "imu" or stated.from_poses):
+        what = "the payload takes gravity from the IMU with which it was calibrated."
+        hint = 'Name the IMU\'s columns or topic there, and write kind = "imu".'
+        raise InputError(what, where="[acceleration] of the rig", hint=hint)
+    if head is None:
         return None
     recorded = stated.kind if ACCELERATION in head.channels else "none"
     if recorded != "none" and not stated.from_poses:
         wrong = wrong_acceleration(head.channels[ACCELERATION], stated.kind)
         if wrong:
             raise InputError(f"{wrong}.", where=f"{head.source}, [acceleration] of the rig")
+    if payload.imu is not None:
+        return None
     source = "poses" if stated.from_poses else recorded
     return Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
 
@@ -282,15 +290,18 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
             pose = confirmed_pose(pose, recording, based=found.layout.frame == "base")
         found = found.looked_at(recording, contents.stated, opened.time_unit, pose)
         found = found if contents.poses is None else replace(found, remarks=(*found.remarks, *opened.notes()))
-    found = _with_torques(found, recording.wrenches(), None if body is None else body.size)
+    elif ACCELERATION in recording.channels:
+        found = _with_imu(found, recording)
+    found = _with_torques(found, recording, None if body is None else body.size)
     lacking = "" if found.time is None else found.time.lacking
     text = _TEXT.format_map({**_USUAL, **found.fields})
     return Guess(found.why, found.layout, text, found.remarks, lacking, found.fields.get("called", ""))
 
 
-def _with_torques(found: WrenchColumns, wrenches: np.ndarray, size: float | None) -> WrenchColumns:
+def _with_torques(found: WrenchColumns, recording: Recording, size: float | None) -> WrenchColumns:
     """Return the columns with the noise and the torque's unit, guessed where nothing states it."""
     fields, remarks, layout = dict(found.fields), list(found.remarks), found.layout
+    wrenches = recording.wrenches()
     if "torque_unit" not in fields:
         known = wrenches[np.isfinite(wrenches).all(axis=1)]
         free = known - np.median(known, axis=0) if len(known) else known
@@ -306,9 +317,13 @@ def _with_torques(found: WrenchColumns, wrenches: np.ndarray, size: float | None
                 f"forces act {arm:.2g} m from the sensor's origin at the median: if torques are N mm, correct it, as"
             )
             remarks.append(f'{doubt} units = {{ force = "{fields.get("force_unit", "N")}", torque = "N mm" }}')
-    seen = estimate_noise(wrenches)
-    noise = np.maximum(np.ones(6) if seen is None else seen.deviation, _LEAST_NOISE)
-    fields |= {"force_noise": f"{float(noise[:3].max()):.2g}", "torque_noise": f"{float(noise[3:].max()):.2g}"}
+    seen, why = log_noise(recording.time, wrenches, recording.channels.get(ORIENTATION))
+    if seen is None:
+        fields |= {"noise": "# noise = { force = 0.02, torque = 0.001 }", "noise_source": "the log does not show it"}
+        remarks.append(f"the noise is not found: {why}; state it in [force_torque]")
+    else:
+        force, torque = seen.deviation[:3].max(), seen.deviation[3:].max()
+        fields |= {"noise": f"noise = {{ force = {force:.2g}, torque = {torque:.2g} }}", "noise_source": "from the log"}
     return replace(found, layout=layout, fields=fields, remarks=tuple(remarks))
 
 
@@ -326,7 +341,21 @@ def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> Wren
         "orientation": pose.text,
         "called": seen.named.get(wrenches[0], ("", ""))[0],  # the sensor's frame; "frame" is the rig's key
     }
-    return WrenchColumns(why, pose.layout, fields, (*([several] if len(wrenches) > 1 else []), *pose.remarks))
+    remarks = [*([several] if len(wrenches) > 1 else []), *pose.remarks]
+    imus, layout = guess.imu_topics(contents), pose.layout
+    if imus and layout.frames is None and layout.orientation_topic in (None, NONE):  # gravity comes from nowhere else
+        layout = replace(layout, acceleration_topic=imus[0])
+    elif imus:
+        remarks.append(f"topic {imus[0]!r} of an IMU is not used: if it is on the sensor, name it in [acceleration]")
+    return WrenchColumns(why, layout, fields, tuple(remarks))
+
+
+def _with_imu(found: WrenchColumns, recording: Recording) -> WrenchColumns:
+    """Return the guess with the [acceleration] of its topic, and a remark on it."""
+    topic = str(found.layout.acceleration_topic)
+    text, remark = acceleration_table("topic", topic, f"topic {topic!r} is", None, recording)
+    said = "it gives gravity if it is fixed to the sensor, as no pose is in the log (palpate calibrate payload)"
+    return replace(found, fields={**found.fields, "acceleration": text}, remarks=(*found.remarks, remark, said))
 
 
 def _torque_unit(free: np.ndarray, size: float | None) -> str:
