@@ -85,8 +85,8 @@ class CalibratePayload(Calibration):
                 "the log has no orientation, and without it the weight cannot be told from the bias.",
                 where=str(self.log),
                 hint="Add columns qx, qy, qz, qw (sensor in base) to a table, or a topic of poses or /tf to messages; "
-                "name them in the rig's [orientation] (columns, file of a second table, topic, base and sensor). Or name "
-                "the accelerations of an IMU on the sensor in its [acceleration] (columns, topic).",
+                "name them in the rig's [orientation] (columns, file of a second table, topic, base and sensor). Or "
+                "name the accelerations of an IMU on the sensor in its [acceleration] (columns, topic).",
             )
         return CalibrationResult(
             [
