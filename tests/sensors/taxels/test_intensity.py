@@ -149,7 +149,7 @@ def test_beyond_its_data_a_cubic_goes_on_by_its_last_slope() -> None:
 
 @pytest.mark.parametrize("scatter", [0.0, 0.02])
 def test_halves_of_a_log_agree_within_their_deviations_where_the_gain_varies(scatter: float) -> None:
-    """Twenty presses, each with a gain of its own: judged by all parameters alone they are 2.5 times as far apart as expected."""
+    """Twenty presses, each with a gain of its own; judged by all parameters alone it is 2.5 times what they expect."""
     rng, squares = np.random.default_rng(7), list[float]()
     force = 5.0 * (1.0 - np.cos(2.0 * np.pi * np.arange(400) / 20.0))
     for _ in range(20):
