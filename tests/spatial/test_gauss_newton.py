@@ -36,7 +36,7 @@ def _valley(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def test_a_linear_problem_takes_one_step_to_the_closed_form() -> None:
     y = np.random.default_rng(1).normal(size=30)
     found = gauss_newton(np.zeros(2), _look(_line(y)))
-    assert found.place == pytest.approx(np.polyfit(np.arange(30), y, 1)[::-1], abs=1e-9)
+    assert found.place == pytest.approx(np.polyfit(np.arange(30), y, 1)[::-1], abs=1e-7)
     assert found.converged
     assert found.rounds <= 3
 
@@ -75,10 +75,8 @@ def test_nan_is_refused_at_the_start_and_stepped_around_later() -> None:
     with pytest.raises(InputError, match="not finite"):
         gauss_newton(np.array([np.nan]), _look(lambda x: (x, np.eye(1))))
 
-    def root(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # steps from 4 land at 0 and at -4, which has no root
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.sqrt(x), 0.5 / np.sqrt(x)[:, None]
+    def logarithm(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # a full step from 10 lands at -13, which has none
+        with np.errstate(invalid="ignore"):
+            return np.log(x), 1.0 / x[:, None]
 
-    found = gauss_newton(np.array([4.0]), _look(root))
-    assert np.isfinite(found.cost)
-    assert found.cost < 4.0
+    assert gauss_newton(np.array([10.0]), _look(logarithm)).place == pytest.approx([1.0])
