@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -17,18 +16,10 @@ __all__ = ["Minimum", "damped", "gauss_newton", "huber"]
 LEAST, FIRST, MOST = 1e-9, 0.1, 1e6
 
 Place = TypeVar("Place")
-Look = Callable[[Place], tuple[float, Callable[[], tuple[Any, Any]]]]
 
 
-@dataclass(frozen=True, eq=False)
-class Minimum(Generic[Place]):
-    """The end of `gauss_newton`.
-
-    Attributes:
-        place: where the cost is least; cost: there.
-        rounds: number of accepted steps.
-        converged: False if it still gained when the steps were used up.
-    """
+class Minimum(NamedTuple, Generic[Place]):
+    """The place of the least cost, its cost, the number of steps, and whether they ended before the last allowed one."""
 
     place: Place
     cost: float
@@ -47,22 +38,20 @@ def damped(
 
 def huber(size: Float[np.ndarray, "*n"], limit: float) -> tuple[Float[np.ndarray, "*n"], float]:
     """Return the weights of residuals by their size, and their cost, of which each grows as |r| beyond the limit."""
-    weight = 1.0 / np.maximum(size / limit, 1.0)
-    return weight, float(np.sum(np.where(size > limit, limit * (2.0 * size - limit), size**2)))
+    cost = np.where(size > limit, limit * (2.0 * size - limit), size**2)
+    return 1.0 / np.maximum(size / limit, 1.0), float(np.sum(cost))
 
 
 def gauss_newton(
     start: Place,
-    look: Look[Place],
+    look: Callable[[Place], tuple[float, Callable[[], tuple[Any, Any]]]],
     move: Callable[[Place, Any], Place] = np.add,
     solve: Callable[[Any, Any, float], Any] = damped,
     *,
     rounds: int = 100,
     enough: float = 1e-13,
 ) -> Minimum[Place]:
-    """Step down from `start`; return the `Minimum`, whose cost is never higher.
-
-    A step that does not lower the cost, or leads to NaN, is damped ten times more and tried again.
+    """Step down from `start`; return the `Minimum`. A step that raises the cost or makes it NaN is damped until it fits.
 
     Args:
         start: unknowns, of any type.
@@ -82,15 +71,12 @@ def gauss_newton(
         raise InputError("the residuals at the start of a fit are not finite.", hint="Look for NaN in the data.")
     for done in range(rounds):
         matrix, right = equations()
-        while damping < MOST:
-            trial = move(place, solve(matrix, right, damping))
-            fresh, others = look(trial)
-            if fresh <= cost:
-                break
+        while not (fresh := look(trial := move(place, solve(matrix, right, damping))))[0] <= cost:  # NaN too
             damping = max(10.0 * damping, FIRST)
-        else:
-            return Minimum(place, cost, done, True)
-        gain, place, cost, equations, damping = cost - fresh, trial, fresh, others, max(damping / 10.0, LEAST)
+            if damping > MOST:
+                return Minimum(place, cost, done, True)
+        gain, place, damping = cost - fresh[0], trial, max(damping / 10.0, LEAST)
+        cost, equations = fresh
         if gain <= enough * cost:
             return Minimum(place, cost, done + 1, True)
     return Minimum(place, cost, rounds, False)
