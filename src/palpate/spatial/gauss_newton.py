@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -18,8 +19,9 @@ LEAST, FIRST, MOST = 1e-9, 0.1, 1e6
 Place = TypeVar("Place")
 
 
-class Minimum(NamedTuple, Generic[Place]):
-    """The place of the least cost, its cost, the number of steps, and whether they ended before the last allowed one."""
+@dataclass(frozen=True)
+class Minimum(Generic[Place]):
+    """The place of the least cost, its cost, the number of steps, and whether they ended before the limit."""
 
     place: Place
     cost: float
@@ -51,7 +53,7 @@ def gauss_newton(
     rounds: int = 100,
     enough: float = 1e-13,
 ) -> Minimum[Place]:
-    """Step down from `start`; return the `Minimum`. A step that raises the cost or makes it NaN is damped until it fits.
+    """Step down from `start` and return the `Minimum`; a step that raises the cost, or makes it NaN, is damped.
 
     Args:
         start: unknowns, of any type.
