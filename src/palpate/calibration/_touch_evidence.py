@@ -6,6 +6,7 @@ Poses are T_sensor_surface = (R, t), moved by x = (omega, delta): R <- exp(omega
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import radians
 
@@ -14,6 +15,7 @@ from jaxtyping import Float
 
 from palpate.contact.locate import locate
 from palpate.errors import InputError
+from palpate.spatial.gauss_newton import gauss_newton, huber
 from palpate.spatial.pose import Pose, skew
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh
@@ -23,6 +25,7 @@ __all__ = ["Evidence", "KnownPoints", "SomewhereOnSurface", "Spreads", "fit", "o
 FLOOR = 1e-5  # m: no touch is believed to be placed better than this, even if the caller states no noise at all
 USUAL = 3.0  # standard deviations of a touch: beyond it its weight falls (Huber 1964)
 MEDIAN = 2.366  # of the chi-square with 3 degrees of freedom
+ROUNDS, STILL = 100, 1e-5  # steps, and the longest in standard deviations of the prior that ends them
 STEP = 0.03  # rad, and a third of it in sizes of the surface: over many facets, so that the slope is the body's
 
 
@@ -189,25 +192,25 @@ def _axis_points(wrench: Wrench, surface: Mesh) -> Float[np.ndarray, "n 3"]:
 
 def fit(evidence: Evidence, initial: Pose) -> tuple[Pose, Float[np.ndarray, " n"], float]:
     """Return the most probable pose, each touch's residual in standard deviations, (n,), and their scale, 1 or more."""
-    pose, damping, sizes = initial, 1e-6, evidence.spreads.sizes
-    for _ in range(100):
+    pose, sizes = initial, evidence.spreads.sizes
+
+    def look(pose: Pose) -> tuple[float, Callable[[], tuple[np.ndarray, np.ndarray]]]:
+        residual, away = _applied(whitener, evidence.residual(pose)), offset(initial, pose) / sizes
+        weights, cost = huber(np.linalg.norm(residual, axis=1) / scale, USUAL)
+
+        def equations() -> tuple[np.ndarray, np.ndarray]:
+            slope = whitener @ evidence.jacobian(pose)
+            normal: np.ndarray = np.einsum("n,nki,nkj->ij", weights, slope, slope) / scale**2 + np.diag(1 / sizes**2)
+            return normal, -np.einsum("n,nki,nk->i", weights, slope, residual) / scale**2 - away / sizes
+
+        return cost + float(away @ away), equations
+
+    for _ in range(ROUNDS):
         whitener = evidence.whitener(pose)
-        residual = _applied(whitener, evidence.residual(pose))
-        distances = np.linalg.norm(residual, axis=1)
-        scale = _scale(distances)
-        weights = np.minimum(1.0, USUAL * scale / np.maximum(distances, 1e-12)) / scale**2
-        slope = whitener @ evidence.jacobian(pose)
-        away = offset(initial, pose) / sizes
-        normal: np.ndarray = np.einsum("n,nki,nkj->ij", weights, slope, slope) + np.diag(1 / sizes**2)
-        descent: np.ndarray = np.einsum("n,nki,nk->i", weights, slope, residual) + away / sizes
-        cost = weights @ distances**2 + away @ away
-        step: np.ndarray = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), descent)
-        trial = moved(pose, step)
-        left = np.linalg.norm(_applied(whitener, evidence.residual(trial)), axis=1)
-        better = weights @ left**2 + np.sum((offset(initial, trial) / sizes) ** 2) <= cost
-        pose, damping = (trial, damping / 10) if better else (pose, max(damping, 1e-7) * 10)
-        gain = -float(step @ descent)  # of the cost, expected: the squared step in standard deviations
-        if gain < 1e-10 or (gain < 1e-3 and not better):
+        scale = _scale(np.linalg.norm(_applied(whitener, evidence.residual(pose)), axis=1))
+        found = gauss_newton(pose, look, moved, rounds=1)
+        pose, still = found.place, bool(np.abs(offset(pose, found.place) / sizes).max() < STILL)
+        if still:
             break
     distances = np.linalg.norm(_applied(evidence.whitener(pose), evidence.residual(pose)), axis=1)
     return pose, distances, _scale(distances)

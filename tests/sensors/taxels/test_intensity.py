@@ -145,3 +145,20 @@ def test_beyond_its_data_a_cubic_goes_on_by_its_last_slope() -> None:
     slope = float(np.polyder(np.poly1d([*curve.parameters[::-1], 0.0]))(8.0))
     np.testing.assert_allclose(np.diff(curve.intensity(beyond)) / np.diff(beyond), np.full(8, slope), rtol=1e-5)
     np.testing.assert_allclose(curve.force(curve.intensity(beyond)), beyond, rtol=1e-3)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.02])
+def test_halves_of_a_log_agree_within_their_deviations_where_the_gain_varies(scatter: float) -> None:
+    """Twenty presses, each with a gain of its own; judged by all parameters alone it is 2.5 times what they expect."""
+    rng, squares = np.random.default_rng(7), list[float]()
+    force = 5.0 * (1.0 - np.cos(2.0 * np.pi * np.arange(400) / 20.0))
+    for _ in range(20):
+        gain = 1.0 + np.repeat(scatter * rng.normal(size=20), 20)
+        reading = 20.0 + 30.0 * gain * force + 3.0 * rng.normal(size=400)
+        first, second = (
+            identify_intensity(force[rows], reading[rows], kind="polynomial", degree=1).curves[0]
+            for rows in (slice(200), slice(200, 400))
+        )
+        spread = float(first.covariance[0, 0] + second.covariance[0, 0])
+        squares.append(float(first.parameters[0] - second.parameters[0]) ** 2 / spread)
+    assert 0.5 < np.mean(squares) < 2.0

@@ -105,12 +105,13 @@ class Errors:
 
     Attributes:
         white: (6, 6) covariance of each wrench's independent error.
-        walk: (6,) standard deviation of the bias's drift from block to block; 0 where none is seen.
+        drift: (2, 6) of the bias from block to block: standard deviation of its random walk, and its trend; 0 where
+            none is seen.
         block: (n,) index of each wrench's block.
     """
 
     white: Float[np.ndarray, "6 6"]
-    walk: Float[np.ndarray, "6"]
+    drift: Float[np.ndarray, "2 6"]
     block: Int[np.ndarray, " n"]
 
     @staticmethod
@@ -121,26 +122,31 @@ class Errors:
         count = len(residuals)
         blocks = min(count, BLOCKS)
         block: Int[np.ndarray, " n"] = np.arange(count, dtype=np.int64) * blocks // count
-        size, walk, alone = np.bincount(block), np.zeros(6), np.ones(6)
+        size, drift, alone = np.bincount(block), np.zeros((2, 6)), np.ones(6)
         means = np.stack([np.bincount(block, column) / size for column in residuals.T], axis=1)
         felt = np.flatnonzero(np.mean(means**2, axis=0) > ROUNDING**2)
         if _drifts(means, felt):
             steps = steps_of(np.arange(blocks, dtype=np.float64), means[:, felt], 0.0)
-            fit = fit_walk(steps, [[k] for k in range(len(felt))])
-            walk[felt] = np.where(fit.seen, fit.walk, 0.0)
+            each = [[k] for k in range(len(felt))]
+            plain, fit = fit_walk(steps, each), fit_walk(steps.with_shape(np.ones(blocks - 1)), each, np.inf)
+            trends = np.abs(fit.course[0]) > DRIFTS * np.sqrt(fit.covariance[:, 0, 0])
+            seen, noise = plain.seen | trends, np.where(trends, fit.noise, plain.noise)
+            drift[0, felt] = np.where(seen, np.where(trends, fit.walk, plain.walk), 0.0)
+            drift[1, felt] = np.where(trends, fit.course[0], 0.0)
             if blocks == count:
-                alone[felt] = np.where(fit.seen, np.minimum(1.0, fit.noise / np.sqrt(np.diag(white)[felt])), 1.0)
+                alone[felt] = np.where(seen, np.minimum(1.0, noise / np.sqrt(np.diag(white)[felt])), 1.0)
         white = white * np.outer(alone, alone)
-        return Errors(white, walk, block)
+        return Errors(white, drift, block)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Return a tuple of one sentence where the bias drifts; else ()."""
-        if not self.walk.any():
+        if not self.drift.any():
             return ()
-        blocks = len(set(self.block.tolist()))
+        blocks = int(self.block[-1]) + 1
+        drift = np.hypot(self.drift[0] * blocks**0.5, self.drift[1] * blocks)
         kinds = ((slice(3), 1.0, "N"), (slice(3, 6), 1e3, "N mm"))
-        sizes = ((scale * float(self.walk[part].max()) * blocks**0.5, unit) for part, scale, unit in kinds)
+        sizes = ((scale * float(drift[part].max()), unit) for part, scale, unit in kinds)
         amounts = " and ".join(f"{size:.2g} {unit}" for size, unit in sizes if size > 0)
         return (
             f"The bias drifts by about {amounts} in all during the log, which the covariance includes. Record the "
@@ -150,15 +156,19 @@ class Errors:
     def spread(self, gain: Float[np.ndarray, "p n 6"]) -> Float[np.ndarray, "p p"]:
         """Return the covariance (p, p) of an estimate's errors, `gain` times the errors of the wrenches.
 
-        The biases at blocks i and j of B have the covariance walk^2 (B - |i - j|) / 2: that of a random walk plus a
-        constant, the bias when the sensor is used later.
+        What counts is the bias when the sensor is used, at either end of the log. From there the biases at blocks i and
+        j of B have the covariance walk^2 (B - |i - j|) / 2 + trend^2 (i j + (B - i) (B - j)) / 2.
         """
         found = np.einsum("pni,ij,qnj->pq", gain, self.white, gain, optimize=True)
-        if self.walk.any():
+        if self.drift.any():
             last = int(self.block[-1]) + 1
-            summed = np.add.reduceat(gain, np.searchsorted(self.block, np.arange(last)), axis=1)
-            lags = np.abs(np.subtract.outer(np.arange(last), np.arange(last)))
-            moved = np.einsum("ab,qbi->qai", (last - lags) / 2.0, summed * self.walk**2)
+            summed, number = (
+                np.add.reduceat(gain, np.searchsorted(self.block, np.arange(last)), axis=1),
+                np.arange(last),
+            )
+            lags, left = np.abs(np.subtract.outer(number, number)), last - number
+            kernels = np.stack([last - lags, np.outer(number, number) + np.outer(left, left)]) / 2.0
+            moved = np.sum(kernels[:, None] @ (summed * self.drift[:, None, None] ** 2), axis=0)
             found = found + np.einsum("pai,qai->pq", summed, moved)
         return found
 

@@ -109,7 +109,7 @@ def solve(
     gain = gain_of(jacobian[kept] @ basis, white if joint else None)[0]
     payload = Payload(
         *theta.reshape(4, 3),
-        covariance=basis @ Errors(white, np.zeros(6), np.zeros(0, dtype=np.int64)).spread(gain) @ basis.T,
+        covariance=basis @ Errors(white, np.zeros((2, 6)), np.zeros(0, dtype=np.int64)).spread(gain) @ basis.T,
         magnitude=settings.magnitude,
         residual=rms(residuals[kept]),
         samples=int(kept.sum()),

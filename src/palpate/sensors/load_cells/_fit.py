@@ -9,7 +9,7 @@ the force acts [load cells, (18), corrected], are force, position and moment alo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from palpate.contact.indentation import Indentation
 from palpate.errors import NotIdentifiable
 from palpate.sensors.load_cells._log import Blocks
 from palpate.signals.correlation import correlation_time
+from palpate.spatial.gauss_newton import damped, gauss_newton, huber
 from palpate.spatial.pose import skew
 
 __all__ = ["Fit", "ReferenceBlocks", "fit", "linear_start", "residuals", "touches"]
@@ -31,9 +32,7 @@ ROUNDS = 2
 OUTLYING = 3.0  # whitened residuals beyond which a component counts less (Huber)
 LAW = np.array([0.0, 0.2]), np.array([2e-3, 1.2])  # bounds of depth [m] at 1 N, and exponent
 LAW_START = np.array([2e-4, 0.5])
-SETTLED = 1e-13  # relative change of cost at which the solver stops
 SAME = 1e-9  # of the cost: for a smaller gain, the first of two starts is used
-STEPS, MOST_DAMPING = 100, 1e6
 LIGHTEST = 1e-3  # N: lower bound of the pressing force, for starts that lead to none
 
 
@@ -130,7 +129,7 @@ def linear_start(data: ReferenceBlocks) -> Float[np.ndarray, "36"]:
     rows[:, 5] /= START[5]
     right = np.concatenate([data.force / START[0], np.zeros((len(rows), 2)), data.torque[:, None] / START[5]], axis=1)
     lawless = np.zeros((len(rows), 6, 0))
-    return _step(_normal(rows, data.signal, lawless), _gradient(rows, data.signal, lawless, right))
+    return damped(_normal(rows, data.signal, lawless), _gradient(rows, data.signal, lawless, right))
 
 
 def _matrix(unknowns: Float[np.ndarray, " p"]) -> Float[np.ndarray, "6 6"]:
@@ -164,14 +163,6 @@ def _gradient(
     """Return J' r for unknowns (B row by row, law)."""
     by_matrix = np.einsum("nra,nr->na", by_wrench, right).T @ signal
     return np.concatenate([by_matrix.reshape(36), np.einsum("nrl,nr->l", by_law, right)])
-
-
-def _step(normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], damping: float = 0.0) -> np.ndarray:
-    """Return the solution of the damped normal equations; 0 for an unknown that changes no residual."""
-    idle = np.diag(normal) == 0
-    size = np.where(idle, 1.0, np.sqrt(np.diag(normal)))
-    scaled = normal / np.outer(size, size) + np.diag(damping + idle)
-    return np.linalg.solve(scaled, gradient / size) / size
 
 
 def fit(
@@ -251,30 +242,25 @@ def residuals(
 def _solve(
     data: ReferenceBlocks, start: np.ndarray, whitener: Float[np.ndarray, "6 6"], *, robust: bool
 ) -> tuple[np.ndarray, float]:
-    """Minimize a Huber cost by Levenberg-Marquardt, the law within its bounds; return unknowns and cost."""
-    found, damping = start, 1e-9
-    left, slopes, law_slopes = _whitened(data, found, whitener)
-    weight, cost = _huber(left, robust=robust)
-    for _ in range(STEPS):
-        root = np.sqrt(weight)
-        steep, law_steep = slopes * root[..., None], law_slopes * root[..., None]
-        normal = _normal(steep, data.signal, law_steep)
-        gradient = _gradient(steep, data.signal, law_steep, left * root)
-        while damping < MOST_DAMPING:
-            trial = found - _step(normal, gradient, damping)
-            trial[36:] = np.clip(trial[36:], *(bound[: len(trial) - 36] for bound in LAW))
-            others = _whitened(data, trial, whitener)
-            others_weight, others_cost = _huber(others[0], robust=robust)
-            if others_cost <= cost:
-                break
-            damping *= 10.0
-        else:
-            return found, cost
-        gain, found, damping = cost - others_cost, trial, max(damping / 10.0, 1e-12)
-        (left, slopes, law_slopes), weight, cost = others, others_weight, others_cost
-        if gain <= SETTLED * cost:
-            break
-    return found, cost
+    """Minimize a Huber cost, the law within its bounds; return unknowns and cost."""
+
+    def look(found: np.ndarray) -> tuple[float, Callable[[], tuple[np.ndarray, np.ndarray]]]:
+        left, slopes, law_slopes = _whitened(data, found, whitener)
+        weight, cost = huber(np.abs(left), OUTLYING if robust else np.inf)
+
+        def equations() -> tuple[np.ndarray, np.ndarray]:
+            root = np.sqrt(weight)
+            steep, law_steep = slopes * root[..., None], law_slopes * root[..., None]
+            return _normal(steep, data.signal, law_steep), _gradient(steep, data.signal, law_steep, -left * root)
+
+        return 0.5 * cost, equations
+
+    def move(found: np.ndarray, step: np.ndarray) -> np.ndarray:
+        low, high = (bound[: len(found) - 36] for bound in LAW)
+        return np.concatenate([found[:36] + step[:36], np.clip(found[36:] + step[36:], low, high)])
+
+    found = gauss_newton(start, look, move)
+    return found.place, found.cost
 
 
 def _whitened(
@@ -282,14 +268,6 @@ def _whitened(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     left, by_wrench, by_law = residuals(data, found)
     return left @ whitener.T, whitener @ by_wrench, whitener @ by_law
-
-
-def _huber(white: Float[np.ndarray, "n 6"], *, robust: bool) -> tuple[Float[np.ndarray, "n 6"], float]:
-    """Return the weights of the squares, and half the cost, which grows as |r| beyond `OUTLYING`."""
-    size = np.abs(white)
-    far = (size > OUTLYING) & robust
-    weight = np.where(far, OUTLYING / np.maximum(size, OUTLYING), 1.0)
-    return weight, 0.5 * float(np.sum(np.where(far, OUTLYING * (2.0 * size - OUTLYING), size**2)))
 
 
 def _covariance(

@@ -22,6 +22,7 @@ from jaxtyping import Float
 from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.gauss_newton import gauss_newton
 from palpate.surfaces.bspline import basis_matrices, greville, open_knots, solve_tangent
 
 __all__ = ["Bounds", "LaidSheet", "Parametric", "Sheet"]
@@ -292,30 +293,18 @@ class _Problem:
         anchor: _Anchor,
         enough: float = 1e-3,
     ) -> tuple[Grid, int]:
-        """Minimise by Gauss-Newton until a step gains less than a share `enough`; halve steps that do not help."""
-        state = self.strain(control)
-        energy = _energy(state[0], state[3])
-        for rounds in range(_ROUNDS):
-            if np.sqrt(energy) < _FLAT:
-                return control, rounds
-            step = self._step(state, anchor)
-            for _ in range(8):
-                trial = self.strain(control + step)
-                fresh = _energy(trial[0], trial[3])
-                if fresh < energy:
-                    break
-                step *= 0.5
-            else:
-                return control, rounds
-            control, state, gained, energy = control + step, trial, energy - fresh, fresh
-            if gained < enough * energy:
-                return control, rounds + 1
-        return control, _ROUNDS
+        """Minimise by Gauss-Newton until a step gains less than a share `enough`."""
 
-    def _step(self, state: tuple[np.ndarray, ...], anchor: _Anchor) -> Grid:
-        """Return the step to the least linearised strain."""
+        def look(control: Grid) -> tuple[float, Callable[[], tuple[np.ndarray, np.ndarray]]]:
+            state = self.strain(control)
+            return max(_energy(state[0], state[3]), _FLAT**2), lambda: self._equations(state, anchor)
+
+        found = gauss_newton(control, look, solve=self._step, rounds=_ROUNDS, enough=enough)
+        return found.place, found.rounds
+
+    def _equations(self, state: tuple[np.ndarray, ...], anchor: _Anchor) -> tuple[np.ndarray, np.ndarray]:
+        """Return the banded matrix and the right side of the least linearised strain."""
         from palpate.sensors.taxels.skin_map import _strain  # compiled: loaded when first needed
-        from palpate.surfaces import _band
 
         rows, columns = self.by.shape[1], self.bx.shape[1]
         strides = (1, rows) if rows <= columns else (columns, 1)
@@ -324,6 +313,15 @@ class _Problem:
         local = [part for base in ((self.by, self.dy), (self.bx, self.dx)) for part in _narrow(*base)]
         _strain.normal_equations(*state, *local, *strides, band, step)
         _hold(band, anchor, strides[1])
+        return band, step
+
+    def _step(self, band: Float[np.ndarray, "k n"], step: Float[np.ndarray, " k"], damping: float) -> Grid:
+        """Return the solution of the banded equations."""
+        from palpate.surfaces import _band  # compiled: loaded when first needed
+
+        rows, columns = self.by.shape[1], self.bx.shape[1]
+        band, step = band.copy(), step.copy()
+        band[:, 0] *= 1.0 + damping
         if not _band.solve_band(band, step):
             raise np.linalg.LinAlgError("the strain does not determine the layout")
         return step.reshape(rows, columns, 2) if rows > columns else np.swapaxes(step.reshape(columns, rows, 2), 0, 1)
