@@ -8,11 +8,12 @@ import sys
 from collections.abc import Callable
 from functools import wraps
 from inspect import Parameter, isfunction, signature, unwrap
-from types import NoneType, UnionType
-from typing import Any, ForwardRef, NamedTuple, TypeVar, Union, cast, get_args, get_origin
+from types import NoneType
+from typing import Any, ForwardRef, NamedTuple, TypeVar, cast, get_args, get_origin
 
 import numpy as np
 
+from palpate.calls import evaluated, options
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 
@@ -137,33 +138,24 @@ def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wan
         if stated.removesuffix(" | None") in ("ArrayLike", "np.ndarray"):
             wanted = _Wanted(name, stated.endswith("None"), any=True)
         else:
-            wanted = _wanted(name, _annotation(annotation, known))
+            wanted = _wanted(name, evaluated(annotation, known))
         if wanted is not None:
             made[name] = wanted
     return made
 
 
-def _annotation(annotation: Any, known: dict[str, Any]) -> Any:
-    if not isinstance(annotation, str):
-        return annotation
-    try:
-        return eval(annotation, known)
-    except (NameError, AttributeError, TypeError):  # a name that is imported for type checkers only
-        return None
-
-
 def _wanted(name: str, annotation: Any) -> _Wanted | None:
-    options = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
-    arrays = [option for option in options if hasattr(option, "dim_str")]
-    kinds = [option for option in options if option in (float, int)]
-    others = tuple(option for option in options if isinstance(option, type) and option not in (*arrays, *kinds))
+    stated = options(annotation)
+    arrays = [option for option in stated if hasattr(option, "dim_str")]
+    kinds = [option for option in stated if option in (float, int)]
+    others = tuple(option for option in stated if isinstance(option, type) and option not in (*arrays, *kinds))
     optional = NoneType in others
-    tuples = [get_args(option) for option in options if get_origin(option) is tuple]
-    if len(tuples) == 1 and len(tuples) + optional == len(options) and set(tuples[0]) <= {int, float}:
+    tuples = [get_args(option) for option in stated if get_origin(option) is tuple]
+    if len(tuples) == 1 and len(tuples) + optional == len(stated) and set(tuples[0]) <= {int, float}:
         return _Wanted(name, optional, parts=tuple(part is int for part in tuples[0]))
-    if len(arrays) > 1 and len(arrays) + optional == len(options):  # of several types
+    if len(arrays) > 1 and len(arrays) + optional == len(stated):  # of several types
         return _Wanted(name, optional, any=True)
-    if len(arrays) + bool(kinds) != 1 or len(others) + len(arrays) + len(kinds) != len(options):
+    if len(arrays) + bool(kinds) != 1 or len(others) + len(arrays) + len(kinds) != len(stated):
         return None  # none of both, or what cannot be told from its class
     others = tuple(other for other in others if other is not NoneType)
     if not arrays:
