@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["ProbeFace"]
@@ -28,8 +27,7 @@ CELLS = 24  # along the face
 EPSILON = 1e-9
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class ProbeFace(Value):
     """The face with which a probe presses.
 

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 
 __all__ = [
     "Admittance",
@@ -67,8 +67,7 @@ class Admittance:
         return found if math.isfinite(found) else 0.0
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class DelayedRobot(Value):
     """Model of the path from a command to the reading that feels it, in cycles of the controller.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,7 +12,7 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.files.tables.lines import open_input
 from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, to_si
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 
 __all__ = ["AtiCalibration", "refuse_calibration"]
 
@@ -21,8 +20,7 @@ _AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 _ROOT = "FTSensor"
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class AtiCalibration:
     """The calibration of a sensor by its maker.
 

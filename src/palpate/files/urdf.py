@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 from palpate.errors import GeometryError, InputError, not_loaded
 from palpate.files.tables.lines import open_input
 from palpate.files.units import near
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.frames import FrameTree
 from palpate.spatial.pose import Pose, quaternion_from_rotation
 from palpate.surfaces._load import arrays_of, load_arrays
@@ -54,8 +54,7 @@ class Joint:
     element: Any
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class LinkBody:
     """The triangles of a link, in its frame.
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import wait as wait_for
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import prod
 from pathlib import Path
 from typing import NamedTuple
@@ -39,7 +39,7 @@ from palpate.signals.recording import (
     Recording,
     split_channels,
 )
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 
 __all__ = ["AnsweredSamples", "Live", "open_live"]
 
@@ -51,8 +51,7 @@ AGAIN = 10.0  # s between sentences on starts that cannot be used
 TARE = 1.0  # s of a tare if the rig states none
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class AnsweredSamples:
     """Samples with their contacts, in order; iteration gives (time [s], row).
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.signals.noise import estimate_noise
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 __all__ = ["RestReading", "at_rest"]
 
@@ -19,8 +17,7 @@ DRIFT = 5.0  # standard errors between the halves, and at least
 LEAST_DRIFT = 1.0  # times the noise: sensors warm up
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class RestReading:
     """Mean of a steady window of wrenches.
 

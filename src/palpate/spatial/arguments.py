@@ -6,10 +6,11 @@ import math
 import re
 import sys
 from collections.abc import Callable
-from functools import wraps
+from dataclasses import dataclass
+from functools import partial, wraps
 from inspect import Parameter, isfunction, signature, unwrap
 from types import NoneType
-from typing import Any, ForwardRef, NamedTuple, TypeVar, cast, get_args, get_origin
+from typing import Any, ForwardRef, NamedTuple, TypeVar, cast, dataclass_transform, get_args, get_origin, overload
 
 import numpy as np
 
@@ -17,9 +18,10 @@ from palpate.calls import evaluated, options
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 
-__all__ = ["integer", "number", "takes_arrays"]
+__all__ = ["frozen_value", "integer", "number", "takes_arrays"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
+_Class = TypeVar("_Class", bound=type[Any])
 _LARGEST = 2**62  # whole number
 _PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a NamedTuple `__new__`, too
 _WRITTEN = {"out", "out_covariance", "out_total"}  # a copy of these arguments would be of no use
@@ -74,6 +76,24 @@ def takes_arrays(made: _Made) -> _Made:
             compute with the numbers, in which case the message names an argument that is empty or not finite.
     """
     return cast("_Made", _class(made) if isinstance(made, type) else _function(made, unwrap(made).__module__))
+
+
+@overload
+@dataclass_transform(frozen_default=True, eq_default=False)
+def frozen_value(made: _Class, /) -> _Class: ...
+@overload
+@dataclass_transform(frozen_default=True, eq_default=False)
+def frozen_value(**options: bool) -> Callable[[_Class], _Class]: ...
+def frozen_value(made: type[Any] | None = None, /, **options: bool) -> Any:
+    """Decorate a class as a frozen dataclass that `takes_arrays`; values are equal only to themselves, unless `eq`.
+
+    Args:
+        made: the class.
+        options: of `dataclasses.dataclass`.
+    """
+    if made is None:
+        return partial(frozen_value, **options)
+    return takes_arrays(dataclass(**{"frozen": True, "eq": False, **options})(made))
 
 
 def _class(made: type[Any]) -> type[Any]:

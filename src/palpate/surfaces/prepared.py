@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 
 __all__ = ["CompiledSurface"]
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class CompiledSurface:
     """A surface in the form that compiled loops read.
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, panels, styled
 from palpate.viewer.drawing import Mark
 from palpate.viewer.report import HOVER
@@ -43,8 +42,7 @@ _GOLDEN, _TRIED = 2.4, 200  # rad from a place of the spiral to the next; places
 _NAMES = ("x", "y", "z")
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class SpectrumPanel:
     """The spectrum of a vector: frequency [Hz], density and its noise floor [unit^2/Hz], cut-off [Hz] or None."""
 

@@ -17,7 +17,7 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import Events
 from palpate.contact.touch_finder import find_touches
 from palpate.errors import InputError
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces import Surface
 from palpate.viewer.drawing import box
 from palpate.viewer.heat import FineMesh, density, refined
@@ -96,8 +96,7 @@ class Layer(Protocol):
         ...
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class ShownContact:
     """A contact as it is drawn and described.
 
@@ -161,8 +160,7 @@ class SceneMoment:
     contacts: tuple[ShownContact, ...]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Scene:
     """A body and its contacts over n rows and m samples, prepared so that any moment can be drawn.
 

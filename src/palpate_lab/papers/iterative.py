@@ -11,7 +11,6 @@ that paper a paraboloid is then fitted to the touched region.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -21,7 +20,7 @@ from numpy.typing import ArrayLike
 from palpate.contact.estimate import Status
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import frozen, shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import skew
 from palpate.surfaces.mesh import Mesh
 
@@ -61,8 +60,7 @@ class Equation(Protocol):
         ...
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class IterativeResult:
     """Result of the iteration: its end point, and its status.
 
@@ -91,8 +89,7 @@ class IterativeResult:
         return self.residual <= CONVERGED
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class PatchParaboloid:
     """A paraboloid z = a + b x + c y + d x^2 + e x y + f y^2 in a local frame, fitted to a region of a mesh.
 

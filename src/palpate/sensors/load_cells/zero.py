@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.signals.correlation import correlation_time
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 __all__ = ["Zero", "take_zero"]
 
@@ -21,8 +19,7 @@ LIKE_TOUCH = 0.05  # of a change of the zero that no wrench explains: less, and 
 HEAVY = 0.2  # N: least force of such a change
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Zero:
     """The unloaded reading of load cells.
 

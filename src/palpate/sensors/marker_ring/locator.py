@@ -14,7 +14,7 @@ from palpate.optical.fisheye import STEPS, flat_pixels
 from palpate.optical.ring_response import RingResponse
 from palpate.sensors.marker_ring.model import MarkerRing
 from palpate.spatial._arrays import shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 __all__ = ["RingFound", "RingLocator", "RingSettings", "turned"]
 
@@ -64,8 +64,7 @@ class RingSettings:
             raise InputError("reach must be positive, and speed and patience must not be negative.")
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class RingFound:
     """Contacts of n images.
 
