@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.errors import GeometryError, InputError, not_loaded
+from palpate.errors import GeometryError, InputError, importing_extra
 from palpate.files.tables.lines import open_input
 from palpate.files.units import near
 from palpate.spatial.arguments import frozen_value, takes_arrays
@@ -342,10 +342,8 @@ class Kinematics:
     """
 
     def __init__(self, urdf: Urdf, base: str, sensor: str) -> None:
-        try:
+        with importing_extra("joint states need pinocchio", "urdf", where=str(urdf.path)):
             self._pin: Any = import_module("pinocchio")
-        except ImportError as problem:
-            raise not_loaded(problem, "joint states need pinocchio", "urdf", where=str(urdf.path)) from problem
         chain, known = urdf.chain(base, sensor), {joint.name: joint for joint in urdf.joints}
         for joint in chain:
             if joint.mimics and (joint.mimics not in known or known[joint.mimics].mimics):

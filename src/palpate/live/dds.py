@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import InputError, not_loaded
+from palpate.errors import InputError, importing_extra
 from palpate.files.messages import MessageBlock, Topic
 from palpate.live.ros_types import idl_type, ros_type_name
 
@@ -40,10 +40,8 @@ def ros_name(name: str) -> str:
 
 def _cyclone() -> SimpleNamespace:
     """Return the public names of cyclonedds as one namespace, or raise InputError."""
-    try:
+    with importing_extra("ROS 2 needs cyclonedds", "live"):
         import_module("cyclonedds")
-    except ImportError as problem:
-        raise not_loaded(problem, "ROS 2 needs cyclonedds", "live") from problem
     found: dict[str, Any] = {}
     for name in ("core", "domain", "topic", "sub", "pub", "qos", "builtin"):
         found |= vars(import_module(f"cyclonedds.{name}"))

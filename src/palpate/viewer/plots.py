@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
-from palpate.spatial.arguments import frozen_value, takes_arrays
-from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, panels, styled
+from palpate.spatial.arguments import frozen_value
+from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, panels, plotted, styled
 from palpate.viewer.drawing import Mark
 from palpate.viewer.report import HOVER
 from palpate.viewer.samples import thinned
@@ -54,8 +54,7 @@ class SpectrumPanel:
     cutoff: float | None
 
 
-@takes_arrays
-@styled()
+@plotted
 def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], status: Int[np.ndarray, " n"]) -> Figure:
     """Draw components [N], magnitude [N] and the status of each sample over time [s] as a `Figure`.
 
@@ -76,8 +75,7 @@ def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], statu
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def locations(
     time: Float[np.ndarray, " n"],
     point: Float[np.ndarray, "n 3"],
@@ -113,8 +111,7 @@ def locations(
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def silhouettes(
     vertices: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
@@ -151,8 +148,7 @@ def silhouettes(
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
     """Draw the shares [%] of the positive values by size as a `Figure`, logarithmic over more than a decade.
 
@@ -176,8 +172,7 @@ def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
     """Draw a bar for each status that occurred, with its share [%], as a `Figure`; `counts` (9,) are by `Status`.
 
@@ -197,8 +192,7 @@ def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
     """Draw the distance from the ground truth [m] and the predicted 95 % radius [m] over time [s] as a `Figure`.
 
@@ -218,8 +212,7 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
     """Draw the error of each touch's median point and a sample's 95 % radius [m] as a `Figure`.
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.spatial.arguments import takes_arrays
-from palpate.viewer._style import AXES, MUTED, panels, styled
+from palpate.viewer._style import AXES, MUTED, panels, plotted
 from palpate.viewer.plots import clock_of, named, strip
 from palpate.viewer.timeline import downsampled
 
@@ -22,8 +21,7 @@ _SURE = 1.96  # deviations: 95 %
 MOST, FEWEST = 1_400, 60  # points of all lines, and of one
 
 
-@takes_arrays
-@styled()
+@plotted
 def zeros(
     time: Float[np.ndarray, " n"],
     zero: Float[np.ndarray, "n m"],
