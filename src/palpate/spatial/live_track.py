@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.spatial.arguments import takes_arrays
-from palpate.spatial.pose_track import SLACK, PoseTrack, slerp
+from palpate.spatial.pose_track import PoseTrack, slerp
+from palpate.spatial.stamped_rows import SLACK
 
 __all__ = ["LiveTrack"]
 
