@@ -19,6 +19,7 @@ __all__ = [
     "known_unit",
     "measured",
     "near",
+    "positive",
     "split_unit",
     "to_si",
 ]
@@ -85,7 +86,7 @@ def to_si(unit: str, table: Mapping[str, float], *, where: str) -> float:
     known, count = known_unit(unit, table), 1.0
     if known is None and "/" in unit:  # counts of a sensor: so many make one unit
         bare, _, parts = unit.rpartition("/")
-        known, count = known_unit(bare, table), _positive(parts)
+        known, count = known_unit(bare, table), positive(parts)
     if known is None or not count:
         raise InputError(f"unknown unit {unit!r}.", where=where, hint=f"Known: {', '.join(table)}.")
     return table[known] / count
@@ -122,7 +123,8 @@ def _known(unit: str, *, certain: bool = False) -> bool:
     return any(known_unit(unit, table) for table in _TABLES)
 
 
-def _positive(text: str) -> float:
+def positive(text: str) -> float:
+    """Return the positive, finite number that a text is; 0 if it is none."""
     try:
         value = float(text)
     except ValueError:

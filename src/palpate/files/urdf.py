@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import GeometryError, InputError, importing_extra
-from palpate.files.tables.lines import open_input
+from palpate.files.tables.lines import read_xml
 from palpate.files.units import near
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.frames import FrameTree
@@ -97,11 +97,7 @@ class Urdf:
 
     def __init__(self, path: Path, packages: Mapping[str, Path] | None = None) -> None:
         self.path, self.packages = path, dict(packages or {})
-        try:
-            with open_input(path) as file:
-                root = ElementTree.parse(file).getroot()
-        except (OSError, ElementTree.ParseError, UnicodeError, ValueError) as problem:
-            raise InputError(f"is not a URDF that can be read ({problem}).", where=str(path)) from problem
+        root = read_xml(path, "a URDF")
         if path.suffix == ".xacro" or any("xacro" in str(each.tag) for each in root.iter()):
             raise InputError("is written in xacro.", where=str(path), hint=_XACRO)
         if root.tag != "robot":
