@@ -14,8 +14,6 @@ import numpy as np
 
 from palpate.errors import InputError
 
-__all__ = ["by_name", "called_as", "evaluated", "options"]
-
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _KINDS: dict[Any, str] = {
     str: "text",

@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Generator
 from contextlib import contextmanager
 
-__all__ = ["GeometryError", "InputError", "NotIdentifiable", "PalpateError", "importing_extra", "not_loaded"]
-
 
 class PalpateError(Exception):
     """The base class: catch it to catch every error that Palpate raises on purpose."""

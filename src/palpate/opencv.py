@@ -8,8 +8,6 @@ from typing import cast
 
 from palpate.errors import importing_extra
 
-__all__ = ["opencv"]
-
 
 def opencv() -> ModuleType:
     """Load OpenCV and return its module, `cv2`; its FFmpeg prints nothing on the terminal.

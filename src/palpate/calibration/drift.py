@@ -20,8 +20,6 @@ from palpate.spatial.arguments import takes_arrays
 if TYPE_CHECKING:
     from palpate.calibration.drift_search import Search
 
-__all__ = ["DriftFit", "identify_drift"]
-
 USUAL = 240.0  # s: a shorter log is used, and it is said how little it tells
 LEAST_TILT = 0.02  # rad, rms: a weight off by 0.1 N is 2 mN off then
 UNLIKE = 9.0  # of the squared distance of the halves' walks over what is expected: they are not alike

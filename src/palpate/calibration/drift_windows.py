@@ -11,8 +11,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["GAP", "SHORTEST", "Windows", "first_guess", "require_free", "stretches", "untouched", "windows_of"]
-
 SHORTEST = 60.0  # s of a log
 GAP = 10.0  # s without a sample, after which the zero may be anywhere
 LEAST = 4  # samples of a window

@@ -13,8 +13,6 @@ from scipy.optimize import minimize
 from palpate.spatial._arrays import Value
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Steps", "WalkFit", "courses_of", "fit_walk", "innovations", "steps_of"]
-
 SEEN = 2.71  # twice the log-likelihood by which a walk that is seen beats none, one-sided 5 %
 LOWEST = -16.0  # log of the least variance of a walk, over that of the noise in a window
 # of a tridiagonal matrix, L D L^T: D, L below its ones, and whether it is not positive definite

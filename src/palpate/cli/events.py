@@ -18,8 +18,6 @@ from palpate.files.contacts.events import write_events
 from palpate.viewer.run_report import touch_table
 from palpate.viewer.timeline import since
 
-__all__ = ["events", "say_touches"]
-
 _SHOWN = 40
 
 

@@ -28,8 +28,6 @@ from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE, Reco
 from palpate.viewer.report import percent
 from palpate.viewer.samples import median
 
-__all__ = ["inspect_contacts", "inspect_log", "say_contents"]
-
 _UNITS = {FORCE: "N", TORQUE: "N m", "voltage": "V"}
 _MOST = 40  # rows of a table of channels: where there are more, as in a frame, one row stands for all
 

@@ -19,8 +19,6 @@ from palpate.live.source import Batch
 from palpate.setup import load_rig
 from palpate.setup.new import guess_sensor
 
-__all__ = ["replay"]
-
 BLOCK = 512  # samples sent at once, at most
 
 

@@ -31,8 +31,6 @@ from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
 from palpate.viewer.video import Video
 
-__all__ = ["view"]
-
 
 def view(
     log: Log,

@@ -14,8 +14,6 @@ from palpate.files.atomic import keep_inputs
 from palpate.files.models import provenance, write_model
 from palpate.setup import Rig, load_rig
 
-__all__ = ["Calibration", "CalibrationResult", "origin"]
-
 
 @dataclass(frozen=True)
 class CalibrationResult:

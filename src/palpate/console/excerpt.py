@@ -5,8 +5,6 @@ from __future__ import annotations
 from palpate.files.logs import join
 from palpate.signals.recording import Recording
 
-__all__ = ["Excerpt"]
-
 
 class Excerpt:
     """An excerpt of a log: pieces of consecutive samples, as steps and spectra need neighbours.

@@ -8,8 +8,6 @@ from jaxtyping import Float
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["TrueSamples", "TrueTouches"]
-
 
 @frozen_value
 class TrueSamples:

@@ -11,8 +11,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["Indentation"]
-
 
 @frozen_value(eq=True)
 class Indentation:

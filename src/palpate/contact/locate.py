@@ -24,8 +24,6 @@ from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces.surface import Surface, SurfaceLike, as_surface
 
-__all__ = ["METHODS", "Candidates", "Locator", "in_space", "locate"]
-
 WORSE = 0.05  # of a touch's samples
 _END = 32  # answered samples at the end of a touch, as many as a branch remembers
 _MANY, _BLOCK = 4_000, 100_000  # wrenches for which it is worth while to sort them, and how many at a time

@@ -16,8 +16,6 @@ from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE, Reco
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 
-__all__ = ["Plausibility", "RequiredBounds", "lines_of_action", "never_at_rest", "unbelievable", "unexplained"]
-
 UNLOADED = (Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID, Status.NO_POSE)
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line as much as contact does
 MANY = 0.1  # of the loaded samples without an explanation: worth a sentence

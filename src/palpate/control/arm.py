@@ -14,8 +14,6 @@ from palpate.spatial._arrays import Value, frozen, require_out, shaped
 from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
 
-__all__ = ["Arm"]
-
 
 @frozen_value
 class Arm(Value):

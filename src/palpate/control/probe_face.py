@@ -15,8 +15,6 @@ from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["ProbeFace"]
-
 FACING = 0.2  # cosine: facets that lean further away from the axis cannot press
 DEPTH = 0.02  # m behind the foremost point: what lies deeper is not pressed
 FRONT = 0.9  # cosine of facets that say where the middle is

@@ -17,17 +17,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value
 
-__all__ = [
-    "Admittance",
-    "DelayedRobot",
-    "Tracker",
-    "admittance_radius",
-    "least_damping",
-    "observer_radius",
-    "require_stable",
-    "stiffest",
-]
-
 Rows = Float[np.ndarray, "k n"]
 _UNITS = {"force": ("N s/m", "N/m", "kg"), "orientation": ("m s/rad", "m/rad", "m s^2/rad")}
 _FINE = 60  # halvings of a bracket: to rounding

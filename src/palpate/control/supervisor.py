@@ -12,8 +12,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["Limits", "State", "Supervisor"]
-
 BRIEF = 0.5  # s: after a shorter loss the loop goes on holding, for what it knows of the surface is not yet old
 
 

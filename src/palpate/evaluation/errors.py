@@ -10,8 +10,6 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.estimate import CHI2_95, ContactEstimate
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["HEADER", "EllipseCoverage", "ErrorSummary", "angles", "coverage", "distances"]
-
 HEADER = ("mean", "median", "95 %", "worst", "count")
 _FLAT = 1e-9  # of the largest variance: below it a direction has none
 

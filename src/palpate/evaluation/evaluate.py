@@ -14,8 +14,6 @@ from palpate.evaluation.errors import EllipseCoverage, ErrorSummary, angles, cov
 from palpate.evaluation.matching import match_instants, match_touches
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["EvaluationReport", "JudgedTouch", "evaluate", "report"]
-
 
 @dataclass(frozen=True)
 class JudgedTouch:

@@ -12,8 +12,6 @@ from palpate.files.tables.lines import read_xml
 from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, positive, to_si
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["AtiCalibration", "refuse_calibration"]
-
 _AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 _ROOT = "FTSensor"
 

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping
 
 from palpate.files.mcap.writer import WrittenTopic
 
-__all__ = ["DEFINITIONS", "NUMBERS", "RULE", "definition", "described", "written_topic"]
-
 RULE = "=" * 80  # between the definitions of types in one text
 NUMBERS = ("Float64", "Float32", "UInt8", "Int8", "UInt16", "Int16", "UInt32", "Int32")
 _STAMPED = "std_msgs/Header header, "

@@ -10,20 +10,6 @@ from math import floor, inf, isfinite, log10
 
 from palpate.errors import InputError
 
-__all__ = [
-    "ACCELERATION_UNITS",
-    "FORCE_UNITS",
-    "SAMPLES",
-    "TIME_UNITS",
-    "TORQUE_UNITS",
-    "known_unit",
-    "measured",
-    "near",
-    "positive",
-    "split_unit",
-    "to_si",
-]
-
 _POUND, _KILOPOND, _INCH = 4.4482216152605, 9.80665, 0.0254
 
 FORCE_UNITS: Mapping[str, float] = {

@@ -20,8 +20,6 @@ from palpate.errors import InputError, importing_extra
 from palpate.files.messages import MessageBlock, Topic
 from palpate.live.ros_types import idl_type, ros_type_name
 
-__all__ = ["DEPTH", "LOOPBACK", "DdsNode", "DdsReader", "Writer", "ros_name"]
-
 DEPTH = 8192  # messages that wait in a reader, at most: 1.2 s at 7 kHz
 LOOPBACK = "127.0.0.1"
 _PARTICIPANTS = 32  # on one machine, that find each other without multicast

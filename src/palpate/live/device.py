@@ -7,8 +7,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["Device"]
-
 
 @runtime_checkable
 class Device(Protocol):

@@ -41,8 +41,6 @@ from palpate.signals.recording import (
 )
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["AnsweredSamples", "Live", "open_live"]
-
 NUMBERS = 1 << 22  # of a batch
 JUMP = 50_000_000  # ns of change between the system's clock and the monotonic one, which counts as a jump
 TILT = 9.81 / 3**0.5  # m/s^2 along each axis, for a radian by which the direction of gravity is off

@@ -17,8 +17,6 @@ from palpate.live.netft import BIAS, HEADER, REQUEST, SAMPLE, START, STOP
 from palpate.live.netft_page import PAGE
 from palpate.live.netft_status import SATURATED
 
-__all__ = ["NetFtDevice"]
-
 _HOST = "127.0.0.1"
 _PER_UNIT = 1_000_000  # counts per N and per N m, the usual setting
 _LARGEST = 2**31 - 1

@@ -14,8 +14,6 @@ from xml.etree import ElementTree
 from palpate.errors import InputError
 from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, known_unit, positive, to_si
 
-__all__ = ["PAGE", "UNREACHED", "NetFtPage", "read_page"]
-
 PAGE = "/netftapi2.xml"
 _FORCE_UNITS: Mapping[str, float] = {**FORCE_UNITS, "klbf": FORCE_UNITS["lbf"] * 1e3}
 _MOST = 1 << 18  # bytes: the page of a Net F/T has some 10 kB

@@ -12,8 +12,6 @@ from jaxtyping import Bool, Int
 
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["SATURATED", "StatusWord", "status_word"]
-
 _ERROR, _MONITOR = 1 << 31, 1 << 16
 SATURATED = _ERROR | 1 << 17  # of a Net F/T
 

@@ -8,8 +8,6 @@ from jaxtyping import Float, Int
 from palpate.live.dds import DdsNode, Writer, ros_name
 from palpate.live.ros_messages import array_message, image_message, stamped
 
-__all__ = ["RosDevice"]
-
 _FRAME = "sensor"  # that headers name
 
 

@@ -10,8 +10,6 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Cdr", "array_message", "image_message", "stamped"]
-
 _HEAD = b"\0\1\0\0"  # plain, little-endian
 
 

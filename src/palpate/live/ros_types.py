@@ -9,8 +9,6 @@ from palpate.errors import InputError
 from palpate.files.message_types import DEFINITIONS
 from palpate.files.units import near
 
-__all__ = ["Raw", "idl_type", "ros_type_name"]
-
 
 class Raw:
     """The bytes of one message for cyclonedds, which sets `sample_info` of a received one: the time of sending."""

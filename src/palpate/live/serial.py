@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     from palpate.live.cobs import CobsFrames
 
-__all__ = ["SerialPort"]
-
 _READ, _PIECES = 65536, 16  # bytes, and how often they are taken at once: more than the kernel holds
 _BEHIND = 100_000_000  # ns: smallest step back of the clock that is reported
 _AGAIN = 0.5  # s between attempts to open a port that vanished

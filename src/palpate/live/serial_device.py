@@ -10,8 +10,6 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 
-__all__ = ["SerialDevice"]
-
 
 class SerialDevice:
     """A simulated serial sensor; see `palpate.live.device.Device`.

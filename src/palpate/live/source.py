@@ -13,8 +13,6 @@ from palpate.calls import by_name
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 
-__all__ = ["BATCH", "SOURCES", "Batch", "Source", "drained", "source_of"]
-
 SOURCES = {
     "netft": "palpate.live.netft.NetFt",
     "serial": "palpate.live.serial.SerialPort",

@@ -19,8 +19,6 @@ from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
 
-__all__ = ["STEPS", "Fisheye", "RingView", "flat_pixels"]
-
 _GROUND = frozen(np.zeros(1))
 STEPS = 60  # at most: Newton needs 4, halving an interval of pi to its last bit 53
 

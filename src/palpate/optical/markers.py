@@ -15,8 +15,6 @@ from palpate.optical.marker_labels import AREA_RATIO, label_ring, owed
 from palpate.spatial._arrays import Value, frozen, require_out, shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Blobs", "FrameProblem", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour"]
-
 Image = UInt8[np.ndarray, "h w 3"]
 
 SCORES = ("red", "green", "blue", "bright", "dark")

@@ -11,8 +11,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["RingResponse", "ring_basis"]
-
 
 @takes_arrays
 def ring_basis(angle: Float[np.ndarray, "*batch"], order: int) -> Float[np.ndarray, "*batch terms"]:

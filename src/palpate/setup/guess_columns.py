@@ -22,8 +22,6 @@ from palpate.setup.names import acceleration_columns, made_up, wrenches
 from palpate.signals.acceleration import kind_of_acceleration
 from palpate.signals.recording import ACCELERATION, Recording
 
-__all__ = ["WrenchColumns", "columns_guess"]
-
 _COUNTS = 50.0  # in whole numbers up to less than this, forces may have been rounded
 
 

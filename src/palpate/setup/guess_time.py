@@ -16,8 +16,6 @@ from palpate.setup.guess import time_table
 from palpate.setup.names import counter_column, made_up, split_stamp, time_column
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["TimeGuess", "guess_time"]
-
 
 @takes_arrays
 @dataclass(frozen=True)

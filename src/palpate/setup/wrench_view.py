@@ -20,8 +20,6 @@ from palpate.viewer.report import Section, percent, picture
 from palpate.viewer.run_report import Run
 from palpate.viewer.zero_plot import zeros
 
-__all__ = ["WrenchView", "wrench_settings", "zero_section"]
-
 _LISTED = ("crease", "noise_source")  # settings that `wrench_settings` does not have
 
 

@@ -10,8 +10,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["Drift"]
-
 
 @frozen_value(init=False)
 class Drift(Value):

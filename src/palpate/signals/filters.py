@@ -11,8 +11,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["Butterworth", "Filter", "Kalman", "Recursion"]
-
 SETTLED = 1e-12  # of a step: the rest at which a response counts as settled
 SLOWEST = 1e-5  # of the rate: a lower cut-off needs tables that do not fit
 LEAST_RATIO = 1e-8  # of q and r: as slow

@@ -13,8 +13,6 @@ from palpate.signals.filters import Filter
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "log_noise", "resolution_of", "rest_noise", "wrong_noise"]
-
 WINDOW = 32  # samples in which a log is steady or is not
 SHORT, STRIDE = 8, 2  # samples of a window between quick presses, and from one to the next
 SHORT_SPREAD = 6.3  # `SPREAD` of as few samples, times their median, which edges of presses hardly move

@@ -19,8 +19,6 @@ from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import skew
 from palpate.spatial.shown import vector
 
-__all__ = ["STANDARD_GRAVITY", "Payload"]
-
 STANDARD_GRAVITY = 9.80665  # m/s^2
 
 

@@ -9,8 +9,6 @@ from palpate.errors import InputError
 from palpate.signals.noise import estimate_noise
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["RestReading", "at_rest"]
-
 FEWEST = 10  # samples
 SCATTER = 3.0  # times the noise: a motor that hums is at rest, an arm that moves with its load is not
 DRIFT = 5.0  # standard errors between the halves, and at least

@@ -13,8 +13,6 @@ from palpate.signals.filters import Butterworth, Kalman
 from palpate.signals.recording import LARGEST
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Cutoff", "Spectrum", "propose_cutoff", "spectrum", "steady_stretches"]
-
 EVEN = 0.5  # of the usual step: what a step may differ by in a stretch that counts as evenly sampled
 SHORTEST, LONGEST = 32, 8192  # samples of one of Welch's segments
 RESOLUTION = 0.25  # Hz that a log of an arm deserves, where it is long enough

@@ -15,8 +15,6 @@ from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.spatial.uncertain import inverse_pose_covariance
 
-__all__ = ["Measured", "Placement", "Tare", "UnloadedSensor", "WrenchSensor", "square_root"]
-
 
 @runtime_checkable
 class Measured(Protocol):

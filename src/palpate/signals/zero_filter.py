@@ -15,18 +15,6 @@ from palpate.signals.recording import Recording
 from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = [
-    "FilterStep",
-    "FollowedSensor",
-    "Free",
-    "ZeroFilter",
-    "ZeroHistory",
-    "ZeroState",
-    "ZeroStatus",
-    "ZeroWindow",
-    "smoothed",
-]
-
 
 class ZeroStatus(IntEnum):
     """Use of a window by the filter of the zero."""

@@ -18,8 +18,6 @@ from palpate.calls import evaluated, options
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 
-__all__ = ["frozen_value", "integer", "number", "takes_arrays"]
-
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _Class = TypeVar("_Class", bound=type[Any])
 _LARGEST = 2**62  # whole number

@@ -13,8 +13,6 @@ from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
 from palpate.spatial.pose_track import PoseTrack
 
-__all__ = ["Edge", "FramePath", "FrameTree"]
-
 Edge = Pose | PoseTrack  # T_parent_child: always, or over time
 
 

@@ -9,8 +9,6 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose_track import PoseTrack, slerp
 from palpate.spatial.stamped_rows import SLACK
 
-__all__ = ["LiveTrack"]
-
 _JUMP = 1.0  # s: a pose that is older than the newest by more than this begins another clock
 _RECENT = 48  # poses from which the unsteadiness of the motion is taken
 _RENEWED = 12  # poses after which it is taken anew: that costs 0.2 ms

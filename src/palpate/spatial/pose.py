@@ -11,8 +11,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Pose", "quaternion_from_rotation", "rotation_from_quaternion", "skew"]
-
 
 def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     """Return the matrix [v]x with [v]x u = v x u, (*batch, 3, 3).

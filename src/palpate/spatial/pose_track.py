@@ -9,8 +9,6 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.stamped_rows import SLACK, StampedRows
 
-__all__ = ["PoseTrack", "slerp", "sound_quaternions"]
-
 
 @takes_arrays
 class PoseTrack(StampedRows):

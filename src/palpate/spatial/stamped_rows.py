@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-__all__ = ["StampedRows"]
-
 SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this in float64, and must not open a gap
 
 

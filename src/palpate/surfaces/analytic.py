@@ -18,8 +18,6 @@ from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.prepared import CompiledSurface
 
-__all__ = ["Analytic"]
-
 SAMPLES = 24  # along each side of the chart, for a first guess at the nearest point
 
 

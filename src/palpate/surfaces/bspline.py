@@ -13,8 +13,6 @@ from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["BSplineSurface", "basis_matrices", "greville", "open_knots", "periodic_knots", "solve_tangent"]
-
 _MOST = 5  # the highest degree: `_bspline.MOST` holds its basis functions
 
 

@@ -16,8 +16,6 @@ from palpate.spatial.arguments import frozen_value
 from palpate.surfaces.analytic import Analytic
 from palpate.surfaces.quadric import Ellipsoid
 
-__all__ = ["ImplicitSurface", "superquadric"]
-
 _LINES = 20  # along each side of the box, three ways and back: to look for a surface of which nothing is known
 
 

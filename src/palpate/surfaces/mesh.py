@@ -30,8 +30,6 @@ from palpate.waiting import waiting
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
 
-__all__ = ["UNITS", "Mesh", "plane", "plausible_size", "unit_named"]
-
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 _OF_TRIMESH = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "microns": "um", "inches": "in"}
 CREASE = radians(30)

@@ -9,8 +9,6 @@ from jaxtyping import Float
 
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["CompiledSurface"]
-
 
 @frozen_value(eq=True)
 class CompiledSurface:

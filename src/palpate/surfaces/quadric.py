@@ -14,8 +14,6 @@ from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import frozen_value
 from palpate.surfaces.analytic import Analytic
 
-__all__ = ["Cylinder", "Ellipsoid", "EllipticCylinder", "Paraboloid", "Quadric", "Sphere"]
-
 
 @frozen_value(kw_only=True)
 class Quadric(Analytic):

@@ -16,22 +16,6 @@ from palpate.spatial.arguments import takes_arrays
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "AXES",
-    "DARK",
-    "INK",
-    "MUTED",
-    "RULE",
-    "STATUS",
-    "figure",
-    "inline",
-    "mixed",
-    "panels",
-    "plotted",
-    "save",
-    "styled",
-]
-
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 INK, MUTED, RULE = "#1b2530", "#5d6975", "#d5dbe1"  # text, what comes second, lines of the grid
 AXES = ("#d55e00", "#009e73", "#0072b2")  # x, y, z: Okabe and Ito's colours, told apart by the colour-blind

@@ -20,8 +20,6 @@ from palpate.errors import InputError
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.surface import SurfaceLike, as_surface
 
-__all__ = ["Drawing", "Mark", "Specks", "box", "simpler"]
-
 FACETS = 8_000  # drawn: more is slow to turn, and no finer to see
 LONGEST = 0.3  # of the body: the arrow of the largest force
 MARGIN = 0.05  # m about a single point

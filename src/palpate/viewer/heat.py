@@ -8,8 +8,6 @@ from jaxtyping import Float, Int, UInt8
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["FineMesh", "colours", "density", "linear", "refined"]
-
 REACH = 3.0  # widths, beyond which a touch colours nothing
 FACETS = 60_000  # of the finest mesh: more is slow to send and to draw
 BARE = 203, 209, 216  # of the body where nothing touched it

@@ -14,8 +14,6 @@ from palpate.viewer.plots import named, plain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["error_over_force", "sheet_map", "surface_map"]
-
 LEVELS = 9  # colours of a map: as many as an eye tells apart
 _NAMES = "xyz"
 

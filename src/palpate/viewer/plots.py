@@ -19,22 +19,6 @@ from palpate.viewer.timeline import downsampled, since
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "SpectrumPanel",
-    "clock_of",
-    "errors",
-    "forces",
-    "histogram",
-    "locations",
-    "named",
-    "plain",
-    "silhouettes",
-    "spectra",
-    "statuses",
-    "strip",
-    "touch_errors",
-]
-
 COLUMNS = 450  # of a line over time: as many as a phone has pixels
 DOTS = 1_500
 _DISCS = 26  # numbers that stand side by side in the views of a body

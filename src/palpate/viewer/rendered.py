@@ -7,8 +7,6 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Rendered", "ViewPoint", "rendered"]
-
 _AT_ONCE = 200_000  # pixels of facets' boxes that are tried at once: more do not stay in the processor's cache
 _LEAST = 1e-3  # depth: what is nearer is not drawn
 

@@ -27,8 +27,6 @@ from palpate.viewer.samples import median, sample_starts, strongest, thinned
 from palpate.viewer.scene import before
 from palpate.viewer.timeline import since
 
-__all__ = ["DownsampledRun", "Run", "body_picture", "compose", "coverage_tone", "force_picture", "touch_table"]
-
 SHOWN = 200  # touches in the table
 NUMBERED = 60  # on the body
 UNCERTAIN = ""  # in place of a format: with the digits of the touch's deviation

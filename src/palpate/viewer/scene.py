@@ -27,23 +27,6 @@ from palpate.viewer.timeline import Timeline, downsampled
 if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi, ViserServer
 
-__all__ = [
-    "LARGE",
-    "MAGNIFICATIONS",
-    "SMALL",
-    "Layer",
-    "Scene",
-    "SceneMoment",
-    "ShownContact",
-    "before",
-    "disc",
-    "moment_of",
-    "no_contacts",
-    "prepare",
-    "rim",
-    "rounded_up",
-]
-
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 PLOTTED = 800  # rows of a plot: two a pixel
 TRAIL = 300  # samples of a trail

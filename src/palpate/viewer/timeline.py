@@ -11,8 +11,6 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.touch_finder import GAP, SHORTEST
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Timeline", "downsampled", "next_of", "since"]
-
 LATE = 1e6  # s: a log that begins later does not begin near 0
 _EPOCH = 1e9, 1e10  # s since 1970 that are a log's: 2001 to 2286
 

@@ -12,8 +12,6 @@ from jaxtyping import UInt8
 from palpate.errors import InputError
 from palpate.opencv import opencv
 
-__all__ = ["Video"]
-
 
 class Video:
     """A video that grows by a picture at a time; a context manager.

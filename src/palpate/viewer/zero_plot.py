@@ -14,8 +14,6 @@ from palpate.viewer.timeline import downsampled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["zeros"]
-
 _GATE = ("#009e73", "#9aa5b0")  # where the bias was tracked, and where it was kept
 _SURE = 1.96  # deviations: 95 %
 MOST, FEWEST = 1_400, 60  # points of all lines, and of one

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     Show = Callable[[ArenaMoment], None]
 
-__all__ = ["simulate_arena"]
-
 Flag = Annotated[bool, FlagCreatePairsOff]
 Out = Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
 Film = Annotated[Path | None, arg(metavar="RUN.mp4", help_behavior_hint="")]

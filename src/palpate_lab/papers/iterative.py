@@ -24,8 +24,6 @@ from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import skew
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Equation", "IterativeResult", "PatchParaboloid", "fit_paraboloid", "locate_iteratively"]
-
 RINGS, SPOKES = 5, 12  # where a mesh is asked for its surface about a point
 POOR_FIT = 0.05  # of the region's radius: the largest rms distance between paraboloid and mesh
 CONVERGED = 1e-6  # of |F| times the surface's size, and of that size

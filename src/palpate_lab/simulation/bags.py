@@ -15,8 +15,6 @@ from jaxtyping import Float, UInt8
 
 from palpate.errors import importing_extra
 
-__all__ = ["Bag", "Stamped", "header", "nanoseconds", "open_bag", "poses", "readings", "wrenches", "write_bag"]
-
 Stamped = tuple[int, str, Any]  # ns, topic, message
 
 

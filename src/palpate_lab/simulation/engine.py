@@ -7,8 +7,6 @@ from typing import Any
 
 from palpate.errors import importing_extra
 
-__all__ = ["engine"]
-
 
 def engine(what: str) -> Any:
     """Import MuJoCo, and return its module.

@@ -9,8 +9,6 @@ from palpate.errors import InputError
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.viewer._style import AXES, STATUS, mixed
 
-__all__ = ["FORCE", "Arena", "ArenaScene", "Trails", "colour", "newtons"]
-
 STEP = 0.01  # m between two points of a trail
 _COLOURS = (AXES[2], AXES[1], STATUS[6], STATUS[1], STATUS[7], STATUS[5])  # vermilion is kept for forces
 

@@ -13,8 +13,6 @@ from palpate.viewer._style import DARK, MUTED, RULE, STATUS, mixed
 from palpate.viewer.ink import Ink
 from palpate_lab.viewer.arena import FORCE, Arena, ArenaScene, Trails, colour, newtons
 
-__all__ = ["SIZE", "ArenaPicture", "senses"]
-
 SIZE = (960, 720)
 HEAD, FOOT, SIDE = 48, 118, 24  # px above, below and at the sides of the field
 LONG = 0.045  # m of an arrow for each newton

@@ -16,8 +16,6 @@ from palpate.viewer.samples import median
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Judged", "arrivals", "compose", "figures"]
-
 SHOWN = 200  # runs in the table of all
 GOOD, POOR = 0.95, 0.7  # shares of the robots
 

@@ -10,8 +10,6 @@ from palpate.contact.events import Events
 from palpate.files.atomic import replacing
 from palpate.forks import require_polars_threads
 
-__all__ = ["write_events"]
-
 
 def write_events(path: Path, events: Events) -> None:
     """Write touches as CSV, in SI: start,end,px,py,pz,label, then other columns; labels count from 1.

@@ -24,8 +24,6 @@ from palpate.files.contacts.mcap import ContactMessages, topics
 from palpate.files.contacts.reading import contact_blocks
 from palpate.files.mcap.writer import McapWriter
 
-__all__ = ["ContactsWriter", "open_contacts", "read_contacts", "require_format", "unfinished", "write_contacts"]
-
 _SMALL = 4096  # rows up to which Parquet files grow, should blocks be small
 _GROUP = 20_000  # rows of a group in the joined Parquet file: memory is a few of them
 _CHUNK = 2048  # samples of a chunk of MCAP

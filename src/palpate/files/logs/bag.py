@@ -15,8 +15,6 @@ from palpate.files.mcap.reader import McapFile
 from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
 from palpate.files.tables.lines import open_input
 
-__all__ = ["BagFile", "natural", "open_folder"]
-
 _MOST, _BYTES = 1 << 13, 1 << 22  # messages and bytes of a batch
 
 

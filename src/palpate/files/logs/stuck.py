@@ -9,8 +9,6 @@ from jaxtyping import Bool, Float
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["StuckWrenches"]
-
 FEWEST = 100  # rows without which nothing is said
 SHORTEST = 10  # rows of a stretch that does not change,
 LONGER = 20.0  # and how many times the usual number of rows between two changes it must last

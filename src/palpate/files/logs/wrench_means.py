@@ -8,8 +8,6 @@ from jaxtyping import Float, Int
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.stamped_rows import SLACK, StampedRows
 
-__all__ = ["WrenchMeans"]
-
 
 @takes_arrays
 class WrenchMeans(StampedRows):

@@ -15,8 +15,6 @@ from palpate.errors import InputError
 from palpate.files.atomic import irregular
 from palpate.files.units import near
 
-__all__ = ["complete_lines", "open_input", "read_some", "read_xml"]
-
 _INTO_A_FILE = "Save its contents to a file first, and name that file."
 _WAIT = 1.5  # s that a pipe is given until its first byte
 _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text

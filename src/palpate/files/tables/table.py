@@ -23,8 +23,6 @@ from palpate.files.units import near
 from palpate.forks import require_polars_threads
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["TextTable", "read_table", "tables"]
-
 _COMMENTS = tuple(mark.encode() for mark in COMMENTS)
 _MARKS = frozenset(mark[0] for mark in _COMMENTS)
 _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own

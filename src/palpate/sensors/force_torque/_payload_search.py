@@ -27,8 +27,6 @@ from palpate.sensors.force_torque._payload_mistakes import (
 )
 from palpate.spatial.pose import Pose, skew
 
-__all__ = ["FAR", "Explanation", "fitted", "likely", "search", "upward"]
-
 MOST = 300  # poses that are searched, evenly spread
 TRIMMED = 0.2  # share of the poses, and two at least, that a fit may leave aside
 FEW = 12  # poses up to which every pair is left out in turn; beyond, the fits start from random thirds

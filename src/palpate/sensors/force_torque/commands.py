@@ -24,8 +24,6 @@ from palpate.signals.payload import STANDARD_GRAVITY
 from palpate.signals.recording import ORIENTATION
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["CalibrateClock", "CalibratePayload"]
-
 SURE = 3.0  # standard deviations from which on two clocks differ
 
 

@@ -9,8 +9,6 @@ from palpate.files.schema import Key, TableForm
 from palpate.files.units import measured
 from palpate.signals.payload import Payload
 
-__all__ = ["PAYLOAD", "of_payload"]
-
 
 def of_payload(payload: Payload) -> Lines:
     """Return the payload's figures as a list of pairs (name, text), with standard deviations where they were fitted."""

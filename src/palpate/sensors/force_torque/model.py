@@ -18,8 +18,6 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.shown import one_line
 from palpate.spatial.uncertain import noise_covariance
 
-__all__ = ["ForceTorque"]
-
 FRAMES = ("sensor", "base")
 
 

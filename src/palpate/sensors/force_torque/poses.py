@@ -9,8 +9,6 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["average_poses"]
-
 STILL = radians(0.3)
 ENOUGH = 4  # poses
 

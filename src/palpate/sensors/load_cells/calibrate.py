@@ -19,8 +19,6 @@ from palpate.sensors.load_cells.model import LENGTH, LoadCells, require_directio
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces import Surface
 
-__all__ = ["CalibrationOptions", "LoadCellCalibration", "identify_load_cells"]
-
 BALL = 2e-3  # m: radius of the paper's ball, of 4 mm diameter
 LEAST = 0.3  # N: lighter touches are omitted
 BEYOND = 5.0  # times the reference's noise: lighter touches are omitted too

@@ -9,8 +9,6 @@ from palpate.errors import NotIdentifiable
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Explanations", "explanations", "unlikely"]
-
 CHANCE = 1e-6  # that sound channels leave more than the bound
 
 

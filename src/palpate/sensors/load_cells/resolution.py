@@ -12,8 +12,6 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import skew
 
-__all__ = ["WANTED", "Resolution", "nominal_cells", "position_slope", "resolution"]
-
 WANTED = 2e-3  # m: the accuracy that the paper requires
 AZIMUTHS = 12  # directions of a force with friction, the worst of which counts
 

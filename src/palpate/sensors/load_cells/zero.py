@@ -10,8 +10,6 @@ from palpate.sensors.load_cells.model import LoadCells
 from palpate.signals.correlation import correlation_time
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Zero", "take_zero"]
-
 FEWEST = 20  # samples
 SCATTER, DRIFT = 3.0, 5.0  # times the noise of a sample, and of the difference of the two halves
 WARMS = 3.0  # times the noise by which the halves may also differ: cells warm up

@@ -19,8 +19,6 @@ from palpate.signals.recording import IMAGE, Recording
 from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
 
-__all__ = ["RingTruth", "calibrate_marker_ring"]
-
 _TOUCHED = 0.02  # N: lighter presses have no information
 _LOOKED = 60  # unloaded frames that the rest is taken from
 _MIRRORED = 0.6  # rad: median error of angles that fall where the markers' rise

@@ -16,8 +16,6 @@ from palpate.sensors.marker_ring.model import MarkerRing
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["RingFound", "RingLocator", "RingSettings", "turned"]
-
 _TABLE = 720  # angles of the response's table
 _NO_SHEAR = 1e-6  # standard deviation of shear / force where shear was not calibrated: none
 

@@ -17,8 +17,6 @@ from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value
 from palpate.spatial.shown import one_line
 
-__all__ = ["MarkerRing", "RingBody"]
-
 
 @dataclass(frozen=True)
 class RingBody:

@@ -15,8 +15,6 @@ from palpate.sensors.marker_ring.locator import RingLocator, RingSettings, turne
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["RingPresses", "fit_response"]
-
 ORDERS = (16, 2)  # of the angle between marker and contact, and of the contact's own angle
 PARTS = 48  # parts of a turn, each with a misfit
 _BLOCK = 256  # presses at once

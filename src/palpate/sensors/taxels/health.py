@@ -15,8 +15,6 @@ from palpate.signals.wrench_sensor import Tare
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Health", "examine", "resting", "tared"]
-
 SCATTER = 4.0  # times the noise, in a tare
 FEWEST = 8  # frames from which a cell can be judged
 CLOSE = 4.0  # standard deviations about the baseline that still are at rest

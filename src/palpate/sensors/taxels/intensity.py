@@ -13,8 +13,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["KINDS", "Curve", "Intensity"]
-
 KINDS = ("polynomial", "two_range", "monotone", "resistive")
 _KNOTS = 2048  # of a curve as a table: linear between them, finer than 16 bits can tell
 

@@ -17,8 +17,6 @@ from palpate.signals.recording import CELLS, LARGEST, Recording
 from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["TaxelBody"]
-
 _AROUND = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b])  # of a cell on a sheet
 _CORNERS, _SIDES = [0, 2, 5, 7], [[1, 3], [1, 4], [6, 3], [6, 4]]  # of _AROUND: corners, and the two sides at each
 _SHORTEST_RING = 6  # columns: fewer cannot go round a link

@@ -10,8 +10,6 @@ from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["LAYOUTS", "ModuleLayout"]
-
 _SPACING = 6.533e-3  # m, between neighbours of the lattice of iCub's later triangles
 _TELLING, _ROUNDS = 6, 3  # taxels that say how a module is bent; turns until its middle is level
 _STEP = 6.0e-3  # m, between neighbours along the edge of its earlier ones

@@ -14,8 +14,6 @@ from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
 
-__all__ = ["SURFACE_POSE", "TaxelPlaces"]
-
 SURFACE_POSE = "surface_pose"  # in the provenance: of the surface in the taxels' frame, x y z [m] qx qy qz qw
 
 

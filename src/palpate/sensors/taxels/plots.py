@@ -13,8 +13,6 @@ from palpate.viewer._style import AXES, MUTED, figure, plotted
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["error_map", "moved_map", "unroll"]
-
 
 @takes_arrays
 def unroll(points: Float[np.ndarray, "k 3"], *others: Float[np.ndarray, "k 3"]) -> list[Float[np.ndarray, "k 2"]]:

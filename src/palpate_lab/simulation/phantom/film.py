@@ -17,8 +17,6 @@ from palpate.viewer.video import Video
 from palpate_lab.simulation.engine import engine
 from palpate_lab.simulation.phantom.lab import PhantomLab
 
-__all__ = ["RATE", "Film", "choose_renderer"]
-
 RATE = 25  # pictures a second
 SIZE = (960, 720)
 _TRY = "import mujoco; mujoco.GLContext(64, 64).make_current()"

@@ -11,8 +11,6 @@ from palpate.errors import InputError
 from palpate.sensors.taxels.health import resting
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Activations", "AnswerReader", "Block", "later"]
-
 HEAD = 2048  # frames from which rest and noise are taken
 FEWEST = 16  # frames of a log
 TOLD = 1 << 21  # readings from which the baseline is found: for many taxels every few frames are enough

@@ -16,8 +16,6 @@ from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.poking.rigid_groups import frame_about, placed
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Numbering", "found_numbering"]
-
 DOUBTED = 0.95  # of the same squares: one of 100 sessions of 60 to 200 pokes is below, if the numbering is right
 CLEAR = 0.8  # of the squares that the stated numbering leaves: 0.89 at least the other way round, if it is right
 ALIKE = 0.99  # of the squares: numberings that differ by less are the same on a symmetric module

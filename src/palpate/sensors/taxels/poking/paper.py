@@ -14,8 +14,6 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.surface import Surface
 
-__all__ = ["NormalEquations", "free", "in_link", "nearest_in_metric", "normal_equations", "on_surface"]
-
 FLAT = 1e-9  # of the eigenvalues of a taxel's matrix: below it its lines of force are parallel
 LEAST = 1e-6  # share of the largest eigenvalue that each direction has at least: parallel lines leave one without any
 ROUNDS = 20  # of Newton's steps on a surface that is no mesh

@@ -20,8 +20,6 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.surfaces.surface import Surface
 
-__all__ = ["Plan", "PossiblePokes", "after_calibration", "candidates", "known_after", "plan_pokes"]
-
 FORCE = 10.0  # N of a planned poke
 TILT = radians(20.0)  # of the candidate directions from the normal
 PLACED = 0.7e-3  # m: how well taxels tell where a poke was

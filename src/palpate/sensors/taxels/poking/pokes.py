@@ -11,8 +11,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Pokes"]
-
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,6 @@ from palpate.spatial.pose import Pose, skew
 from palpate.surfaces.geodesic import walk
 from palpate.surfaces.surface import Surface
 
-__all__ = ["Units", "across", "fitted", "frame_about", "placed", "single"]
-
 _STEP = np.array([2e-5, 2e-5, 1e-3])  # m, m, rad: of the differences that stand for derivatives
 _ROUNDS = 25  # of the fit of modules to places
 _STILL = 1e-9  # m

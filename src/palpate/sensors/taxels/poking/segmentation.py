@@ -18,8 +18,6 @@ from palpate.signals.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 
-__all__ = ["PokeSearch", "find_pokes"]
-
 HELD = 0.7  # of a poke's own 90th percentile of strength: leaves the ramps out, as in `calibration.presses`
 PAUSE = 0.05  # s: taxels that answer again sooner answer to the same poke
 SHORTEST = 0.05  # s of a poke's steady part

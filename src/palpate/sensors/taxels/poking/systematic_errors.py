@@ -20,8 +20,6 @@ from palpate.spatial._arrays import Value
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, skew
 
-__all__ = ["Nuisances", "Predicted", "predicted"]
-
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,6 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Chart", "flat_chart", "round_chart", "wrapped"]
-
 
 @frozen_value
 class Chart:

@@ -21,8 +21,6 @@ from palpate.surfaces.mesh import Mesh
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
 
-__all__ = ["SkinMap"]
-
 _FINE = 4  # facets of the mesh in a cell
 
 

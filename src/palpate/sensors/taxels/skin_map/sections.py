@@ -10,8 +10,6 @@ from jaxtyping import Float, Int
 from palpate.sensors.taxels.skin_map.chart import Chart, wrapped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-__all__ = ["Sections", "cut"]
-
 Ends = Float[np.ndarray, "s d"]
 _SAME = 1e-12  # rad: a segment's end this close to a spoke meets it
 

@@ -17,8 +17,6 @@ from palpate.spatial.arguments import frozen_value
 from palpate.surfaces.bspline import BSplineSurface, solve_tangent
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Mode", "Planes", "Shell", "Site", "full_sections", "shell"]
-
 Mode = Literal["facets", "vertices"]
 Vector = Float[np.ndarray, "3"]
 Points = Float[np.ndarray, "k 3"]
