@@ -179,10 +179,15 @@ def _named(option: Any) -> str:
 
 def _described(value: Any) -> str:
     """Return the words for an argument that was given."""
-    if isinstance(value, float | int | str | list | tuple | PathLike | None):
+    if isinstance(value, float | int | str | PathLike | None):
         return f"{value!r:.60}"
     if isinstance(value, type):
         return f"the class {value.__name__}"
+    if isinstance(value, list | tuple):
+        try:
+            return f"a list of {np.asarray(cast('Any', value)).dtype}"
+        except (ValueError, TypeError):
+            return "lists of more than one shape"
     shape, kind = getattr(value, "shape", None), getattr(value, "dtype", None)
     parts = [f"shape {shape}"] if isinstance(shape, tuple) else []
     parts += [] if kind is None else [str(kind)]

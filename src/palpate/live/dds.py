@@ -18,7 +18,7 @@ import numpy as np
 
 from palpate.errors import InputError, importing_extra
 from palpate.files.messages import MessageBlock, Topic
-from palpate.live.ros_types import idl_type, ros_type_name
+from palpate.live.ros_messages import idl_type, ros_type_name
 
 DEPTH = 8192  # messages that wait in a reader, at most: 1.2 s at 7 kHz
 LOOPBACK = "127.0.0.1"

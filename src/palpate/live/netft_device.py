@@ -25,7 +25,7 @@ _WORD = 1 << 32
 
 
 class NetFtDevice:
-    """A simulated Net F/T for several listeners; see `palpate.live.device.Device`.
+    """A simulated Net F/T for several listeners; see `palpate.live.source.Device`.
 
     It obeys the commands for realtime streaming (2), stop (0) and bias (0x42). A value that is NaN, or beyond 2147 N or
     N m, is sent with the status of a saturated transducer.

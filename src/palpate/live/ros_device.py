@@ -12,7 +12,7 @@ _FRAME = "sensor"  # that headers name
 
 
 class RosDevice:
-    """A simulated driver of WrenchStamped, Image or Float64MultiArray; see `palpate.live.device.Device`.
+    """A simulated driver of WrenchStamped, Image or Float64MultiArray; see `palpate.live.source.Device`.
 
     Args:
         topic: topic to publish.

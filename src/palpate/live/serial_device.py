@@ -12,7 +12,7 @@ from palpate.errors import InputError
 
 
 class SerialDevice:
-    """A simulated serial sensor; see `palpate.live.device.Device`.
+    """A simulated serial sensor; see `palpate.live.source.Device`.
 
     Its counter also counts samples that nobody reads or for which the kernel has no room.
 
