@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.rigid_groups import across
 from palpate.spatial._arrays import Value
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.surface import Surface
 
@@ -22,8 +20,7 @@ REACHED = 1e-12  # m
 Places = Float[np.ndarray, "k 3"]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class NormalEquations(Value):
     """Normal equations A p = b of each taxel's place p.
 
