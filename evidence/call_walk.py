@@ -19,6 +19,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -102,7 +103,7 @@ def public(rooms: Iterable[str] = ROOMS) -> Iterator[Known]:
         package = importlib.import_module(room)
         names = [room, *(each.name for each in pkgutil.walk_packages(package.__path__, f"{room}."))]
         for module in (importlib.import_module(name) for name in names if "._" not in name):
-            for name in getattr(module, "__all__", ()):
+            for name in module.__all__ if hasattr(module, "__all__") else _defined(module):
                 made = getattr(module, name)
                 if (
                     callable(made)
@@ -111,6 +112,12 @@ def public(rooms: Iterable[str] = ROOMS) -> Iterator[Known]:
                 ):
                     seen.add(id(made))
                     yield from _with_methods(f"{made.__module__}.{name}", made)
+
+
+def _defined(module: ModuleType) -> list[str]:
+    """The names without an underscore of the functions and classes that a module defines."""
+    own = (name for name, made in vars(module).items() if getattr(made, "__module__", "") == module.__name__)
+    return [name for name in own if not name.startswith("_")]
 
 
 def _with_methods(name: str, made: Any) -> Iterator[Known]:

@@ -298,6 +298,27 @@ def _names(node: ast.FunctionDef | ast.ClassDef) -> Iterator[str]:
         )
 
 
+def test_no_file_lists_again_what_its_names_say() -> None:
+    """A name without an underscore is public; `__all__` stands in packages, and in files that offer fewer names."""
+    again: list[str] = []
+    for file in (ROOT / "src").rglob("*.py"):
+        body = [] if file.name.startswith("_") else ast.parse(file.read_text(encoding="utf-8")).body
+        made = {node.name for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+        for node in (each for each in body if isinstance(each, ast.Assign | ast.AnnAssign)):
+            if ast.unparse(node).startswith("__all__") and node.value is not None:
+                listed = set[str](ast.literal_eval(node.value))
+                if {name for name in made if not name.startswith("_")} <= listed <= made | _assigned(body):
+                    again.append(str(file.relative_to(ROOT)))
+    assert again == []
+
+
+def _assigned(body: list[ast.stmt]) -> set[str]:
+    """The names that a file assigns to."""
+    targets = [each for node in body if isinstance(node, ast.Assign) for each in node.targets]
+    targets += [node.target for node in body if isinstance(node, ast.AnnAssign)]
+    return {each.id for target in targets for each in ast.walk(target) if isinstance(each, ast.Name)}
+
+
 def test_public_names_are_plain_words() -> None:
     named = {name for _, node in _definitions() for name in _names(node) if PLAIN & set(name.split("_"))}
     assert named == set(NAMED_SO)

@@ -14,8 +14,6 @@ import numpy as np
 
 from palpate.errors import InputError
 
-__all__ = ["by_name", "called_as"]
-
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _KINDS: dict[Any, str] = {
     str: "text",
@@ -112,9 +110,9 @@ def _wrong(function: Any, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> s
     except TypeError as problem:
         names = [name for name in stated.parameters if name not in ("self", "cls")]
         return f"{problem}; the arguments are {', '.join(names)}."
-    for name, options in _taken(function, stated).items():
-        if name in given and options and not any(_fits(option, given[name]) for option in options):
-            *others, last = dict.fromkeys(_named(option) for option in options)
+    for name, kinds in _taken(function, stated).items():
+        if name in given and kinds and not any(_fits(kind, given[name]) for kind in kinds):
+            *others, last = dict.fromkeys(_named(kind) for kind in kinds)
             words = f"{', '.join(others)} or {last}" if others else last
             return f"{name} must be {words}, not {_described(given[name])}."
     return ""
@@ -129,18 +127,26 @@ def _unfit(function: Any, problem: Exception) -> str:
 
 def _taken(function: Any, stated: Signature) -> dict[str, tuple[Any, ...]]:
     """Return name of an argument -> kinds of its annotation, without names that only type checkers import."""
-    found: dict[str, tuple[Any, ...]] = {}
     names = {**getattr(unwrap(function), "__globals__", {}), "ArrayLike": _Numbers}
-    for name, parameter in stated.parameters.items():
-        kind = parameter.annotation
-        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD) or kind is parameter.empty:
-            continue
-        try:
-            kind = eval(kind, names) if isinstance(kind, str) else kind
-        except (NameError, AttributeError, TypeError):
-            continue
-        found[name] = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    return found
+    kinds = {
+        name: evaluated(each.annotation, names)
+        for name, each in stated.parameters.items()
+        if each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD) and each.annotation is not each.empty
+    }
+    return {name: options(kind) for name, kind in kinds.items() if kind is not None}
+
+
+def evaluated(annotation: Any, names: dict[str, Any]) -> Any:
+    """Return an annotation, one in quotes by these names; None if it has a name that only type checkers import."""
+    try:
+        return eval(annotation, names) if isinstance(annotation, str) else annotation
+    except (NameError, AttributeError, TypeError):
+        return None
+
+
+def options(annotation: Any) -> tuple[Any, ...]:
+    """Return the members of a union, and another annotation alone."""
+    return get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
 
 
 def _fits(option: Any, value: Any) -> bool:
@@ -173,12 +179,8 @@ def _named(option: Any) -> str:
 
 def _described(value: Any) -> str:
     """Return the words for an argument that was given."""
-    if isinstance(value, float | int | None):
-        return repr(value)
-    if isinstance(value, str):
-        return f"the text {value!r:.40}"
-    if isinstance(value, PathLike):
-        return "a path"
+    if isinstance(value, float | int | str | PathLike | None):
+        return f"{value!r:.60}"
     if isinstance(value, type):
         return f"the class {value.__name__}"
     if isinstance(value, list | tuple):

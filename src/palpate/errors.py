@@ -8,7 +8,8 @@ PalpateError
 
 from __future__ import annotations
 
-__all__ = ["GeometryError", "InputError", "NotIdentifiable", "PalpateError", "not_loaded"]
+from collections.abc import Generator
+from contextlib import contextmanager
 
 
 class PalpateError(Exception):
@@ -44,6 +45,19 @@ def not_loaded(problem: ImportError, what: str, extra: str, where: str = "") -> 
         return InputError(f"{what}.", where=where, hint=f"pip install 'palpate[{extra}]'")
     hint = "Install the library that is named, which bare systems lack."
     return InputError(f"{what}, which is installed but does not load ({problem}).", where=where, hint=hint)
+
+
+@contextmanager
+def importing_extra(what: str, extra: str, where: str = "") -> Generator[None]:
+    """Open a context for imports of an extra's library, which raise what `not_loaded` returns where they fail.
+
+    Raises:
+        InputError: the library is missing, or does not load.
+    """
+    try:
+        yield
+    except ImportError as problem:
+        raise not_loaded(problem, what, extra, where) from problem
 
 
 class GeometryError(PalpateError):

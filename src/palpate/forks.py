@@ -8,8 +8,6 @@ from pathlib import Path
 
 from palpate.errors import InputError
 
-__all__ = ["require_polars_threads"]
-
 _TASKS = Path("/proc/self/task")  # Linux alone has it; a fork of other systems is refused once polars is imported
 _threads = {"started": False, "missing": False}
 

@@ -9,8 +9,6 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from importlib import import_module
 
-__all__ = ["import_mesh_reader", "importing", "uninterrupted"]
-
 
 @contextmanager
 def uninterrupted() -> Generator[None]:

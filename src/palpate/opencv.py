@@ -6,9 +6,7 @@ import os
 from types import ModuleType
 from typing import cast
 
-from palpate.errors import not_loaded
-
-__all__ = ["opencv"]
+from palpate.errors import importing_extra
 
 
 def opencv() -> ModuleType:
@@ -18,8 +16,6 @@ def opencv() -> ModuleType:
         InputError: it is not installed or does not load.
     """
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when the first video is opened
-    try:
+    with importing_extra("images need OpenCV", "camera"):
         import cv2
-    except ImportError as problem:
-        raise not_loaded(problem, "images need OpenCV", "camera") from problem
     return cast("ModuleType", cv2)

@@ -9,8 +9,6 @@ from typing import Any, TypeVar, cast
 from palpate.calls import by_name
 from palpate.errors import InputError
 
-__all__ = ["Registry"]
-
 Row = TypeVar("Row")
 
 

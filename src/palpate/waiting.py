@@ -9,8 +9,6 @@ import threading
 from collections.abc import Generator
 from contextlib import contextmanager
 
-__all__ = ["waiting"]
-
 PATIENCE = 2.0  # s
 _ANNOUNCED: set[str] = set()
 

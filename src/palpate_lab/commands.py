@@ -5,8 +5,6 @@ Name of a command -> module, function, and the first paragraph of its docstring;
 
 from __future__ import annotations
 
-__all__ = ["COMMANDS"]
-
 COMMANDS: dict[str, str | tuple[str, str, str]] = {
     "benchmark": "Score contact estimators on simulated tasks",
     "simulate": "Simulate a sensor, with its ground truth",

@@ -22,11 +22,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from palpate.errors import InputError
-from palpate.live.device import Device
 from palpate.live.netft import NetFt
 from palpate.live.netft_device import NetFtDevice
 from palpate.live.sequence import SequenceCounters
-from palpate.live.source import Batch, Source
+from palpate.live.source import Batch, Device, Source
 from palpate.setup.rig import check_rig
 
 HOST = "127.0.0.1"

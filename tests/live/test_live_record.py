@@ -19,12 +19,10 @@ import palpate
 from palpate.errors import InputError
 from palpate.files.atomic import part
 from palpate.files.contacts import read_contacts
-from palpate.files.contacts.mcap import POSE_STAMPED, WRENCH_STAMPED
 from palpate.files.logs import LogLayout, read_recording
 from palpate.files.mcap.regain import regained
 from palpate.live.record import Recorder, only_one, record, require_record, ring_of
 from palpate.live.recover import cut_short, recover
-from palpate.live.ros_types import definition
 from palpate.live.source import Batch
 from palpate.live.stream_buffer import READERS, SlotForm, StreamBuffer
 from palpate.setup import load_rig
@@ -82,11 +80,6 @@ def _known(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Stamps and values of the first samples."""
     made = batch(0, count)
     return made.stamp, made.values
-
-
-def test_a_type_is_defined_as_in_a_file_of_contacts() -> None:
-    assert definition("geometry_msgs/PoseStamped") == POSE_STAMPED
-    assert definition("geometry_msgs/WrenchStamped") == WRENCH_STAMPED
 
 
 def test_a_log_of_the_same_rig_reads_readings_times_and_contacts_again(output: Path) -> None:

@@ -22,14 +22,13 @@ import pytest
 from palpate.contact import ContactEstimate, Contacts, Status
 from palpate.errors import InputError
 from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
+from palpate.files.message_types import DEFINITIONS
 from palpate.live.dds import DdsNode, DdsReader, Writer
-from palpate.live.device import Device
 from palpate.live.publish_ros import TARE, TOPICS, RosPublisher
 from palpate.live.ros2 import RosTopics
 from palpate.live.ros_device import RosDevice
 from palpate.live.ros_poses import RosPoses
-from palpate.live.ros_types import DEFINITIONS
-from palpate.live.source import Batch, Source, source_of
+from palpate.live.source import Batch, Device, Source, source_of
 from palpate.setup.rig import Rig
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigForceTorque, RigOrientation

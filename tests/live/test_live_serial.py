@@ -21,10 +21,9 @@ from hypothesis import strategies as st
 
 from palpate.errors import InputError
 from palpate.live.cobs import TYPES, CobsFrames, encoded
-from palpate.live.device import Device
 from palpate.live.lines import LineFrames, numbers, printed
 from palpate.live.serial_device import SerialDevice
-from palpate.live.source import Batch, Source, source_of
+from palpate.live.source import Batch, Device, Source, source_of
 from palpate.setup.rig import check_rig
 from palpate.setup.source import RigSource
 

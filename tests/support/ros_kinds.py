@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from palpate.live.ros_types import DEFINITIONS
+from palpate.files.message_types import DEFINITIONS
 
 __all__ = ["ROS2", "TYPES", "drawn", "full", "packed", "read"]
 

@@ -14,8 +14,8 @@ from palpate.contact.estimate import Status
 from palpate.viewer import plots
 from palpate.viewer._style import inline
 from palpate.viewer.drawing import Drawing, Mark
+from palpate.viewer.plots import zeros
 from palpate.viewer.report import Report, ReportTable, Section, Tile, picture, render
-from palpate.viewer.zero_plot import zeros
 from palpate_lab.simulation.shapes import Superquadric
 
 RNG = np.random.default_rng(0)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["name_motions"]
-
 NEAR = 0.95  # of its squared length: a direction is called by the axis that it lies along this well
 
 

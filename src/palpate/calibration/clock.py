@@ -15,8 +15,6 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.pose_track import PoseTrack
 
-__all__ = ["ClockOffset", "identify_offset"]
-
 AVERAGE = 0.01  # s of wrenches averaged into one: nothing turns far in it
 COARSE, FINE = 2000, 40_000  # averages used for the search, and for the answer
 GRID = 0.02  # s of the search

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,12 +15,10 @@ from palpate.errors import InputError
 from palpate.signals.drift import Drift
 from palpate.signals.noise import resolution_of
 from palpate.spatial._arrays import Value
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 if TYPE_CHECKING:
     from palpate.calibration.drift_search import Search
-
-__all__ = ["DriftFit", "identify_drift"]
 
 USUAL = 240.0  # s: a shorter log is used, and it is said how little it tells
 LEAST_TILT = 0.02  # rad, rms: a weight off by 0.1 N is 2 mN off then
@@ -28,8 +26,7 @@ UNLIKE = 9.0  # of the squared distance of the halves' walks over what is expect
 LEAST_KELVIN = 0.1  # K: less change of temperature tells nothing
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class DriftFit(Value):
     """The drift of a bias as identified from a log.
 

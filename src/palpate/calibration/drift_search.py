@@ -15,8 +15,6 @@ from palpate.calibration.validation import Validation
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Search"]
-
 SURE = 0.99  # that there is a warm-up
 LONGEST_WINDOW, FEWEST = 1.0, 100  # s; windows of a log in which noise is not white over shorter ones
 LAGS, COLOURED, MOVING = 5, 0.1, 0.35  # correlation of what is left from window to window

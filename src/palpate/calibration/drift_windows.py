@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, shaped
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["GAP", "SHORTEST", "Windows", "first_guess", "require_free", "stretches", "untouched", "windows_of"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 SHORTEST = 60.0  # s of a log
 GAP = 10.0  # s without a sample, after which the zero may be anywhere
@@ -23,8 +21,7 @@ LAGS = (2.0, 5.0, 10.0)  # s over which the walk is first guessed
 LONGEST_TOUCH, MOST_TOUCHED = 20.0, 0.2  # s; of the log
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Windows(Value):
     """Means of a log over windows of time.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType
 
 import numpy as np
@@ -17,7 +17,7 @@ from palpate.calibration.validation import Validation, cross_validate
 from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose, skew
 from palpate.spatial.shown import one_line
 from palpate.spatial.uncertain import noise_covariance
@@ -32,8 +32,7 @@ WRONG = 5.0  # of a touch: beyond it the touch is left out and named: another ma
 _USUAL = Spreads()
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Mounting:
     """The pose of a surface in its sensor's frame, with how well the touches determine it.
 

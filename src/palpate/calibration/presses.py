@@ -7,8 +7,6 @@ from jaxtyping import Float
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["find_presses"]
-
 HELD = 0.7  # of a press's own 90th percentile of force: leaves the ramps out
 SHORTEST = 10  # samples of the steady part
 

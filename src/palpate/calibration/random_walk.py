@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,9 +11,7 @@ from scipy.linalg import lapack, solve_banded
 from scipy.optimize import minimize
 
 from palpate.spatial._arrays import Value
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Steps", "WalkFit", "courses_of", "fit_walk", "innovations", "steps_of"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 SEEN = 2.71  # twice the log-likelihood by which a walk that is seen beats none, one-sided 5 %
 LOWEST = -16.0  # log of the least variance of a walk, over that of the noise in a window
@@ -26,8 +24,7 @@ _SHIFT, _SLOPE = 0.02, 1e-4  # of logarithms, for second differences and for slo
 _FAR = 1e30  # where there is no likelihood
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Steps(Value):
     """Differences of consecutive window means.
 
@@ -56,8 +53,7 @@ class Steps(Value):
         return Steps(self.change[rows], self.interval[rows], joined, self.shape[rows], self.window)
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class WalkFit(Value):
     """The most likely random walk, noise and courses of m channels.
 

@@ -13,8 +13,6 @@ from palpate.signals.correlation import correlation_time
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, skew
 
-__all__ = ["TouchError", "spread_in_time", "touch_error"]
-
 FOLDS, MANY = 4, 24  # parts that are judged by the others, where there are so many touches
 SURE = 4.0  # over sqrt(n): a correlation time of n touches that differs from 1 by less is none
 

@@ -11,8 +11,6 @@ from jaxtyping import Bool, Float
 from palpate.errors import PalpateError
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Validation", "cross_validate", "pseudo_inverse"]
-
 PARTS = 4
 TELLING = 1e-4  # of the largest: of directions with smaller eigenvalues a part tells nothing but its noise
 OFF = 1.5  # times the stated deviations: beyond it a person is told

@@ -12,8 +12,6 @@ from palpate.files.atomic import PART
 from palpate.files.logs.frame_folder import holds_frames
 from palpate.files.logs.video import VIDEOS
 
-__all__ = ["LOGS", "logs_of", "names_of"]
-
 LOGS = (".csv", ".tsv", ".txt", ".parquet", ".npy", ".npz", ".mcap", ".bag", ".db3", *VIDEOS)  # of a folder's files
 
 

@@ -23,8 +23,6 @@ from palpate.setup.pipeline import OpenedLog, open_log
 from palpate.setup.setup import Setup
 from palpate.signals.recording import TEMPERATURE, Recording
 
-__all__ = ["CalibrateDrift"]
-
 LONGEST_CONTACT = 60.0  # s, after which the uncertainty of the force is printed
 
 

@@ -11,8 +11,6 @@ from palpate.files.contacts import contact_blocks, read_contacts
 from palpate.files.models import read_provenance
 from palpate.setup.link import Link
 
-__all__ = ["compared_blocks", "on_body", "written"]
-
 
 def written(path: Path) -> Contacts | None:
     """Return the `Contacts` in a file; None if it is no file of contacts.

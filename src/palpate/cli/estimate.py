@@ -31,8 +31,6 @@ from palpate.viewer.run_compare import compared
 from palpate.viewer.run_report import compose
 from palpate.viewer.run_summary import RunSummary
 
-__all__ = ["estimate"]
-
 TORN, UNBELIEVABLE, INTERRUPTED = 3, 4, 130
 LONG = 100_000_000  # bytes of a log from which other processes are worth their start
 

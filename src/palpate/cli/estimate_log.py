@@ -19,8 +19,6 @@ from palpate.setup.pipeline import OpenedLog, Pipeline
 from palpate.setup.prefetch import LogReader
 from palpate.viewer.run_summary import RunSummary
 
-__all__ = ["Estimated", "estimate_log", "record_of"]
-
 Watch = Callable[[int, float], None]
 """Called with the number of samples done, and the share (0 to 1) of the file that was read."""
 

@@ -23,8 +23,6 @@ from palpate.files.tables.table import read_table
 from palpate.sensors.taxels.poking.evaluate_command import evaluate_taxels, is_taxel_file
 from palpate.viewer.report import percent
 
-__all__ = ["evaluate", "summaries", "truth_times"]
-
 
 def evaluate(
     contacts: ContactsFile,

@@ -33,8 +33,6 @@ from palpate.viewer.report import Report, Section, Tile, picture, render, requir
 from palpate.viewer.report import ReportTable as Cells
 from palpate.viewer.samples import sheet_places
 
-__all__ = ["WAND", "WRENCH", "evaluate_instrument"]
-
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 WAND = ("x", "y", "z", "qx", "qy", "qz", "qw")
 

@@ -14,11 +14,9 @@ from palpate.contact.touch_finder import GAP, SHORTEST, SPEED, TouchFinder
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs
 from palpate.files.contacts import contact_blocks
-from palpate.files.contacts.events import write_events
+from palpate.files.contacts.writing import write_events
 from palpate.viewer.run_report import touch_table
 from palpate.viewer.timeline import since
-
-__all__ = ["events", "say_touches"]
 
 _SHOWN = 40
 

@@ -35,8 +35,6 @@ from palpate.signals.recording import CELLS
 from palpate.surfaces.collada import ColladaAsset
 from palpate.surfaces.mesh import UNITS, Mesh, unit_named
 
-__all__ = ["inspect"]
-
 TORN = 3  # what was requested is done, but the log was torn
 _TAXELS = (".txt", ".csv", ".urdf")
 _MESHES = (".stl", ".obj", ".ply", ".dae")

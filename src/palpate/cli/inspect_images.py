@@ -14,8 +14,6 @@ from palpate.files.logs.images import ImageLog
 from palpate.signals.recording import IMAGE, Recording
 from palpate.viewer.report import percent
 
-__all__ = ["image_layouts", "image_topics", "inspect_images"]
-
 _DARK = 5.0  # of 255: a mean below it is a black frame, whatever the noise
 
 

@@ -9,11 +9,10 @@ import numpy as np
 from palpate.cli.inspect_images import image_layouts, image_topics, inspect_images
 from palpate.cli.spectrum import force_and_place
 from palpate.console.console import Quantity, counting, lines, note, part, progress, shares, span, table, title
-from palpate.console.excerpt import Excerpt
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.files.contacts import contact_blocks, unfinished
-from palpate.files.logs import LogContents, contents, open_log
+from palpate.files.logs import LogContents, contents, join, open_log
 from palpate.files.logs.decoding import role
 from palpate.files.logs.image_messages import IMAGES
 from palpate.files.models import read_provenance
@@ -27,8 +26,6 @@ from palpate.signals.noise import estimate_noise
 from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 from palpate.viewer.report import percent
 from palpate.viewer.samples import median
-
-__all__ = ["inspect_contacts", "inspect_log", "say_contents"]
 
 _UNITS = {FORCE: "N", TORQUE: "N m", "voltage": "V"}
 _MOST = 40  # rows of a table of channels: where there are more, as in a frame, one row stands for all
@@ -275,3 +272,45 @@ def inspect_contacts(file: Path) -> Recording:
     note([] if unfinished(file) is None else ["writing was interrupted: these are only the complete blocks"])
     note(notes)
     return excerpt.recording() if excerpt.count else Recording(np.empty(0), {FORCE: np.empty((0, 3))})
+
+
+class Excerpt:
+    """An excerpt of a log: pieces of consecutive samples, as steps and spectra need neighbours.
+
+    Args:
+        most: number of samples above which `stride` is doubled.
+        piece: samples of a piece.
+
+    Attributes:
+        count: number of samples added.
+        stride: one piece in so many is kept.
+    """
+
+    def __init__(self, most: int = 1 << 18, piece: int = 1 << 13) -> None:
+        self.count, self.stride, self._most, self._piece = 0, 1, most, piece
+        self._kept: list[tuple[int, Recording]] = []  # with the number of the piece that it is of
+
+    def add(self, block: Recording) -> None:
+        """Add the next samples, in blocks of any size."""
+        start = 0
+        while start < len(block):
+            number, inside = divmod(self.count, self._piece)
+            end = min(len(block), start + self._piece - inside)
+            if number % self.stride == 0:
+                self._keep(number, block.picked(slice(start, end)))
+            self.count += end - start
+            start = end
+
+    def recording(self) -> Recording:
+        """Return the kept samples as a `Recording`, with gaps between the pieces.
+
+        Raises:
+            IndexError: no sample was added.
+        """
+        return join([part for _, part in self._kept])
+
+    def _keep(self, number: int, part: Recording) -> None:
+        self._kept.append((number, part))
+        while sum(len(one) for _, one in self._kept) > self._most and self.stride < 2 * self.count:
+            self.stride *= 2
+            self._kept = [one for one in self._kept if one[0] % self.stride == 0]

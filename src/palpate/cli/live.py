@@ -32,8 +32,6 @@ from palpate.live.stream_buffer import StreamBuffer
 from palpate.live.supervisor import Worker, WorkerSupervisor
 from palpate.setup import Rig, load_rig
 
-__all__ = ["live"]
-
 START = 180.0  # s in which the receiver must have its ring: the first time kernels are compiled
 LINE = 0.5  # s between lines for a person who watches
 SELDOM = 10.0  # s between them where nobody does

@@ -19,8 +19,6 @@ from palpate.setup import load_rig
 from palpate.setup.view import Feed, layers_of, view_of
 from palpate.viewer.live import SECONDS, SILENT, LivePage, StreamFigures, recent
 
-__all__ = ["Stream", "show"]
-
 TICK = 1 / 30  # s between two pictures
 IDLE = 0.25  # s between two looks at the ring while nobody watches
 SHARE = 0.1  # of a core, at most

@@ -7,8 +7,6 @@ from palpate.console.options import SomeFile
 from palpate.errors import InputError
 from palpate.live.recover import recover as put_together
 
-__all__ = ["recover"]
-
 
 def recover(output: SomeFile, /) -> None:
     """Recover a live record after its recorder was killed.

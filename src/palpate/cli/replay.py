@@ -13,13 +13,10 @@ from palpate.console.keys import pressed, signals
 from palpate.console.options import FileOption, Log, Scalar, require_port, require_positive
 from palpate.errors import InputError
 from palpate.files.logs.layout import LogLayout
-from palpate.live.device import Device
 from palpate.live.replay import Replay
-from palpate.live.source import Batch
+from palpate.live.source import Batch, Device
 from palpate.setup import load_rig
 from palpate.setup.new import guess_sensor
-
-__all__ = ["replay"]
 
 BLOCK = 512  # samples sent at once, at most
 

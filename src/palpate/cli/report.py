@@ -22,8 +22,6 @@ from palpate.viewer.run_report import DownsampledRun, Run, coverage_tone
 from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.samples import median
 
-__all__ = ["judged", "run_of", "status_advice"]
-
 TITLE = "Against the ground truth"
 TOLERANCE = 0.02  # s: between a sample and the ground truth's instant
 FINE = "Nothing stands out: models are calibrated, and the samples are answered."

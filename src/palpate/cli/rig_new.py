@@ -19,8 +19,6 @@ from palpate.setup import load_rig
 from palpate.setup.body import GivenBody
 from palpate.setup.new import propose_rig
 
-__all__ = ["rig_new"]
-
 _BODIES = (".stl", ".obj", ".ply", ".dae", ".urdf")
 
 

@@ -18,8 +18,6 @@ from palpate.setup.setup import SensorKind
 from palpate.setup.tables import RigFilter, RigNoise, RigThresholds
 from palpate.surfaces.collada import ColladaAsset
 
-__all__ = ["RigOptions"]
-
 Made = TypeVar("Made")
 _CONTACT = f"force [N] at which a contact begins, and below which it ends (default: {ON:g}, {OFF:g} times the noise)."
 _PAIRS = {"noise": RigNoise, "contact": RigThresholds}  # options of two numbers, as the rig has them

@@ -19,8 +19,6 @@ from palpate.viewer import plots
 from palpate.viewer._style import save
 from palpate.viewer.report import Report, Section, Tile, picture, render
 
-__all__ = ["KINDS", "draw_spectrum", "force_and_place", "located"]
-
 PLACE = "place"  # (n, 3) m: channel of the point of contact, NaN where there is none
 KINDS = (".html", ".svg", ".png")
 

@@ -6,8 +6,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import SequenceMatcher
 
-__all__ = ["command_of", "unknown_command", "unknown_option"]
-
 _ALIKE = 0.65  # share of letters that are the same; below it a suggestion confuses more than it helps
 _COMMANDS = {  # what other programs call it, or an option that sounds like a command
     "version": "--version",

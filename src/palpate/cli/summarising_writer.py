@@ -19,8 +19,6 @@ from palpate.files.output_lock import inherited
 from palpate.setup.prefetch import Receiver, Sender, background_process, sendable, way
 from palpate.viewer.run_summary import RunSummary
 
-__all__ = ["ProcessWriter", "SummedWriter", "writer_process", "writing_here"]
-
 _END, _ABANDON = "end", "abandon"
 
 

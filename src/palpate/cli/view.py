@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -30,8 +31,6 @@ from palpate.viewer.film import RATE, SIZE, ScenePicture
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
 from palpate.viewer.video import Video
-
-__all__ = ["view"]
 
 
 def view(
@@ -106,7 +105,7 @@ def _write_film(scene: Scene, path: Path) -> None:
     """Write the video; the file appears when it is complete."""
     pictures = ScenePicture(scene)
     with sibling_folder(path) as part:
-        with counting(), Video(part / path.name, SIZE, RATE) as video:
+        with counting(), closing(Video(part / path.name, SIZE, RATE)) as video:
             times = pictures.times.tolist()
             for done, seconds in enumerate(times):
                 video.add(pictures.draw(seconds))

@@ -15,8 +15,6 @@ from palpate.files.logs.layout import pose_path
 from palpate.files.models import provenance, write_model
 from palpate.setup import Rig, load_rig
 
-__all__ = ["Calibration", "CalibrationResult", "origin"]
-
 
 @dataclass(frozen=True)
 class CalibrationResult:

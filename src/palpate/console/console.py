@@ -24,26 +24,6 @@ from palpate.contact.estimate import Status
 from palpate.viewer.report import percent
 from palpate.viewer.timeline import since
 
-__all__ = [
-    "Quantity",
-    "announce",
-    "counting",
-    "in_full",
-    "lines",
-    "muted",
-    "note",
-    "overwrite",
-    "part",
-    "progress",
-    "shares",
-    "span",
-    "spoken",
-    "step",
-    "table",
-    "title",
-    "wait",
-]
-
 _WIDTH = 16
 _NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d*)?(e[-+]?\d+)?")
 _OTHERS = {"note": "notes", "warning": "warnings", "check": "checks"}

@@ -10,8 +10,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-__all__ = ["Came", "pressed", "signals"]
-
 
 @dataclass
 class Came:

@@ -9,21 +9,6 @@ from tyro.conf import Positional, arg
 
 from palpate.errors import InputError
 
-__all__ = [
-    "ContactsFile",
-    "FileOption",
-    "Log",
-    "MeshFile",
-    "Output",
-    "Pair",
-    "RigFile",
-    "Scalar",
-    "SomeFile",
-    "TruthFile",
-    "require_port",
-    "require_positive",
-]
-
 Log = Annotated[Positional[Path], arg(metavar="LOG")]
 MeshFile = Annotated[Positional[Path], arg(metavar="MESH")]
 ContactsFile = Annotated[Positional[Path], arg(metavar="CONTACTS")]

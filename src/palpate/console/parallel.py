@@ -22,8 +22,6 @@ from palpate.files.memory import KEEPING
 from palpate.files.tables.lines import open_input
 from palpate.setup.prefetch import deaf
 
-__all__ = ["BACKENDS", "begin_results", "each_done", "from_row", "read_rows", "require_backend", "run_kept"]
-
 BACKENDS = ("processes", "dask", "ray")
 _NEEDED = {  # module, and what pip installs
     "processes": ("joblib", "palpate[batch]"),

@@ -11,8 +11,6 @@ from jaxtyping import Float
 
 from palpate.calibration.drift import DriftFit
 
-__all__ = ["CHI_95", "ChannelGroup", "SensorDrift"]
-
 CHI_95 = 2.795  # length that 95 % of three-component normal vectors stay below, in deviations of one component
 
 

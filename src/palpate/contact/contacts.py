@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from palpate.contact.events import Events
     from palpate.surfaces.surface import SurfaceLike
 
-__all__ = ["Contacts"]
-
 _COLUMNS = {"sample": INT64, "time": FLOAT, "identity": INT64}
 
 

@@ -10,8 +10,6 @@ from jaxtyping import Float
 from palpate.contact.estimate import CHI2_95
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["ellipse"]
-
 
 @takes_arrays
 def ellipse(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from palpate.calls import called_as
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 __all__ = ["Events", "largest_deviation"]
 
@@ -21,8 +21,7 @@ class Touch(SimpleNamespace):
     """A single touch of `Events`: the same attributes, numbers and vectors, its `path` and its `duration` [s]."""
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Events(Value):
     """Touches of one identity each, in the order in which they began; two at once are two touches.
 

@@ -14,8 +14,6 @@ from palpate.signals.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
-__all__ = ["in_base", "placed"]
-
 
 def placed(contacts: Contacts, block: Recording, frame: str, mount: Pose) -> Contacts:
     """Return the `Contacts` of a block in another frame.

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["TrueSamples", "TrueTouches"]
+from palpate.spatial.arguments import frozen_value
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class TrueSamples:
     """True contacts at instants.
 
@@ -39,8 +34,7 @@ class TrueSamples:
                 object.__setattr__(self, name, frozen(value))
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class TrueTouches:
     """Intervals in which one known point was touched.
 

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Indentation"]
+from palpate.spatial.arguments import frozen_value
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Indentation:
     """Depth below the surface of the point at which the force acts, under a soft layer.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass
 from threading import Lock
 from typing import Any, cast
 from weakref import WeakKeyDictionary
@@ -19,13 +18,11 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.indentation import Indentation
 from palpate.errors import InputError
 from palpate.spatial._arrays import FLOAT, INT8, Value, require_batch, require_out, shaped
-from palpate.spatial.arguments import number, takes_arrays
+from palpate.spatial.arguments import frozen_value, number, takes_arrays
 from palpate.spatial.shown import vector
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces.surface import Surface, SurfaceLike, as_surface
-
-__all__ = ["METHODS", "Candidates", "Locator", "in_space", "locate"]
 
 WORSE = 0.05  # of a touch's samples
 _END = 32  # answered samples at the end of a touch, as many as a branch remembers
@@ -37,8 +34,7 @@ ON, OFF = 5.5, 3.0  # standard deviations of the force; noise alone exceeds the 
 METHODS = ("soft_finger", "wrench_axis")
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Candidates(Value):
     """All contacts that one wrench can have on a surface, best first.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,8 @@ from palpate.contact.estimate import Status
 from palpate.contact.locate import Locator
 from palpate.contact.meaning import Known, other_meaning, reversed_sign
 from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose, rotation_from_quaternion
-
-__all__ = ["Plausibility", "RequiredBounds", "lines_of_action", "never_at_rest", "unbelievable", "unexplained"]
 
 UNLOADED = (Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID, Status.NO_POSE)
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line as much as contact does
@@ -82,8 +79,7 @@ def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
     return f"the force is never below {least:.3g} N: if nothing touches at times, bias or payload is not removed"
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class RequiredBounds:
     """Friction and torsion of the loaded samples, compared with the bounds.
 

@@ -13,19 +13,6 @@ from palpate.contact.estimate import ContactEstimate, Status
 from palpate.forks import require_polars_threads
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = [
-    "COLUMNS",
-    "LABELS",
-    "NUMBERS",
-    "WHOLE",
-    "assembled",
-    "features_of",
-    "from_frame",
-    "pointless",
-    "schema",
-    "to_frame",
-]
-
 WHOLE = ("sample", "contact", "candidates")
 _VECTORS = ("px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "torque")
 _VARIANCES = ("var_xx", "var_xy", "var_xz", "var_yy", "var_yz", "var_zz")

@@ -7,8 +7,6 @@ from math import inf
 
 from palpate.errors import InputError
 
-__all__ = ["TaxelSettings"]
-
 
 @dataclass(frozen=True)
 class TaxelSettings:

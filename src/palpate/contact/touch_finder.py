@@ -13,8 +13,6 @@ from palpate.contact.estimate import Status
 from palpate.contact.events import Events
 from palpate.signals.recording import LARGEST
 
-__all__ = ["TouchFinder", "find_touches"]
-
 GAP, SHORTEST = 0.05, 0.02  # s
 SPEED = 0.5  # m/s
 WINDOW = 0.1  # s over which points are averaged before it is asked how far they moved

@@ -28,8 +28,6 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.surfaces.surface import SurfaceLike
 
-__all__ = ["WrenchEstimator"]
-
 
 @called_as(
     "palpate.WrenchEstimator(mesh, palpate.ForceTorque(noise=(0.02, 0.001)))",

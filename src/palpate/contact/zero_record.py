@@ -7,8 +7,6 @@ import numpy as np
 from palpate.contact.drift_gate import Jump
 from palpate.signals.zero_filter import FollowedSensor, ZeroHistory, ZeroState, ZeroStatus
 
-__all__ = ["ZeroRecord"]
-
 KEPT = 20_000  # windows, evenly spread
 MOSTLY = 0.9  # share of the time: a bias not followed for longer gives a warning, in a log of
 LEAST = 3000  # or more windows

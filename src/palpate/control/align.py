@@ -25,8 +25,6 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import number, takes_arrays
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["AlignController"]
-
 DAMPING = 0.01  # of (10): a twentieth of what an arm of half a metre moves, where it is not near a singular pose
 DEAF = 10  # commands in a row that never came
 JUMP = 5.0  # s between two calls that no clock makes

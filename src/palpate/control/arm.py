@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,14 +11,11 @@ from numpy.typing import ArrayLike
 from palpate.control import _arm
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen, require_out, shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
 
-__all__ = ["Arm"]
 
-
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Arm(Value):
     """A chain of n joints from the base to the sensor, T_base_sensor = P_0 M_1(q_1) P_1 ... M_n(q_n) P_n.
 

@@ -7,8 +7,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["MotionLaw", "Sensed"]
-
 
 class Sensed:
     """Input of a law at a reading; one object, overwritten each time.

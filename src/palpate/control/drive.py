@@ -9,8 +9,6 @@ import numpy as np
 from palpate.calls import called_as
 from palpate.errors import InputError
 
-__all__ = ["DifferentialDrive"]
-
 
 @called_as("palpate.DifferentialDrive(track=0.085, top=0.05)")
 @dataclass(frozen=True)

@@ -10,8 +10,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import number, takes_arrays
 
-__all__ = ["MotionBank"]
-
 # Densities of white noise, of motions as large as 1: on the third derivative, for sines from 10 s down to 1 s; and on
 # the value itself, for jumps.
 JERK = (0.03, 1.0, 30.0, 300.0)

@@ -13,8 +13,6 @@ from palpate.contact import Contacts, Status
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 
-__all__ = ["Navigator", "heading_error", "planar_touches", "require_goal"]
-
 _SILENT = (Status.SATURATED, Status.INVALID, Status.NO_POSE)  # nothing is known of what touches
 
 

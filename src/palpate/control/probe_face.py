@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -13,10 +12,8 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.surfaces.mesh import Mesh
-
-__all__ = ["ProbeFace"]
 
 FACING = 0.2  # cosine: facets that lean further away from the axis cannot press
 DEPTH = 0.02  # m behind the foremost point: what lies deeper is not pressed
@@ -28,8 +25,7 @@ CELLS = 24  # along the face
 EPSILON = 1e-9
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class ProbeFace(Value):
     """The face with which a probe presses.
 

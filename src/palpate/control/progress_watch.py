@@ -7,8 +7,6 @@ from math import inf
 
 from palpate.errors import InputError
 
-__all__ = ["ProgressWatch"]
-
 NEARER = 0.05  # m by which the robot must come nearer
 PLACE = 0.1  # m from one place to the next
 MOST = 16_384  # places: beyond, the first are forgotten

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from enum import Enum
 from math import cos, radians
 
-__all__ = ["Push", "PushTest"]
-
 SAME = cos(radians(30.0))  # of two directions that are of one contact
 GONE = 0.2  # s without a touch after which a contact has ended
 

@@ -13,8 +13,6 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Feedback", "Servo", "ServoModel"]
-
 REMEMBERED = 64  # past moments, with the nearest of which feedback is compared
 BEGUN = 4  # commands that are remembered
 SHOWN = 2  # of them that may be lost: an older lost one would have shown in earlier feedback

@@ -15,18 +15,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = [
-    "Admittance",
-    "DelayedRobot",
-    "Tracker",
-    "admittance_radius",
-    "least_damping",
-    "observer_radius",
-    "require_stable",
-    "stiffest",
-]
+from palpate.spatial.arguments import frozen_value
 
 Rows = Float[np.ndarray, "k n"]
 _UNITS = {"force": ("N s/m", "N/m", "kg"), "orientation": ("m s/rad", "m/rad", "m s^2/rad")}
@@ -67,8 +56,7 @@ class Admittance:
         return found if math.isfinite(found) else 0.0
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class DelayedRobot(Value):
     """Model of the path from a command to the reading that feels it, in cycles of the controller.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -11,9 +10,7 @@ from numpy.typing import ArrayLike
 from palpate.contact import Status
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Limits", "State", "Supervisor"]
+from palpate.spatial.arguments import frozen_value
 
 BRIEF = 0.5  # s: after a shorter loss the loop goes on holding, for what it knows of the surface is not yet old
 
@@ -28,8 +25,7 @@ class State(StrEnum):
     STOPPED = "stopped"  # for good: retreats first, if it was for force
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Limits:
     """Limits of a contact loop, and the times for which it waits.
 

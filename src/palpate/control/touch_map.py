@@ -12,8 +12,6 @@ from math import cos, hypot, inf, sin
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["TouchMap", "TouchMapSettings"]
-
 MOST = 1024  # places: beyond, the oldest are forgotten
 CORNERS = 256  # of a way
 LINE = 3  # places that make a wall

@@ -29,8 +29,6 @@ from palpate.control.touch_map import TouchMap, TouchMapSettings
 from palpate.control.track_watch import TrackWatch
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["DOUBT", "TouchNavigator", "TouchNavigatorSettings"]
-
 DOUBT = "no nearer for long, and hardly anywhere new: is the goal in reach?"
 Pose = tuple[float, float, float]
 UNDER = 0.014  # m inside the skin, deeper than it is ever pressed in: what was touched there is gone

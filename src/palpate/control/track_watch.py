@@ -7,8 +7,6 @@ from math import cos, sin
 from palpate.control.drive import DifferentialDrive
 from palpate.control.navigation import heading_error
 
-__all__ = ["TrackWatch"]
-
 WINDOW = 1.5  # s
 LEAST = 0.015  # m/s root mean square that a track must have been commanded
 FOLLOWS = 0.3  # gain below which a track does not follow

@@ -12,8 +12,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import require_out
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Follow"]
-
 ANGLE_FLOOR = float(np.radians(0.8))  # a filter that believes readings to be better turns faster than the loop's delay
 HEIGHT_FLOOR = 60e-6  # m
 SIZES = (0.17, 0.17, 0.01)  # of the motions to expect [rad, rad, m]

@@ -8,16 +8,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import CHI2_95, ContactEstimate
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["HEADER", "EllipseCoverage", "ErrorSummary", "angles", "coverage", "distances"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 HEADER = ("mean", "median", "95 %", "worst", "count")
 _FLAT = 1e-9  # of the largest variance: below it a direction has none
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class ErrorSummary:
     """Count, mean, median, 95 % percentile and largest of errors, in their unit."""
 

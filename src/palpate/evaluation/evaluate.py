@@ -12,9 +12,7 @@ from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.evaluation.errors import EllipseCoverage, ErrorSummary, angles, coverage, distances
 from palpate.evaluation.matching import match_instants, match_touches
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["EvaluationReport", "JudgedTouch", "evaluate", "report"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 
 @dataclass(frozen=True)
@@ -35,8 +33,7 @@ class JudgedTouch:
     scatter: float
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class EvaluationReport:
     """Comparison of contacts with the truth.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,7 +14,7 @@ from palpate.contact.locate import Locator
 from palpate.contact.touch_finder import find_touches
 from palpate.evaluation.errors import ErrorSummary
 from palpate.evaluation.evaluate import EvaluationReport, report
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["InstrumentReport", "Reference", "judge", "perfect", "touches_of", "wand_points", "wrench_points"]
@@ -27,8 +27,7 @@ _MEAN_IN_CELL = 0.3825978  # mean distance of a point of the unit square from it
 _MEASURED = ("point", "normal", "force", "torque", "covariance")
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Reference:
     """Contact points of n touches as another instrument measured them.
 
@@ -45,8 +44,7 @@ class Reference:
     name: str
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class InstrumentReport:
     """Errors of touches against an instrument.
 

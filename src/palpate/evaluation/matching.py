@@ -9,8 +9,6 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["match_instants", "match_touches", "nearest_in_time"]
-
 _AT_ONCE = 0.5  # of the shorter of two touches: those that overlap by more are two contacts
 _NOWHERE = 1e9  # m: how far a contact that is not answered is from every truth
 

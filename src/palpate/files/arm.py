@@ -13,8 +13,6 @@ from palpate.files.units import near
 from palpate.files.urdf import Joint, Urdf
 from palpate.spatial.pose import Pose
 
-__all__ = ["load_arm"]
-
 
 def load_arm(
     urdf: str | Path, base: str, sensor: str, joints: Sequence[str] | None = None, acceleration: float = np.inf

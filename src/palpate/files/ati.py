@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import inf
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.files.tables.lines import open_input
-from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, to_si
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["AtiCalibration", "refuse_calibration"]
+from palpate.files.tables.lines import read_xml
+from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, positive, to_si
+from palpate.spatial.arguments import frozen_value
 
 _AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 _ROOT = "FTSensor"
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class AtiCalibration:
     """The calibration of a sensor by its maker.
 
@@ -47,11 +41,7 @@ class AtiCalibration:
         Raises:
             InputError: the file cannot be read, is not a calibration of ATI, or its units or ranges are not valid.
         """
-        try:
-            with open_input(path) as file:
-                root = ElementTree.parse(file).getroot()
-        except (OSError, ElementTree.ParseError, UnicodeError, ValueError) as problem:
-            raise InputError(f"is not a calibration of ATI that can be read ({problem}).", where=str(path)) from problem
+        root = read_xml(path, "a calibration of ATI")
         found = root.find("Calibration")
         if root.tag != _ROOT or found is None:
             raise InputError(f"is not a calibration of ATI: it has no {_ROOT}/Calibration.", where=str(path))
@@ -81,10 +71,7 @@ def refuse_calibration(text: bytes | str, path: Path) -> None:
 
 
 def _positive(text: str, name: str, path: Path) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < inf:
+    value = positive(text)
+    if not value:
         raise InputError(f"the range (max) of UserAxis {name} is {text!r}, not a positive number.", where=str(path))
     return value

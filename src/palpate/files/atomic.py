@@ -14,21 +14,6 @@ from tempfile import TemporaryDirectory, mkstemp
 from palpate.errors import InputError
 from palpate.files.output_lock import only_writer, reserve
 
-__all__ = [
-    "PART",
-    "WHOLE",
-    "growing",
-    "irregular",
-    "keep_inputs",
-    "part",
-    "replacing",
-    "require_folder",
-    "reserve_output",
-    "sibling_folder",
-    "write_text",
-    "writing",
-]
-
 PART = ".part"
 WHOLE = "whole.part"  # in an OUTPUT.part that is a folder, the file that replaces OUTPUT
 

@@ -12,8 +12,6 @@ from palpate.errors import InputError
 from palpate.files.tables.table import TextTable, read_table
 from palpate.files.units import near
 
-__all__ = ["read_ground_truth", "read_touches"]
-
 _POINT = ("px", "py", "pz")
 _OTHERS = {"normal": ("nx", "ny", "nz"), "force": ("fx", "fy", "fz")}
 

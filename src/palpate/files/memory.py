@@ -5,8 +5,6 @@ from __future__ import annotations
 import ctypes
 from contextlib import suppress
 
-__all__ = ["KEEPING", "keep_memory"]
-
 # Settings of glibc's malloc: name in the environment, number for `mallopt`, value. All threads share one arena; arrays
 # up to 32 MiB, the largest threshold allowed, are allocated in it; free memory is returned from 1 GiB on.
 _SETTINGS = (

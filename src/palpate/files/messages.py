@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Int
 
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 
 __all__ = ["MessageBlock", "MessageFile", "Topic", "merged"]
 
@@ -43,8 +43,7 @@ def merged(topics: Iterable[Topic]) -> list[Topic]:
     return [replace(topic, count=count) for topic, count in counts.items()]
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class MessageBlock:
     """A block of n messages, in the order of the file.
 

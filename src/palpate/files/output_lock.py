@@ -19,8 +19,6 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["inherited", "only_writer", "reserve", "reserving"]
-
 _RESERVED: list[tuple[int, set[Path], ExitStack]] = []  # by commands of this process, with the thread of each
 
 

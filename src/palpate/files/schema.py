@@ -7,11 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from inspect import Parameter, signature
 from math import copysign, inf, isnan, nan
-from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from jaxtyping import AbstractArray, Float
 
+from palpate.calls import options
 from palpate.errors import GeometryError, InputError, NotIdentifiable
 from palpate.files.units import near
 from palpate.spatial.arguments import takes_arrays
@@ -252,9 +253,7 @@ def _shown(value: Any) -> str:
 
 
 def _options(hint: Any) -> tuple[Any, ...]:
-    if get_origin(hint) in (Union, types.UnionType):
-        return tuple(option for option in get_args(hint) if option is not type(None))
-    return (hint,)
+    return tuple(option for option in options(hint) if option is not types.NoneType)
 
 
 def _named(option: Any) -> str:

@@ -10,19 +10,6 @@ from math import floor, inf, isfinite, log10
 
 from palpate.errors import InputError
 
-__all__ = [
-    "ACCELERATION_UNITS",
-    "FORCE_UNITS",
-    "SAMPLES",
-    "TIME_UNITS",
-    "TORQUE_UNITS",
-    "known_unit",
-    "measured",
-    "near",
-    "split_unit",
-    "to_si",
-]
-
 _POUND, _KILOPOND, _INCH = 4.4482216152605, 9.80665, 0.0254
 
 FORCE_UNITS: Mapping[str, float] = {
@@ -85,7 +72,7 @@ def to_si(unit: str, table: Mapping[str, float], *, where: str) -> float:
     known, count = known_unit(unit, table), 1.0
     if known is None and "/" in unit:  # counts of a sensor: so many make one unit
         bare, _, parts = unit.rpartition("/")
-        known, count = known_unit(bare, table), _positive(parts)
+        known, count = known_unit(bare, table), positive(parts)
     if known is None or not count:
         raise InputError(f"unknown unit {unit!r}.", where=where, hint=f"Known: {', '.join(table)}.")
     return table[known] / count
@@ -122,7 +109,8 @@ def _known(unit: str, *, certain: bool = False) -> bool:
     return any(known_unit(unit, table) for table in _TABLES)
 
 
-def _positive(text: str) -> float:
+def positive(text: str) -> float:
+    """Return the positive, finite number that a text is; 0 if it is none."""
     try:
         value = float(text)
     except ValueError:

@@ -15,10 +15,10 @@ from xml.etree import ElementTree
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.errors import GeometryError, InputError, not_loaded
-from palpate.files.tables.lines import open_input
+from palpate.errors import GeometryError, InputError, importing_extra
+from palpate.files.tables.lines import read_xml
 from palpate.files.units import near
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.frames import FrameTree
 from palpate.spatial.pose import Pose, quaternion_from_rotation
 from palpate.surfaces._load import arrays_of, load_arrays
@@ -54,8 +54,7 @@ class Joint:
     element: Any
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class LinkBody:
     """The triangles of a link, in its frame.
 
@@ -98,11 +97,7 @@ class Urdf:
 
     def __init__(self, path: Path, packages: Mapping[str, Path] | None = None) -> None:
         self.path, self.packages = path, dict(packages or {})
-        try:
-            with open_input(path) as file:
-                root = ElementTree.parse(file).getroot()
-        except (OSError, ElementTree.ParseError, UnicodeError, ValueError) as problem:
-            raise InputError(f"is not a URDF that can be read ({problem}).", where=str(path)) from problem
+        root = read_xml(path, "a URDF")
         if path.suffix == ".xacro" or any("xacro" in str(each.tag) for each in root.iter()):
             raise InputError("is written in xacro.", where=str(path), hint=_XACRO)
         if root.tag != "robot":
@@ -343,10 +338,8 @@ class Kinematics:
     """
 
     def __init__(self, urdf: Urdf, base: str, sensor: str) -> None:
-        try:
+        with importing_extra("joint states need pinocchio", "urdf", where=str(urdf.path)):
             self._pin: Any = import_module("pinocchio")
-        except ImportError as problem:
-            raise not_loaded(problem, "joint states need pinocchio", "urdf", where=str(urdf.path)) from problem
         chain, known = urdf.chain(base, sensor), {joint.name: joint for joint in urdf.joints}
         for joint in chain:
             if joint.mimics and (joint.mimics not in known or known[joint.mimics].mimics):

@@ -14,8 +14,6 @@ from palpate.opencv import opencv
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 
-__all__ = ["CameraSource"]
-
 AGAIN = 1.0  # s between attempts to open a camera that was lost
 
 

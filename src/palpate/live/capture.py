@@ -15,8 +15,6 @@ from palpate.live.source import Batch, source_of
 from palpate.setup.rig import Rig
 from palpate.setup.source import RigSource
 
-__all__ = ["listen", "stated_source"]
-
 SECONDS = 3.0  # of listening
 
 

@@ -13,8 +13,6 @@ import time
 import numpy as np
 from jaxtyping import Int, UInt32, UInt64
 
-__all__ = ["Datagrams", "ask_buffer", "packed_address"]
-
 _TIMESTAMPNS, _RXQ_OVFL, _RCVBUFFORCE = 35, 40, 33  # of Linux, not in `socket`
 _DONTWAIT = 0x40
 _ADDRESS = 16  # bytes of a sockaddr_in, of which the first 8 identify the sender

@@ -16,11 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import InputError, not_loaded
+from palpate.errors import InputError, importing_extra
 from palpate.files.messages import MessageBlock, Topic
-from palpate.live.ros_types import idl_type, ros_type_name
-
-__all__ = ["DEPTH", "LOOPBACK", "DdsNode", "DdsReader", "Writer", "ros_name"]
+from palpate.live.ros_messages import idl_type, ros_type_name
 
 DEPTH = 8192  # messages that wait in a reader, at most: 1.2 s at 7 kHz
 LOOPBACK = "127.0.0.1"
@@ -40,10 +38,8 @@ def ros_name(name: str) -> str:
 
 def _cyclone() -> SimpleNamespace:
     """Return the public names of cyclonedds as one namespace, or raise InputError."""
-    try:
+    with importing_extra("ROS 2 needs cyclonedds", "live"):
         import_module("cyclonedds")
-    except ImportError as problem:
-        raise not_loaded(problem, "ROS 2 needs cyclonedds", "live") from problem
     found: dict[str, Any] = {}
     for name in ("core", "domain", "topic", "sub", "pub", "qos", "builtin"):
         found |= vars(import_module(f"cyclonedds.{name}"))

@@ -15,8 +15,6 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 
-__all__ = ["JsonLines", "datagram_address"]
-
 UDP, UNIX = "udp", "unix"
 LONGEST = 107  # bytes of a UNIX socket's path
 AGAIN = 10.0  # s between two sentences on what was dropped

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import wait as wait_for
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import prod
 from pathlib import Path
 from typing import NamedTuple
@@ -40,9 +40,7 @@ from palpate.signals.recording import (
     Recording,
     split_channels,
 )
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["AnsweredSamples", "Live", "open_live"]
+from palpate.spatial.arguments import frozen_value
 
 NUMBERS = 1 << 22  # of a batch
 JUMP = 50_000_000  # ns of change between the system's clock and the monotonic one, which counts as a jump
@@ -52,8 +50,7 @@ AGAIN = 10.0  # s between sentences on starts that cannot be used
 TARE = 1.0  # s of a tare if the rig states none
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class AnsweredSamples:
     """Samples with their contacts, in order; iteration gives (time [s], row).
 

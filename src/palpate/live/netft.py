@@ -26,8 +26,6 @@ from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 from palpate.signals.recording import FORCE
 
-__all__ = ["BIAS", "REQUEST", "SAMPLE", "START", "STOP", "NetFt"]
-
 REQUEST = struct.Struct(">HHI")  # 0x1234, a command, number of samples (0: without end)
 HEADER, STOP, START, BIAS = 0x1234, 0, 2, 0x42
 SAMPLE = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])

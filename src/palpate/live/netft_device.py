@@ -17,8 +17,6 @@ from palpate.live.netft import BIAS, HEADER, REQUEST, SAMPLE, START, STOP
 from palpate.live.netft_page import PAGE
 from palpate.live.netft_status import SATURATED
 
-__all__ = ["NetFtDevice"]
-
 _HOST = "127.0.0.1"
 _PER_UNIT = 1_000_000  # counts per N and per N m, the usual setting
 _LARGEST = 2**31 - 1
@@ -27,7 +25,7 @@ _WORD = 1 << 32
 
 
 class NetFtDevice:
-    """A simulated Net F/T for several listeners; see `palpate.live.device.Device`.
+    """A simulated Net F/T for several listeners; see `palpate.live.source.Device`.
 
     It obeys the commands for realtime streaming (2), stop (0) and bias (0x42). A value that is NaN, or beyond 2147 N or
     N m, is sent with the status of a saturated transducer.

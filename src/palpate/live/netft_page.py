@@ -9,13 +9,10 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from http.client import HTTPException, HTTPResponse
-from math import isfinite
 from xml.etree import ElementTree
 
 from palpate.errors import InputError
-from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, known_unit, to_si
-
-__all__ = ["PAGE", "UNREACHED", "NetFtPage", "read_page"]
+from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, known_unit, positive, to_si
 
 PAGE = "/netftapi2.xml"
 _FORCE_UNITS: Mapping[str, float] = {**FORCE_UNITS, "klbf": FORCE_UNITS["lbf"] * 1e3}
@@ -59,12 +56,11 @@ class NetFtPage:
             what = f"measures in units that cannot be converted, {force_unit!r} and {torque_unit!r}."
             hint = "Choose N and N-m on the page of the device, under Configurations."
             raise InputError(what, where=where, hint=hint)
-        rate = _number(said.get("comrdtrate", ""))
         return cls(
             _counts(said, "cfgcpf", where) / to_si(force_unit, _FORCE_UNITS, where=where),
             _counts(said, "cfgcpt", where) / to_si(torque_unit, TORQUE_UNITS, where=where),
             (force_unit, torque_unit),
-            rate if rate > 0 else None,
+            positive(said.get("comrdtrate", "")) or None,
             said.get("prodname", ""),
             said.get("cfgcalsn", "") or said.get("setserial", ""),
             said.get("comrdte", "").lower() != "disabled",
@@ -171,17 +167,8 @@ def _elements(content: bytes, where: str) -> dict[str, str]:
 
 
 def _counts(said: Mapping[str, str], name: str, where: str) -> float:
-    value = _number(said[name])
-    if not value > 0:
+    value = positive(said[name])
+    if not value:
         what = f"its page states {said[name]!r} for {name}, which is not a number of counts."
         raise InputError(what, where=where, hint=_NOT)
     return value
-
-
-def _number(text: str) -> float:
-    """Return the number in a text; 0 if there is none or it is not finite."""
-    try:
-        value = float(text)
-    except ValueError:
-        return 0.0
-    return value if isfinite(value) else 0.0

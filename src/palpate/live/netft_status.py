@@ -6,14 +6,11 @@ The bits are those of ATI's manuals 9620-05-NET FT (Net F/T) and 9610-05-Etherne
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Int
 
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["SATURATED", "StatusWord", "status_word"]
+from palpate.spatial.arguments import frozen_value
 
 _ERROR, _MONITOR = 1 << 31, 1 << 16
 SATURATED = _ERROR | 1 << 17  # of a Net F/T
@@ -64,8 +61,7 @@ _AXIA: Mapping[int, str] = {
 }
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class StatusWord:
     """The meaning of a product's status word.
 

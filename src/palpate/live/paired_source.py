@@ -17,8 +17,6 @@ from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigOrientation
 
-__all__ = ["PairedSource"]
-
 WAITS = 0.1  # s that a skin's sample waits for the wrenches around its time
 
 

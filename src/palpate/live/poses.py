@@ -19,8 +19,6 @@ from palpate.spatial.live_track import LiveTrack
 from palpate.spatial.pose import Pose
 from palpate.spatial.pose_track import sound_quaternions
 
-__all__ = ["LivePoses", "Posed"]
-
 _KEPT = 2.0  # s of poses kept beyond max_gap, because samples may be late too
 
 

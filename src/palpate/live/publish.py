@@ -17,8 +17,6 @@ from palpate.live.stream_buffer import SlotForm, StreamBuffer
 from palpate.setup.rig import load_rig
 from palpate.setup.source import RigSource
 
-__all__ = ["Publisher", "open_publisher", "publish", "require_address"]
-
 RATE = 100.0  # Hz
 POLL = 0.005  # s
 MOST = 4096  # slots that are read at once

@@ -16,8 +16,6 @@ from palpate.errors import InputError, PalpateError
 from palpate.live.live import Live
 from palpate.live.stream_buffer import SIZE, SlotForm, StreamBuffer
 
-__all__ = ["orphaned", "receive"]
-
 PRIORITY = 60  # of SCHED_FIFO: above what is usual, below the threads of the system
 IMAGES = 1 << 28  # bytes of a ring of images
 _LOCK_NOW_AND_LATER = 3  # MCL_CURRENT | MCL_FUTURE

@@ -19,8 +19,6 @@ from palpate.live.record_file import RecordFile, grown, named, place
 from palpate.live.record_messages import RecordMessages, event, record_topics
 from palpate.live.stream_buffer import READERS, StreamBuffer
 
-__all__ = ["RING", "Recorder", "only_one", "record", "require_record", "ring_of"]
-
 RING = ".ring"
 POLL = 0.02  # s between looks at the ring
 SPAN = 0.25  # s of a chunk: a loss of power may cost so much beyond the last sync

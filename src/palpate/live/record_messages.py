@@ -11,7 +11,7 @@ from palpate.files.contacts.mcap import LATEST, POSE_FIELDS, WRENCH_FIELDS, Cont
 from palpate.files.logs.topics import LIVE, LIVE_ACCELERATION, LIVE_POSE
 from palpate.files.mcap.rows import ChannelRows, Fields, made, stamped
 from palpate.files.mcap.writer import WrittenTopic
-from palpate.live.ros_types import definition
+from palpate.files.message_types import described, written_topic
 from palpate.live.stream_buffer import SlotForm
 
 __all__ = ["EVENTS", "READINGS", "event", "record_topics"]
@@ -42,15 +42,10 @@ def record_topics(form: SlotForm) -> tuple[WrittenTopic, ...]:
         name, kind = "wrench", "geometry_msgs/WrenchStamped"
     else:
         name, kind = "readings", "std_msgs/Float64MultiArray"
-    readings = _topic(form.topic or f"{LIVE}{name}", kind)
-    log = f"{_LOG}{'=' * 80}\nMSG: builtin_interfaces/Time\n{definition('builtin_interfaces/Time')}"
-    events = WrittenTopic(f"{LIVE}events", "rcl_interfaces/msg/Log", log)
+    readings = written_topic(form.topic or f"{LIVE}{name}", kind)
+    events = WrittenTopic(f"{LIVE}events", "rcl_interfaces/msg/Log", described(_LOG, ["builtin_interfaces/Time"]))
     poses = {LIVE_POSE: "geometry_msgs/PoseStamped", LIVE_ACCELERATION: "geometry_msgs/Vector3Stamped"}
-    return (*topics(form.features), readings, events, *(_topic(*each) for each in poses.items() if form.poses))
-
-
-def _topic(name: str, kind: str) -> WrittenTopic:
-    return WrittenTopic(name, kind.replace("/", "/msg/"), definition(kind))
+    return (*topics(form.features), readings, events, *(written_topic(*each) for each in poses.items() if form.poses))
 
 
 class RecordMessages:

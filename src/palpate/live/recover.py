@@ -15,8 +15,6 @@ from palpate.live.record import RING, Recorder, only_one, ring_of
 from palpate.live.record_file import RecordFile, grown, named, span_of
 from palpate.live.stream_buffer import StreamBuffer
 
-__all__ = ["cut_short", "recover"]
-
 ALIVE = 2e9  # ns since a receiver's last sign of life, within which it counts as running
 _READ = 4096  # slots at a time
 

@@ -19,8 +19,6 @@ from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 from palpate.signals.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, Recording
 
-__all__ = ["Replay", "bare", "values_of"]
-
 
 def bare(layout: LogLayout) -> LogLayout:
     """Return a `LogLayout` that leaves numbers as they are recorded, with their units and axes."""

@@ -25,8 +25,6 @@ from palpate.opencv import opencv
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 
-__all__ = ["RosTopics"]
-
 _OWN = "/palpate/"  # topics of Palpate's own, never taken for a sensor's
 _MEMORY = 2**26  # bytes of messages that wait, at most
 _IMAGES = 16  # that wait, at most

@@ -8,13 +8,11 @@ from jaxtyping import Float, Int
 from palpate.live.dds import DdsNode, Writer, ros_name
 from palpate.live.ros_messages import array_message, image_message, stamped
 
-__all__ = ["RosDevice"]
-
 _FRAME = "sensor"  # that headers name
 
 
 class RosDevice:
-    """A simulated driver of WrenchStamped, Image or Float64MultiArray; see `palpate.live.device.Device`.
+    """A simulated driver of WrenchStamped, Image or Float64MultiArray; see `palpate.live.source.Device`.
 
     Args:
         topic: topic to publish.

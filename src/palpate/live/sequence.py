@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int
 
-__all__ = ["SequenceCounters"]
-
 _ROUND = 1 << 32
 _LATE = 4096  # positions behind the last within which a sample is late or repeated, not the first of another count
 _FASTEST = 20_000.0  # Hz: no Net F/T counts faster, so a larger jump is no loss of samples

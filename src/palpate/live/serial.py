@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Int
 from numpy.typing import DTypeLike
 
-from palpate.errors import InputError, not_loaded
+from palpate.errors import InputError, importing_extra
 from palpate.live.lines import LineFrames
 from palpate.live.source import SILENT, Batch, drained
 from palpate.setup.setup import Setup
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from serial import Serial
 
     from palpate.live.cobs import CobsFrames
-
-__all__ = ["SerialPort"]
 
 _READ, _PIECES = 65536, 16  # bytes, and how often they are taken at once: more than the kernel holds
 _BEHIND = 100_000_000  # ns: smallest step back of the clock that is reported
@@ -217,12 +215,10 @@ class SerialPort:
         self._said.append(f"{self._stated.address}: {what}")
 
     def _opened(self) -> Serial:
-        try:
+        with importing_extra("serial ports need pyserial", "live"):
             import termios
 
             from serial import Serial
-        except ImportError as problem:
-            raise not_loaded(problem, "serial ports need pyserial", "live") from problem
         try:
             return Serial(self._stated.address, self._stated.baud, timeout=0, exclusive=True)
         except (OSError, ValueError, OverflowError, termios.error) as problem:
@@ -235,10 +231,8 @@ def _frames(stated: RigSource, count: int) -> CobsFrames | LineFrames:
         if stated.columns is not None:
             hint = 'Remove it, or write framing = "lines".'
             raise InputError('applies only to framing = "lines".', where="source.columns", hint=hint)
-        try:
+        with importing_extra("frames on a serial port need cobs", "live"):
             from palpate.live.cobs import CobsFrames
-        except ImportError as problem:
-            raise not_loaded(problem, "frames on a serial port need cobs", "live") from problem
         return CobsFrames(count)
     if stated.columns is not None and len(stated.columns) != count:
         what = f"names {len(stated.columns)} numbers of a line, but the sensor has {count}."

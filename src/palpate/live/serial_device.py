@@ -10,11 +10,9 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 
-__all__ = ["SerialDevice"]
-
 
 class SerialDevice:
-    """A simulated serial sensor; see `palpate.live.device.Device`.
+    """A simulated serial sensor; see `palpate.live.source.Device`.
 
     Its counter also counts samples that nobody reads or for which the kernel has no room.
 

@@ -1,4 +1,4 @@
-"""Sources of live samples: their protocol, the batch that they fill, and the source of a rig."""
+"""Sources of live samples, and simulated devices: their protocols, the batch that a source fills, a rig's source."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from collections.abc import MutableSequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from numpy.typing import DTypeLike
 
 from palpate.calls import by_name
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
-
-__all__ = ["BATCH", "SOURCES", "Batch", "Source", "drained", "source_of"]
 
 SOURCES = {
     "netft": "palpate.live.netft.NetFt",
@@ -117,3 +115,29 @@ def drained(sentences: MutableSequence[str]) -> list[str]:
     taken = list(sentences)
     sentences.clear()
     return taken
+
+
+@runtime_checkable
+class Device(Protocol):
+    """A simulated device, which sends given samples by the protocol of the real one."""
+
+    def open(self) -> str:
+        """Begin to listen, and return the [source] of a rig that reaches the device, as TOML.
+
+        Raises:
+            InputError: the port or file is taken, or may not be used.
+        """
+        ...
+
+    def send(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> int:
+        """Send samples to the listeners that requested them, and return how many were sent; 0 while nobody listens.
+
+        Args:
+            stamp: (n,) [ns] time of each sample in the log.
+            values: (n, k) in SI units and in the sensor's axes; a wrench has its force first.
+        """
+        ...
+
+    def close(self) -> None:
+        """Stop the device; calling it again does nothing."""
+        ...

@@ -8,8 +8,6 @@ from jaxtyping import Float
 from palpate.files.logs.stuck import StuckWrenches
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["StuckWatch"]
-
 EVERY = 0.1  # s between two looks, each of which takes as long as many samples
 MOST = 1000  # samples that wait for one
 

@@ -12,8 +12,6 @@ from typing import Any
 from palpate.errors import InputError
 from palpate.live.stream_buffer import READERS, StreamBuffer
 
-__all__ = ["Worker", "WorkerSupervisor"]
-
 AGAIN, WITHIN = 5, 30.0  # a process is given up if it dies more than AGAIN times within WITHIN [s]
 PATIENCE = 20.0  # s that a process may take to end
 

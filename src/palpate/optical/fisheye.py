@@ -7,7 +7,7 @@ theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) [Kannala
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
 
 import numpy as np
@@ -16,17 +16,14 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen, shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
-
-__all__ = ["STEPS", "Fisheye", "RingView", "flat_pixels"]
 
 _GROUND = frozen(np.zeros(1))
 STEPS = 60  # at most: Newton needs 4, halving an interval of pi to its last bit 53
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Fisheye:
     """A fisheye lens and its image.
 
@@ -149,8 +146,7 @@ class Fisheye:
         return np.where(bent <= self.numbers[9], theta.reshape(bent.shape), np.nan)
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False, init=False)
+@frozen_value(init=False)
 class RingView(Value):
     """A camera's view of rings of markers, and the markers' places at rest.
 

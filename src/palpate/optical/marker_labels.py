@@ -7,8 +7,6 @@ from jaxtyping import Float, Int
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["AREA_RATIO", "label_ring", "owed"]
-
 AREA_RATIO = 1.7  # a marker's area is between rest / AREA_RATIO and rest * AREA_RATIO
 _INWARD, _OUTWARD = 12e-3, 4e-3  # m: limits of a displacement along the radius
 _MISSING = 6.0  # cost of leaving a marker out; other costs are half the square of errors in standard deviations

@@ -13,9 +13,7 @@ from palpate.opencv import opencv
 from palpate.optical.fisheye import RingView
 from palpate.optical.marker_labels import AREA_RATIO, label_ring, owed
 from palpate.spatial._arrays import Value, frozen, require_out, shaped
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Blobs", "FrameProblem", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 Image = UInt8[np.ndarray, "h w 3"]
 
@@ -95,8 +93,7 @@ class MarkerColour:
         return weights
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Blobs(Value):
     """Blobs that look like markers.
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["RingResponse", "ring_basis"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 
 @takes_arrays
@@ -34,8 +32,7 @@ def _slope(order: int) -> Float[np.ndarray, "terms terms"]:
     return matrix
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_value(repr=False)
 class RingResponse(Value):
     """Displacement of a marker at the angle theta by a contact at phi, with delta = theta - phi.
 

@@ -16,8 +16,6 @@ from palpate.spatial.pose import Pose
 from palpate.surfaces.collada import ColladaAsset
 from palpate.surfaces.mesh import plausible_size
 
-__all__ = ["GivenBody"]
-
 _MESH = """\
 [surface]
 mesh = {mesh}

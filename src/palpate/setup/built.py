@@ -8,8 +8,6 @@ from palpate.contact.estimator import ContactEstimator
 from palpate.files.logs.layout import LogLayout
 from palpate.signals.wrench_sensor import Tare
 
-__all__ = ["FIRST", "BuiltEstimator", "Guess"]
-
 FIRST = 1.0  # s of a stream from which is taken what the rig does not state, where no tare says how long
 
 

@@ -15,8 +15,6 @@ from palpate.files.schema import INFINITE
 from palpate.setup.tables import RigPair
 from palpate.signals.drift import Drift
 
-__all__ = ["RigDrift", "RigRates", "RigSlopes", "drift_table"]
-
 MINUTE = 60.0  # s
 _DIGITS = 4  # of what is written
 

@@ -21,8 +21,6 @@ from palpate.setup.kinds import KINDS
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
-__all__ = ["update_drift", "update_offset", "update_pose"]
-
 _PLACEMENT = "m: the error of touches in addition to what their wrenches explain"
 _FOUND = {"walk", "warm_up", "settle", "thermal", "thermal_deviation"}  # keys of a fit: removed if it lacks them
 _COVARIANCE = "of rotation [rad] and translation [m] in the sensor's frame"

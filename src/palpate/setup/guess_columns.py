@@ -24,8 +24,6 @@ from palpate.setup.names import acceleration_columns, made_up, time_column, wren
 from palpate.signals.acceleration import kind_of_acceleration
 from palpate.signals.recording import ACCELERATION, Recording
 
-__all__ = ["WrenchColumns", "acceleration_table", "columns_guess"]
-
 _COUNTS = 50.0  # in whole numbers up to less than this, forces may have been rounded
 
 

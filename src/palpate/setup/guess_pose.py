@@ -14,8 +14,6 @@ from palpate.files.units import near
 from palpate.setup.body import GivenBody
 from palpate.setup.guess import frames_table, pose_table, quoted
 
-__all__ = ["PoseGuess", "guess_pose"]
-
 _OTHERS = re.compile(
     r"camera|object|marker|apriltag|aruco|target|goal|detect|human|person|head|odom|map\b|initialpose|cloud",
     re.IGNORECASE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -14,13 +14,10 @@ from palpate.files.logs.time_unit import stated_unit
 from palpate.files.units import SAMPLES, TIME_UNITS
 from palpate.setup.guess import time_table
 from palpate.setup.names import counter_column, made_up, split_stamp, time_column
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["TimeGuess", "guess_time"]
+from palpate.spatial.arguments import frozen_value
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class TimeGuess:
     """A guess at the time of a table's samples.
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from palpate.registry import Registry
 from palpate.setup.setup import SensorKind
 
-__all__ = ["ASSUMED", "KINDS"]
-
 ASSUMED = "force_torque"
 """Name of the sensor of a rig that has no sensor's table."""
 KINDS = Registry(

@@ -14,8 +14,6 @@ from palpate.setup.surface import RigSurface
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Surface
 
-__all__ = ["Link"]
-
 
 @dataclass(frozen=True)
 class Link:

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from palpate.files.units import split_unit
 from palpate.setup.names import orientation_columns, position_columns
 
-__all__ = ["NamedPose", "NamedWrench", "named_pose", "named_wrench", "pose_columns"]
-
 
 @dataclass(frozen=True)
 class NamedWrench:

@@ -8,18 +8,6 @@ from collections.abc import Iterable, Sequence
 from palpate.files.logs.layout import ACCELERATION_COLUMNS, ORIENTATION_COLUMNS, POSITION_COLUMNS, WRENCH_COLUMNS
 from palpate.files.units import TIME_UNITS, known_unit, split_unit
 
-__all__ = [
-    "acceleration_columns",
-    "counter_column",
-    "made_up",
-    "orientation_columns",
-    "position_columns",
-    "split_stamp",
-    "time_column",
-    "wrench_columns",
-    "wrenches",
-]
-
 
 def _axes(words: str, axes: str = "[xyz]") -> re.Pattern[str]:
     return re.compile(rf"^(?P<head>.*?)(?:{words})[\W_]*(?P<axis>{axes})(?P<tail>(?:[^a-z].*)?)$", re.IGNORECASE)

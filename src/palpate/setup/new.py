@@ -18,8 +18,6 @@ from palpate.setup.kinds import KINDS
 from palpate.setup.rig import check_rig
 from palpate.setup.setup import SensorKind
 
-__all__ = ["Proposal", "guess_sensor", "propose_rig"]
-
 _NO_SURFACE = """\
 [surface]                            # no mesh was given: say what is touched, lengths in m
 kind = "sphere"                      # or mesh, plane, cylinder, elliptic_cylinder, ellipsoid, paraboloid, superquadric

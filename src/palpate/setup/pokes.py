@@ -11,8 +11,6 @@ from palpate.files.schema import INFINITE
 from palpate.setup.surface import RigPose
 from palpate.setup.tables import require_path, require_positive
 
-__all__ = ["RigPokes", "RigPriors"]
-
 
 @dataclass(frozen=True)
 class RigPriors:

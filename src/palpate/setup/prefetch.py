@@ -23,19 +23,6 @@ from palpate.files.memory import keep_memory
 from palpate.signals.motion import Motion
 from palpate.signals.recording import Recording
 
-__all__ = [
-    "LogReader",
-    "MotionAhead",
-    "PrefetchedLog",
-    "Receiver",
-    "Sender",
-    "background_process",
-    "deaf",
-    "reading_in_process",
-    "sendable",
-    "way",
-]
-
 SLOTS, SLOT = 6, 1 << 22  # values in transit at most; bytes of one: larger values go through the pipe
 
 

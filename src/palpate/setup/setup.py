@@ -23,8 +23,6 @@ from palpate.setup.tables import RigAcceleration, RigEstimate, RigFilter, RigOri
 from palpate.signals.drift import Drift
 from palpate.signals.recording import CELLS, Recording
 
-__all__ = ["NamedSensor", "SensorKind", "SensorSection", "Setup", "SharedTables", "seen_first"]
-
 
 class SensorSection:
     """A sensor as a value, built from its table in a rig; subclasses read each file that the table names once.

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from palpate.setup.tables import require_positive
 
-__all__ = ["RigSource"]
-
 FRAMINGS = ("cobs", "lines")
 _MORE = {  # options in addition to kind and address, as comments
     "netft": "# port = 49152                      # of samples\n# web = 80                          # of its page\n",

@@ -30,8 +30,6 @@ from palpate.surfaces import (
 )
 from palpate.surfaces.mesh import plausible_size
 
-__all__ = ["EQUATIONS", "OF_ANY_MESH", "RigPose", "RigRegion", "RigSurface"]
-
 EQUATIONS: dict[str, tuple[Callable[..., Surface], tuple[str, ...]]] = {
     "sphere": (Sphere, ("radius",)),
     "ellipsoid": (Ellipsoid, ("axes",)),

@@ -13,21 +13,6 @@ from palpate.files.schema import INFINITE
 from palpate.files.units import ACCELERATION_UNITS, SAMPLES, TIME_UNITS, known_unit
 from palpate.signals.filters import Butterworth, Kalman
 
-__all__ = [
-    "RigAcceleration",
-    "RigEstimate",
-    "RigFilter",
-    "RigForceTorque",
-    "RigNoise",
-    "RigOrientation",
-    "RigPair",
-    "RigThresholds",
-    "RigTime",
-    "RigUnits",
-    "require_path",
-    "require_positive",
-]
-
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
 Six = tuple[str, str, str, str, str, str]

@@ -19,8 +19,6 @@ from palpate.surfaces import Surface
 from palpate.viewer.run_report import Run
 from palpate.viewer.scene import Layer
 
-__all__ = ["TRACKED", "Facts", "Feed", "LayerData", "SensorView", "Words", "layers_of", "view_of"]
-
 Facts = tuple[tuple[str, str], ...]
 Feed = Callable[[np.ndarray, bool], None]
 """Function of (slots of a stream's ring, whether anybody watches the page) that passes readings to layers."""

@@ -20,8 +20,6 @@ from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
 from palpate.surfaces.mesh import plausible_size
 
-__all__ = ["first_seconds", "noted_filter", "wrench_estimator"]
-
 
 def wrench_estimator(
     setup: Setup,

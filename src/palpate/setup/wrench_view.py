@@ -16,11 +16,9 @@ from palpate.setup.setup import Setup
 from palpate.setup.view import Facts, SensorView, Words
 from palpate.signals.zero_filter import ZeroHistory, ZeroStatus
 from palpate.surfaces.mesh import Mesh
+from palpate.viewer.plots import zeros
 from palpate.viewer.report import Section, percent, picture
 from palpate.viewer.run_report import Run
-from palpate.viewer.zero_plot import zeros
-
-__all__ = ["WrenchView", "wrench_settings", "zero_section"]
 
 _LISTED = ("crease", "noise_source")  # settings that `wrench_settings` does not have
 

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-__all__ = ["Curvature", "WindowSettings", "curvature", "part_of", "pose_period", "settings_of"]
-
 PARTS = 9
 LONGEST = 1.0  # s: windows are not made longer than this for slow poses
 EVEN = 0.2  # share by which a window's duration may differ from what its rows should take

@@ -8,8 +8,6 @@ from jaxtyping import Float
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["kind_of_acceleration", "turned_from_gravity", "wrong_acceleration"]
-
 G = 9.80665  # m/s^2
 _NEAR = 0.1  # share by which a length may miss gravity: gains, and some motion
 _QUICK = 0.5 * G  # m/s^2: a motion is slower at the median of a log, and an IMU reads more

@@ -7,8 +7,6 @@ from jaxtyping import Float
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["correlation_time"]
-
 LONGEST = 1 / 4  # of the series: beyond it a correlation is not known
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
@@ -11,9 +9,7 @@ from numpy.typing import ArrayLike
 from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Butterworth", "Filter", "Kalman", "Recursion"]
+from palpate.spatial.arguments import frozen_value
 
 SETTLED = 1e-12  # of a step: the rest at which a response counts as settled
 SLOWEST = 1e-5  # of the rate: a lower cut-off needs tables that do not fit
@@ -21,8 +17,7 @@ LEAST_RATIO = 1e-8  # of q and r: as slow
 MOST_SECTIONS = 4  # second order each
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Recursion:
     """A filter at a rate, as the compiled loop runs it; ages of samples count from 0 where the filter starts.
 
@@ -42,8 +37,7 @@ class Recursion:
 
 
 @called_as("palpate.Kalman()")
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Kalman:
     """A Kalman filter of a random walk, each axis separately, as `probe` has it.
 
@@ -130,8 +124,7 @@ class Kalman:
 
 
 @called_as("palpate.Butterworth(cutoff=10.0)")
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Butterworth:
     """A low-pass, flat in its band; it starts as if the first sample had been there for ever.
 

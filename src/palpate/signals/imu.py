@@ -16,8 +16,6 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.shown import one_line
 
-__all__ = ["Imu"]
-
 
 @called_as("palpate.signals.Imu(quaternion=[0, 0, 0, 1])")
 @takes_arrays

@@ -15,8 +15,6 @@ from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, UNSTE
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["Motion"]
-
 SOURCES = ("none", "poses", "motion", "imu")
 CHUNK = 8192  # rows worked on at a time, counted from the first of the log: answers know nothing of its blocks
 SCALES = (0.5, 1.5)  # times the window, to see an arm move: long ones see slow motion, short ones quick motion

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,9 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from palpate.errors import InputError
 from palpate.signals.filters import Filter
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "log_noise", "resolution_of", "rest_noise", "wrong_noise"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 WINDOW = 32  # samples in which a log is steady or is not
 SHORT, STRIDE = 8, 2  # samples of a window between quick presses, and from one to the next
@@ -35,8 +32,7 @@ STILL, POSES = 2.0, 10.0  # degrees a second of a sensor at rest, degrees a samp
 WRONG = 2.0  # times too large or too small: reported
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class NoiseSpectrum(Value):
     """Distribution of the variance of a reading over frequencies.
 
@@ -88,8 +84,7 @@ class NoiseSpectrum(Value):
         return (np.sin(count * angle) / (count * np.sin(angle))) ** 2 @ self.power
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Noise(Value):
     """Noise of a log.
 

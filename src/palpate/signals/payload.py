@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from os import PathLike
 from types import MappingProxyType
 
@@ -16,11 +16,9 @@ from palpate.errors import InputError
 from palpate.signals.imu import Imu
 from palpate.signals.recording import LARGEST
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import skew
 from palpate.spatial.shown import vector
-
-__all__ = ["STANDARD_GRAVITY", "Payload"]
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 
@@ -31,8 +29,7 @@ STANDARD_GRAVITY = 9.80665  # m/s^2
     save='payload.save("payload.toml")',
     compensate="payload.compensate(wrenches, rotations)",
 )
-@takes_arrays
-@dataclass(frozen=True, eq=False, init=False)
+@frozen_value(init=False)
 class Payload(Value):
     """The payload mounted on a force/torque sensor, and the sensor's bias.
 

@@ -13,25 +13,6 @@ from numpy.typing import ArrayLike, DTypeLike
 from palpate.calls import called_as
 from palpate.errors import InputError
 
-__all__ = [
-    "ACCELERATION",
-    "AVERAGED",
-    "CELLS",
-    "FORCE",
-    "IMAGE",
-    "LARGEST",
-    "ORIENTATION",
-    "POSITION",
-    "REFERENCE",
-    "TEMPERATURE",
-    "TORQUE",
-    "UNSTEADY",
-    "VOLTAGE",
-    "Recording",
-    "sealed",
-    "split_channels",
-]
-
 LARGEST = 1e9  # N, N m, m/s^2: what is larger is a fault of the file, and its powers would overflow
 FORCE = "force"  # (n, 3) N
 TORQUE = "torque"  # (n, 3) N m

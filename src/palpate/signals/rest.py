@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.signals.noise import estimate_noise
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["RestReading", "at_rest"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 FEWEST = 10  # samples
 SCATTER = 3.0  # times the noise: a motor that hums is at rest, an arm that moves with its load is not
@@ -19,8 +15,7 @@ DRIFT = 5.0  # standard errors between the halves, and at least
 LEAST_DRIFT = 1.0  # times the noise: sensors warm up
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class RestReading:
     """Mean of a steady window of wrenches.
 

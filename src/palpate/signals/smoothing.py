@@ -13,8 +13,6 @@ from palpate.errors import InputError
 from palpate.signals.filters import Filter, Recursion
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["BothWays", "Forward", "known_rate", "require_forward"]
-
 GAP_PERIODS, LEAST_GAP = 5, 0.05  # samples and s: clocks that stamp on arrival make smaller gaps of their own
 SEGMENT = 4096  # wrenches that are filtered backward at a time, at least; of wider samples as many values
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import cos, pi
 
 import numpy as np
@@ -12,9 +11,7 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.signals.filters import Butterworth, Kalman
 from palpate.signals.recording import LARGEST
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Cutoff", "Spectrum", "propose_cutoff", "spectrum", "steady_stretches"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 EVEN = 0.5  # of the usual step: what a step may differ by in a stretch that counts as evenly sampled
 SHORTEST, LONGEST = 32, 8192  # samples of one of Welch's segments
@@ -25,8 +22,7 @@ NARROW: float = 2 ** (1 / 3)  # the ratio of the ends of the band that each figu
 HIGHEST = 0.2  # of the rate: above it a filter takes off too little to be worth its lag
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Spectrum:
     """Welch's estimate of power spectral densities, one-sided.
 
@@ -47,8 +43,7 @@ class Spectrum:
     stretches: int
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Cutoff:
     """A cut-off frequency proposed from a spectrum.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -12,11 +11,9 @@ from numpy.typing import ArrayLike
 
 from palpate.signals.filters import Filter
 from palpate.signals.recording import Recording
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.spatial.uncertain import inverse_pose_covariance
-
-__all__ = ["Measured", "Placement", "Tare", "UnloadedSensor", "WrenchSensor", "square_root"]
 
 
 @runtime_checkable
@@ -39,8 +36,7 @@ class Measured(Protocol):
         ...
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Tare:
     """Result of a tare.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -14,19 +13,7 @@ from palpate.errors import InputError
 from palpate.signals.drift import Drift
 from palpate.signals.recording import Recording
 from palpate.spatial._arrays import Value, shaped
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = [
-    "FilterStep",
-    "FollowedSensor",
-    "Free",
-    "ZeroFilter",
-    "ZeroHistory",
-    "ZeroState",
-    "ZeroStatus",
-    "ZeroWindow",
-    "smoothed",
-]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 
 class ZeroStatus(IntEnum):
@@ -326,8 +313,7 @@ def smoothed(
         weight = (weight + weight.T) / 2.0
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class ZeroHistory(Value):
     """The zero over time, at some of the windows, evenly spread.
 

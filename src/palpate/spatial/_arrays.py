@@ -12,19 +12,6 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 
-__all__ = [
-    "FLOAT",
-    "INT8",
-    "INT64",
-    "Value",
-    "frozen",
-    "require_batch",
-    "require_finite",
-    "require_out",
-    "require_shape",
-    "shaped",
-]
-
 Shape = tuple[int | EllipsisType | None, ...]  # first, None: any length, or ...: any leading axes
 
 _KINDS = {"f": "biuf", "i": "iu", "u": "iu", "b": "b"}  # of numbers that arrays of a kind are made from

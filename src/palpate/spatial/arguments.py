@@ -6,19 +6,20 @@ import math
 import re
 import sys
 from collections.abc import Callable
-from functools import wraps
+from dataclasses import dataclass
+from functools import partial, wraps
 from inspect import Parameter, isfunction, signature, unwrap
-from types import NoneType, UnionType
-from typing import Any, ForwardRef, NamedTuple, TypeVar, Union, cast, get_args, get_origin
+from types import NoneType
+from typing import Any, ForwardRef, NamedTuple, TypeVar, cast, dataclass_transform, get_args, get_origin, overload
 
 import numpy as np
 
+from palpate.calls import evaluated, options
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 
-__all__ = ["integer", "number", "takes_arrays"]
-
 _Made = TypeVar("_Made", bound=Callable[..., Any])
+_Class = TypeVar("_Class", bound=type[Any])
 _LARGEST = 2**62  # whole number
 _PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a NamedTuple `__new__`, too
 _WRITTEN = {"out", "out_covariance", "out_total"}  # a copy of these arguments would be of no use
@@ -73,6 +74,24 @@ def takes_arrays(made: _Made) -> _Made:
             compute with the numbers, in which case the message names an argument that is empty or not finite.
     """
     return cast("_Made", _class(made) if isinstance(made, type) else _function(made, unwrap(made).__module__))
+
+
+@overload
+@dataclass_transform(frozen_default=True, eq_default=False)
+def frozen_value(made: _Class, /) -> _Class: ...
+@overload
+@dataclass_transform(frozen_default=True, eq_default=False)
+def frozen_value(**options: bool) -> Callable[[_Class], _Class]: ...
+def frozen_value(made: type[Any] | None = None, /, **options: bool) -> Any:
+    """Decorate a class as a frozen dataclass that `takes_arrays`; values are equal only to themselves, unless `eq`.
+
+    Args:
+        made: the class.
+        options: of `dataclasses.dataclass`.
+    """
+    if made is None:
+        return partial(frozen_value, **options)
+    return takes_arrays(dataclass(**{"frozen": True, "eq": False, **options})(made))
 
 
 def _class(made: type[Any]) -> type[Any]:
@@ -137,33 +156,24 @@ def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wan
         if stated.removesuffix(" | None") in ("ArrayLike", "np.ndarray"):
             wanted = _Wanted(name, stated.endswith("None"), any=True)
         else:
-            wanted = _wanted(name, _annotation(annotation, known))
+            wanted = _wanted(name, evaluated(annotation, known))
         if wanted is not None:
             made[name] = wanted
     return made
 
 
-def _annotation(annotation: Any, known: dict[str, Any]) -> Any:
-    if not isinstance(annotation, str):
-        return annotation
-    try:
-        return eval(annotation, known)
-    except (NameError, AttributeError, TypeError):  # a name that is imported for type checkers only
-        return None
-
-
 def _wanted(name: str, annotation: Any) -> _Wanted | None:
-    options = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
-    arrays = [option for option in options if hasattr(option, "dim_str")]
-    kinds = [option for option in options if option in (float, int)]
-    others = tuple(option for option in options if isinstance(option, type) and option not in (*arrays, *kinds))
+    stated = options(annotation)
+    arrays = [option for option in stated if hasattr(option, "dim_str")]
+    kinds = [option for option in stated if option in (float, int)]
+    others = tuple(option for option in stated if isinstance(option, type) and option not in (*arrays, *kinds))
     optional = NoneType in others
-    tuples = [get_args(option) for option in options if get_origin(option) is tuple]
-    if len(tuples) == 1 and len(tuples) + optional == len(options) and set(tuples[0]) <= {int, float}:
+    tuples = [get_args(option) for option in stated if get_origin(option) is tuple]
+    if len(tuples) == 1 and len(tuples) + optional == len(stated) and set(tuples[0]) <= {int, float}:
         return _Wanted(name, optional, parts=tuple(part is int for part in tuples[0]))
-    if len(arrays) > 1 and len(arrays) + optional == len(options):  # of several types
+    if len(arrays) > 1 and len(arrays) + optional == len(stated):  # of several types
         return _Wanted(name, optional, any=True)
-    if len(arrays) + bool(kinds) != 1 or len(others) + len(arrays) + len(kinds) != len(options):
+    if len(arrays) + bool(kinds) != 1 or len(others) + len(arrays) + len(kinds) != len(stated):
         return None  # none of both, or what cannot be told from its class
     others = tuple(other for other in others if other is not NoneType)
     if not arrays:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
 from palpate.spatial.pose_track import PoseTrack
-
-__all__ = ["Edge", "FramePath", "FrameTree"]
 
 Edge = Pose | PoseTrack  # T_parent_child: always, or over time
 
@@ -102,8 +99,7 @@ class FrameTree:
         return tuple(way)
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class FramePath:
     """The edges between two frames, as one track of poses with the methods of a `PoseTrack`.
 

@@ -11,8 +11,6 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 
-__all__ = ["Minimum", "damped", "gauss_newton", "huber"]
-
 # damping, in squares of an unknown: always, after a step that fails, and at most
 LEAST, FIRST, MOST = 1e-9, 0.1, 1e6
 

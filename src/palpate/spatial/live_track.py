@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.spatial.arguments import takes_arrays
-from palpate.spatial.pose_track import SLACK, PoseTrack, slerp
-
-__all__ = ["LiveTrack"]
+from palpate.spatial.pose_track import PoseTrack, slerp
+from palpate.spatial.stamped_rows import SLACK
 
 _JUMP = 1.0  # s: a pose that is older than the newest by more than this begins another clock
 _RECENT = 48  # poses from which the unsteadiness of the motion is taken

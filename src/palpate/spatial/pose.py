@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
@@ -11,9 +9,7 @@ from numpy.typing import ArrayLike
 from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen, shaped
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Pose", "quaternion_from_rotation", "rotation_from_quaternion", "skew"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 
 def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
@@ -73,8 +69,7 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
     inv="pose.inverse()",
     __matmul__="T_base_sensor @ T_sensor_surface, pose.apply(point) or contact.in_frame(pose)",
 )
-@takes_arrays
-@dataclass(frozen=True, eq=False, init=False)
+@frozen_value(init=False)
 class Pose(Value):
     """Rotation and translation [m] of a source frame in a target frame, batched by leading axes.
 

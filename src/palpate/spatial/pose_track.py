@@ -7,14 +7,11 @@ from jaxtyping import Bool, Float
 
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["PoseTrack", "slerp", "sound_quaternions"]
-
-SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this in float64, and must not open a gap
+from palpate.spatial.stamped_rows import SLACK, StampedRows
 
 
 @takes_arrays
-class PoseTrack:
+class PoseTrack(StampedRows):
     """Track of recorded poses, added in pieces as they come, which answers at any times between them.
 
     A pose no newer than one before it, or without a stamp or a quaternion, is left out and counted. How the poses are
@@ -30,12 +27,8 @@ class PoseTrack:
     """
 
     def __init__(self, offset: float = 0.0, max_gap: float = 0.25) -> None:
-        self.offset, self.max_gap = offset, max_gap
-        self.late = self.unreadable = 0
-        self._rows = np.zeros((0, 8))  # stamp, quaternion, position
-        self._fresh: list[np.ndarray] = []  # pieces not yet in _rows: poses may come one by one
-        self._newest = -np.inf
-        self._complete = False
+        super().__init__(8, max_gap)  # stamp, quaternion, position
+        self.offset, self.unreadable = offset, 0
 
     def add(
         self,
@@ -56,17 +49,8 @@ class PoseTrack:
         position = np.full((len(time), 3), np.nan) if position is None else position
         rows = np.column_stack([time + self.offset, quaternion, position])
         sound = np.isfinite(rows[:, 0]) & sound_quaternions(quaternion)
-        rows = rows[sound]
-        reached = np.maximum.accumulate(np.append(self._newest, rows[:, 0]))
-        newer = rows[:, 0] > reached[:-1]
         self.unreadable += int(np.count_nonzero(~sound))
-        self.late += int(np.count_nonzero(~newer))
-        self._newest = float(reached[-1])
-        self._fresh.append(rows[newer])
-
-    def complete(self) -> None:
-        """Declare that no more poses will come: `answerable` then counts all times."""
-        self._complete = True
+        self._append(rows[sound])
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
         """Return how many of the times (n,) [s], from the first on, have answers that later poses will not change.
@@ -74,8 +58,7 @@ class PoseTrack:
         Raises:
             InputError: time has another shape.
         """
-        open_ended = np.flatnonzero(time > self._newest)
-        return len(time) if self._complete or not len(open_ended) else int(open_ended[0])
+        return self._before_waiting(time > self._newest)
 
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Return quaternions x, y, z, w (n, 4) and positions (n, 3) [m] at times (n,) [s] on the wrenches' clock.
@@ -112,10 +95,7 @@ class PoseTrack:
 
     def forget(self, before: float) -> None:
         """Drop the poses that answers at `before` [s], on the wrenches' clock, and later do not need."""
-        rows = self._gathered()
-        first = int(np.searchsorted(rows[:, 0], before, side="right")) - 1
-        if first > 0:
-            self._rows = rows[first:].copy()
+        self._drop(int(np.searchsorted(self._gathered()[:, 0], before, side="right")) - 1)
 
     def notes(self) -> tuple[str, ...]:
         """Return how many poses were left out and why, a tuple of sentences; () without any."""
@@ -124,12 +104,6 @@ class PoseTrack:
             (self.unreadable, "have no stamp, or a quaternion that is not of length 1, and were left out"),
         )
         return tuple(f"{count} poses {what}" for count, what in said if count)
-
-    def _gathered(self) -> Float[np.ndarray, "k 8"]:
-        if self._fresh:
-            self._rows = np.concatenate([self._rows, *self._fresh])
-            self._fresh = []
-        return self._rows
 
 
 def sound_quaternions(quaternion: Float[np.ndarray, "n 4"]) -> Bool[np.ndarray, " n"]:

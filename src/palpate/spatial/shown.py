@@ -13,8 +13,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["one_line", "rounded", "three_digits", "uncertain", "vector"]
-
 _NUMBERS = 6  # of an array that are printed; of a larger one, its shape
 _DECIMALS = 6  # behind the point, at most
 _LONGEST = 40  # characters of a string

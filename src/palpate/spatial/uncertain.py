@@ -10,8 +10,6 @@ from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
-__all__ = ["inverse_pose_covariance", "noise_covariance"]
-
 LARGEST = 1e9  # N, N m: no sensor, and its square is a number
 
 

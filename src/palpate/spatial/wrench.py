@@ -13,8 +13,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen, require_batch, shaped
 from palpate.spatial.pose import Pose
 
-__all__ = ["Wrench"]
-
 
 @called_as(
     "palpate.Wrench(force=[0, 0, -5], torque=[0.02, 0, 0])",

@@ -15,8 +15,6 @@ from palpate.surfaces._normals import facet_normals
 from palpate.surfaces._patches import facet_rows
 from palpate.surfaces._tree import build_tree
 
-__all__ = ["exposed"]
-
 _BALL = 0.2  # radius of what touches, in unit size: its diameter is a fifth of the body's
 _STEP = 0.02  # of the grid: a tenth of it
 

@@ -10,8 +10,6 @@ import numpy as np
 
 from palpate.errors import not_loaded
 
-__all__ = ["compiled", "superquadric"]
-
 
 def compiled(value, gradient, hessian) -> Any:
     """Compile three functions into one function (point (3,), out (10,)), as `_equation.evaluate` reads it."""

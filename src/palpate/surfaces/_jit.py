@@ -31,24 +31,6 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = [
-    "ENTRIES",
-    "OPTIONS",
-    "STAMP",
-    "Entry",
-    "Kernel",
-    "chosen_for",
-    "compile_seconds",
-    "entry",
-    "inlined",
-    "inner",
-    "kernel_files",
-    "level",
-    "native_file",
-    "register_choices",
-    "released",
-]
-
 PACKAGE = Path(__file__).parents[1]
 LABORATORY = PACKAGE.with_name("palpate_lab")  # the other package of the wheel
 CONSTANTS = ("_arguments.py", "_edges.py", "_patches.py", "_settings.py")  # of signatures, and of numbers in kernels

@@ -12,8 +12,6 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.interrupts import import_mesh_reader
 
-__all__ = ["arrays_of", "load_arrays"]
-
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _STL_HEADER = 84  # text, then how many facets: four bytes
 

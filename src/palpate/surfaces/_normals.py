@@ -7,8 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["blocks", "corner_normals", "facet_normals", "half_edge_twins", "next_corner", "sort_half_edges"]
-
 _LARGE = 5.0  # times the area that is usual at a corner
 
 

@@ -10,8 +10,6 @@ from palpate.errors import GeometryError
 from palpate.spatial._arrays import shaped
 from palpate.surfaces._normals import blocks, facet_normals, half_edge_twins, sort_half_edges
 
-__all__ = ["bodies", "repair"]
-
 _FARTHEST = 1e12  # in any unit: what is beyond is a fault of the file, and its powers would overflow
 
 

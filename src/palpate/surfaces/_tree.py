@@ -10,8 +10,6 @@ from jaxtyping import Float, Float32
 from palpate.errors import GeometryError
 from palpate.surfaces._normals import blocks
 
-__all__ = ["Tree", "build_tree"]
-
 _MOST = 2**23  # patch and node numbers must be exact in float32
 
 

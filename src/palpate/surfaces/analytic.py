@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -13,18 +13,15 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import by_name
 from palpate.spatial._arrays import Value, frozen, shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.prepared import CompiledSurface
 
-__all__ = ["Analytic"]
-
 SAMPLES = 24  # along each side of the chart, for a first guess at the nearest point
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_value(kw_only=True)
 class Analytic(Value, ABC):
     """A surface f(p) = 0, f < 0 inside, along its own axes.
 

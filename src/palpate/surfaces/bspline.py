@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -11,16 +10,13 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import Value, frozen, shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.mesh import Mesh
-
-__all__ = ["BSplineSurface", "basis_matrices", "greville", "open_knots", "periodic_knots", "solve_tangent"]
 
 _MOST = 5  # the highest degree: `_bspline.MOST` holds its basis functions
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class BSplineSurface(Value):
     """A B-spline surface r(u, v) = sum_ij N_i(u) M_j(v) P_ij [m], with r_u x r_v pointing out of the body.
 

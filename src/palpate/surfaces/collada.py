@@ -12,8 +12,6 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 
-__all__ = ["ColladaAsset"]
-
 _UPRIGHT: dict[str, tuple[tuple[int, int, int], ...]] = {  # rows: x, y, z of the same body with z up
     "X_UP": ((0, -1, 0), (0, 0, -1), (1, 0, 0)),
     "Y_UP": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),

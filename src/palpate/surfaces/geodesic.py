@@ -8,8 +8,6 @@ from jaxtyping import Float
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
-__all__ = ["walk"]
-
 STEPS = 4  # each errs by (length / 4)^3 / (24 R^2): 0.1 um for 10 mm on a radius of 30 mm
 
 LONGER = 1.3  # of a step, at most

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import pickle
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,17 +12,14 @@ from jaxtyping import Float, Int
 
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.surfaces.analytic import Analytic
 from palpate.surfaces.quadric import Ellipsoid
-
-__all__ = ["ImplicitSurface", "superquadric"]
 
 _LINES = 20  # along each side of the box, three ways and back: to look for a surface of which nothing is known
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class ImplicitSurface(Analytic):
     """A surface f(p) = 0 from functions of a point p (3,) [m] along its own axes, in arithmetic that numba compiles.
 

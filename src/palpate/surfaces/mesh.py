@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from math import isclose, pi, radians
 from os import PathLike
 from pathlib import Path
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from palpate.calls import by_name, called_as
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import FLOAT, INT64, Value, frozen, shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces._edges import sharp_edges
 from palpate.surfaces._exposure import exposed
 from palpate.surfaces._normals import corner_normals, facet_normals, half_edge_twins
@@ -29,8 +29,6 @@ from palpate.waiting import waiting
 
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
-
-__all__ = ["UNITS", "Mesh", "plane", "plausible_size", "unit_named"]
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 _OF_TRIMESH = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "microns": "um", "inches": "in"}
@@ -45,8 +43,7 @@ _LARGE = 100_000  # facets
     from_arrays="palpate.Mesh.from_arrays(vertices, faces)",
     transformed="mesh.transformed(palpate.Pose.identity())",
 )
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Mesh(Value):
     """A mesh in metres; build it with `from_arrays`, `from_trimesh` or `load`.
 

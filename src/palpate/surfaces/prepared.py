@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["CompiledSurface"]
+from palpate.spatial.arguments import frozen_value
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class CompiledSurface:
     """A surface in the form that compiled loops read.
 

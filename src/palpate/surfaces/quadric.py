@@ -11,14 +11,11 @@ from jaxtyping import Float, Int
 from palpate.calls import called_as
 from palpate.errors import GeometryError
 from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.surfaces.analytic import Analytic
 
-__all__ = ["Cylinder", "Ellipsoid", "EllipticCylinder", "Paraboloid", "Quadric", "Sphere"]
 
-
-@takes_arrays
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen_value(kw_only=True)
 class Quadric(Analytic):
     """A surface p'A p + 2 b'p + c = 0 along its own axes."""
 

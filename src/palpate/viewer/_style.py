@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from palpate.errors import not_loaded
+from palpate.errors import importing_extra
+from palpate.spatial.arguments import takes_arrays
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["AXES", "DARK", "INK", "MUTED", "RULE", "STATUS", "figure", "inline", "mixed", "panels", "save", "styled"]
-
+_Made = TypeVar("_Made", bound=Callable[..., Any])
 INK, MUTED, RULE = "#1b2530", "#5d6975", "#d5dbe1"  # text, what comes second, lines of the grid
 AXES = ("#d55e00", "#009e73", "#0072b2")  # x, y, z: Okabe and Ito's colours, told apart by the colour-blind
 STATUS = ("#009e73", "#56b4e9", "#d5dbe1", "#9aa5b0", "#d55e00", "#e69f00", "#cc79a7", "#5d6975", "#f0e442")
@@ -90,15 +90,23 @@ def styled() -> Generator[None]:
     level = logger.level
     logger.setLevel(logging.ERROR)  # it has two lines to say where nothing can be kept in the home
     try:
-        import matplotlib
+        with importing_extra("drawing needs matplotlib", "report"):
+            import matplotlib
 
-        matplotlib.get_cachedir()
-    except ImportError as problem:
-        raise not_loaded(problem, "drawing needs matplotlib", "report") from problem
+            matplotlib.get_cachedir()
     finally:
         logger.setLevel(level)
     with matplotlib.rc_context(_RC):
         yield
+
+
+def plotted(made: _Made) -> _Made:
+    """Decorate a function that returns a `Figure`: it takes arrays, and draws in the common style.
+
+    Raises:
+        InputError: by the decorated call: matplotlib is not installed, or arrays have other shapes.
+    """
+    return takes_arrays(styled()(made))
 
 
 _RC: dict[Any, Any] = {  # matplotlib's own type of the keys has no name

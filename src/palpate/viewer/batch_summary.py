@@ -12,8 +12,6 @@ from jaxtyping import Int
 from palpate.contact.estimate import Status
 from palpate.viewer.report import Report, ReportTable, Section, Tile, first_rows, percent
 
-__all__ = ["LogResult", "compose", "figures"]
-
 SHOWN = 5_000  # logs in a table
 
 

@@ -7,8 +7,6 @@ from jaxtyping import Float
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["PANEL", "PHONE", "VIEW", "fit"]
-
 VIEW = float(np.radians(45.0))  # angle of view from top to bottom
 MARGIN = 0.14  # of half the picture, on each side: the words at the end of an arrow have room there
 NARROW = 0.8  # width over height: narrower pictures are those of phones

@@ -13,8 +13,6 @@ from palpate.viewer._style import STATUS
 from palpate.viewer.scene import Scene, SceneMoment, ShownContact
 from palpate.viewer.widgets import card
 
-__all__ = ["MEANING", "caption", "comparison", "feature", "is_shown", "touch_list"]
-
 NONE = "&ndash;"
 FLAT = 0.05  # of the largest deviation: less is none
 FINEST = 3  # digits behind the point of a place [mm]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from html import escape
 from importlib.resources import files
 from os import PathLike
@@ -17,10 +17,8 @@ from jaxtyping import Float, Int, UInt8
 
 from palpate.calls import by_name, called_as
 from palpate.errors import InputError
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.surface import SurfaceLike, as_surface
-
-__all__ = ["Drawing", "Mark", "Specks", "box", "simpler"]
 
 FACETS = 8_000  # drawn: more is slow to turn, and no finer to see
 LONGEST = 0.3  # of the body: the arrow of the largest force
@@ -33,8 +31,7 @@ _STYLE = (
 )
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Mark:
     """A mark at a point of the body.
 
@@ -55,8 +52,7 @@ class Mark:
     rim: Float[np.ndarray, "r 3"] | None = None
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Specks:
     """Small dots on a body: points [m], outward unit normals, colours (red, green, blue) of 0 to 255."""
 
@@ -66,8 +62,7 @@ class Specks:
 
 
 @called_as("contacts.plot(mesh)", save='drawing.save("contacts.html")', show='drawing.save("contacts.html")')
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Drawing:
     """A body with marks; a notebook shows it, `html` puts it into a page.
 

@@ -18,8 +18,6 @@ from palpate.viewer.rendered import Rendered, ViewPoint, rendered
 from palpate.viewer.scene import Scene, SceneMoment, ShownContact, rim
 from palpate.viewer.scene3d import aim
 
-__all__ = ["RATE", "SIZE", "ScenePicture"]
-
 SIZE = (960, 720)
 RATE = 25  # pictures a second
 TRAIL = 3.0  # s

@@ -14,8 +14,6 @@ from urllib.parse import parse_qs
 from msgspec import DecodeError, Meta, Struct, ValidationError  # comes with viser
 from msgspec.msgpack import Decoder
 
-__all__ = ["LARGEST", "Guard", "Request", "Verdict", "Widget", "WidgetKind", "in_url", "judged"]
-
 LARGEST = 1 << 24  # bytes of a message: a picture that was asked for
 LARGE = 1 << 12  # bytes of any other
 PIXELS = 1 << 26  # of a picture

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.mesh import Mesh
-
-__all__ = ["FineMesh", "colours", "density", "linear", "refined"]
 
 REACH = 3.0  # widths, beyond which a touch colours nothing
 FACETS = 60_000  # of the finest mesh: more is slow to send and to draw
@@ -20,8 +16,7 @@ PALETTE = np.array(
 )
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class FineMesh:
     """A mesh to draw: one normal per vertex, vertices doubled along creases.
 

@@ -104,19 +104,6 @@ class Ink:
             words = words[:-1]
         return f"{words}.."
 
-    def wrapped(self, words: str, size: float, room: int, rows: int) -> list[str]:
-        """Return a sentence as at most `rows` lines that fit into `room` [px], the last one cut."""
-        lines = [""]
-        for word in words.split():
-            longer = f"{lines[-1]} {word}".strip()
-            if self.width(longer, size) <= room or not lines[-1]:
-                lines[-1] = longer
-            else:
-                lines.append(word)
-        if len(lines) > rows:
-            lines[rows - 1] = " ".join(lines[rows - 1 :])
-        return [self.cut(line, size, room) for line in lines[:rows]]
-
     def shrunk(self, frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         """Return an image resized to (width, height) [px], (height, width, 3)."""
         return self._cv2.resize(frame, size, interpolation=self._cv2.INTER_AREA)

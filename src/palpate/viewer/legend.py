@@ -13,8 +13,6 @@ from palpate.viewer.heat import PALETTE
 from palpate.viewer.marker import FORCE, OTHER, POINT, TORQUE, TRACE
 from palpate.viewer.scene import Scene, rounded_up
 
-__all__ = ["AXES", "bar", "dot", "item", "keys", "legend", "strip"]
-
 _ARROW = "rgb(40,140,205)"  # of what the page's lights make of a force
 AXES = ((200, 40, 40), (40, 150, 40), (40, 70, 200))  # x, y, z
 _GLYPHS = {  # 28 x 18 each

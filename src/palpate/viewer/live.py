@@ -21,8 +21,6 @@ from palpate.viewer.server import Served
 from palpate.viewer.timeline import downsampled
 from palpate.viewer.widgets import ELLIPSE, add_curves, dock, table, theme
 
-__all__ = ["SECONDS", "LivePage", "StreamFigures", "recent"]
-
 SECONDS = 10.0  # of a window
 ROWS = 600  # of the curve
 FINE = 4  # parts of what is added to a window at once

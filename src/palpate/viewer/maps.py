@@ -8,21 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.spatial.arguments import takes_arrays
-from palpate.viewer._style import AXES, INK, MUTED, panels, styled
+from palpate.viewer._style import AXES, INK, MUTED, panels, plotted
 from palpate.viewer.plots import named, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["error_over_force", "sheet_map", "surface_map"]
-
 LEVELS = 9  # colours of a map: as many as an eye tells apart
 _NAMES = "xyz"
 
 
-@takes_arrays
-@styled()
+@plotted
 def surface_map(
     vertices: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
@@ -66,8 +62,7 @@ def surface_map(
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def sheet_map(
     cells: Float[np.ndarray, "n 2"],
     values: Float[np.ndarray, " n"],
@@ -99,8 +94,7 @@ def sheet_map(
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def error_over_force(
     force: Float[np.ndarray, " n"], curves: Mapping[str, Float[np.ndarray, " n"]], wanted: float
 ) -> Figure:

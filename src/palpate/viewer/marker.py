@@ -15,8 +15,6 @@ from palpate.viewer.scene import SMALL, Scene, ShownContact, disc, rim
 if TYPE_CHECKING:
     from viser import SceneApi, SceneNodeHandle
 
-__all__ = ["FORCE", "OTHER", "POINT", "TORQUE", "TRACE", "Marker", "arc", "barbs", "facing", "fade"]
-
 FORCE, POINT, TORQUE = (0, 48, 120), (16, 24, 32), (130, 40, 120)
 TRACE = np.array([(0, 90, 170), (170, 205, 235)])  # of a trail: now, and long ago
 OTHER = (0, 120, 80)  # of contacts that are compared

@@ -16,8 +16,6 @@ from palpate.surfaces.surface import SurfaceLike
 from palpate.viewer.drawing import Drawing, Mark
 from palpate.viewer.scene import disc
 
-__all__ = ["drawing_of_estimates", "drawing_of_touches", "marks_of", "table_of"]
-
 _SHOWN = 10  # touches
 _DRAWN = 200  # touches, or estimates
 _RIM = 48  # points

@@ -21,8 +21,6 @@ from palpate.viewer.widgets import ELLIPSE, along_time, dock, theme
 if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi, GuiUplotHandle
 
-__all__ = ["Panel"]
-
 NUMBERED = 60  # touches whose numbers are drawn: more would hide the body
 SPEEDS = {"x 0.1": 0.1, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 5": 5.0, "x 20": 20.0}
 WINDOWS = {"all": 0.0, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0}

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
-from palpate.spatial.arguments import takes_arrays
-from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, panels, styled
+from palpate.spatial.arguments import frozen_value
+from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, panels, plotted, styled
 from palpate.viewer.drawing import Mark
 from palpate.viewer.report import HOVER
 from palpate.viewer.samples import thinned
@@ -20,22 +19,6 @@ from palpate.viewer.timeline import downsampled, since
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "SpectrumPanel",
-    "clock_of",
-    "errors",
-    "forces",
-    "histogram",
-    "locations",
-    "named",
-    "plain",
-    "silhouettes",
-    "spectra",
-    "statuses",
-    "strip",
-    "touch_errors",
-]
-
 COLUMNS = 450  # of a line over time: as many as a phone has pixels
 DOTS = 1_500
 _DISCS = 26  # numbers that stand side by side in the views of a body
@@ -43,8 +26,7 @@ _GOLDEN, _TRIED = 2.4, 200  # rad from a place of the spiral to the next; places
 _NAMES = ("x", "y", "z")
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class SpectrumPanel:
     """The spectrum of a vector: frequency [Hz], density and its noise floor [unit^2/Hz], cut-off [Hz] or None."""
 
@@ -56,8 +38,7 @@ class SpectrumPanel:
     cutoff: float | None
 
 
-@takes_arrays
-@styled()
+@plotted
 def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], status: Int[np.ndarray, " n"]) -> Figure:
     """Draw components [N], magnitude [N] and the status of each sample over time [s] as a `Figure`.
 
@@ -78,8 +59,7 @@ def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], statu
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def locations(
     time: Float[np.ndarray, " n"],
     point: Float[np.ndarray, "n 3"],
@@ -115,8 +95,7 @@ def locations(
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def silhouettes(
     vertices: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
@@ -153,8 +132,7 @@ def silhouettes(
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
     """Draw the shares [%] of the positive values by size as a `Figure`, logarithmic over more than a decade.
 
@@ -178,8 +156,7 @@ def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
     """Draw a bar for each status that occurred, with its share [%], as a `Figure`; `counts` (9,) are by `Status`.
 
@@ -199,8 +176,7 @@ def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
     """Draw the distance from the ground truth [m] and the predicted 95 % radius [m] over time [s] as a `Figure`.
 
@@ -220,8 +196,7 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
     """Draw the error of each touch's median point and a sample's 95 % radius [m] as a `Figure`.
 
@@ -393,3 +368,62 @@ def plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
 def named(axes: Any, columns: int) -> None:
     """Add a legend of the lines above the axes, in `columns` columns."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1)
+
+
+_GATE = ("#009e73", "#9aa5b0")  # where the bias was tracked, and where it was kept
+_SURE = 1.96  # deviations: 95 %
+MOST, FEWEST = 1_400, 60  # points of all lines, and of one
+
+
+@plotted
+def zeros(
+    time: Float[np.ndarray, " n"],
+    zero: Float[np.ndarray, "n m"],
+    deviation: Float[np.ndarray, "n m"],
+    uncertain: Bool[np.ndarray, " n"],
+) -> Figure:
+    """Draw as a `Figure` each channel's change of bias, its 95 % band, and a strip of when the bias was tracked.
+
+    Args:
+        time: (n,) [s].
+        zero: (n, m) bias: of six channels the first three in N and the others in N m, else V.
+        deviation: (n, m) standard deviations of the bias.
+        uncertain: (n,) True where something may have touched, so that the bias was not tracked.
+
+    Raises:
+        InputError: matplotlib is not installed; or arrays of other shapes.
+    """
+    clock, label = clock_of(time)
+    parts, most = _parts(zero.shape[1]), max(MOST // max(zero.shape[1], 1), FEWEST)
+    ratios = [5.0] * len(parts) + [0.55]
+    drawn, below = panels(1.9 * len(parts) + 0.8, len(ratios), sharex=True, height_ratios=ratios)
+    for axes, (channels, names, scale, quantity) in zip(below, parts, strict=False):
+        for k, channel in enumerate(channels):
+            gone = scale * (zero[:, channel] - _first(zero[:, channel]))
+            band = _SURE * scale * deviation[:, channel]
+            few, rows = downsampled(clock, np.column_stack([gone, gone - band, gone + band]), most)
+            axes.fill_between(few, rows[:, 1], rows[:, 2], color=AXES[k % 3], alpha=0.2, linewidth=0)
+            axes.plot(few, rows[:, 0], color=AXES[k % 3], label=names[k] if names else None)
+        axes.set(ylabel=quantity)
+        if names:
+            named(axes, 3)
+    strip(below[-1], clock, uncertain.astype(np.int64), _GATE)
+    below[-1].set(xlabel=label)
+    below[-1].set_ylabel("gate", rotation=0, ha="right", va="center", color=MUTED)
+    drawn.align_ylabels()
+    return drawn
+
+
+def _parts(channels: int) -> list[tuple[range, tuple[str, ...], float, str]]:
+    """Return for each panel its channels, their names, the factor of the unit, and the label."""
+    if channels != 6:
+        return [(range(channels), (), 1e3, "voltage [mV]")]
+    return [
+        (range(3), ("x", "y", "z"), 1.0, "zero of the force [N]"),
+        (range(3, 6), ("x", "y", "z"), 1e3, "of the torque [N mm]"),
+    ]
+
+
+def _first(values: Float[np.ndarray, " n"]) -> float:
+    known = values[np.isfinite(values)]
+    return float(known[0]) if len(known) else 0.0

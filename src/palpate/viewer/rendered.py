@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Rendered", "ViewPoint", "rendered"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 _AT_ONCE = 200_000  # pixels of facets' boxes that are tried at once: more do not stay in the processor's cache
 _LEAST = 1e-3  # depth: what is nearer is not drawn
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class ViewPoint:
     """A camera's position and direction, with z up in the picture.
 
@@ -47,8 +42,7 @@ class ViewPoint:
         return np.column_stack([scale * along[:, :2] / depth[:, None] + np.array(self.size) / 2, depth])
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Rendered:
     """A picture (h, w) in red, green, blue, and the depth of each of its pixels, infinite where nothing is."""
 

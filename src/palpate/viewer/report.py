@@ -15,19 +15,6 @@ from palpate.viewer._style import inline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "Picture",
-    "Report",
-    "ReportTable",
-    "Section",
-    "Tile",
-    "first_rows",
-    "percent",
-    "picture",
-    "render",
-    "require_report",
-]
-
 HOVER = "hover: "  # so begins the gid of an artist that says the rest of it when a pointer rests there
 _SAID = re.compile(rf"<g id=([\"']){HOVER}(.*?)\1>")
 

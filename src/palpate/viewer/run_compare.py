@@ -16,8 +16,6 @@ from palpate.viewer.run_report import SHOWN, Body, DownsampledRun, Run, body_pic
 from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.timeline import since
 
-__all__ = ["compared", "partners"]
-
 
 def compared(run: Run, name: str, other: RunSummary) -> Run:
     """Return the `Run` with one more section, the first, that compares it with another run.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from platform import python_version
 
@@ -14,7 +14,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.events import Events, largest_deviation
 from palpate.contact.plausibility import UNLOADED
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.shown import rounded
 from palpate.viewer import plots
 from palpate.viewer.captions import MEANING, feature, is_shown
@@ -27,8 +27,6 @@ from palpate.viewer.samples import median, sample_starts, strongest, thinned
 from palpate.viewer.scene import before
 from palpate.viewer.timeline import since
 
-__all__ = ["DownsampledRun", "Run", "body_picture", "compose", "coverage_tone", "force_picture", "touch_table"]
-
 SHOWN = 200  # touches in the table
 NUMBERED = 60  # on the body
 UNCERTAIN = ""  # in place of a format: with the digits of the touch's deviation
@@ -36,8 +34,7 @@ SPECKS = 600  # samples on the body that is turned
 Body = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]  # vertices [m], facets
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Run:
     """All information about a finished run for its report.
 
@@ -107,8 +104,7 @@ def compose(run: Run) -> Report:
     )
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class DownsampledRun:
     """Downsampled contacts, n rows of m samples, and quantities derived from them; `even`: see `RunSummary.even`."""
 

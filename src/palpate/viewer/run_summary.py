@@ -13,8 +13,6 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.touch_finder import TouchFinder
 from palpate.viewer.samples import sample_starts
 
-__all__ = ["RunSummary"]
-
 
 class RunSummary:
     """A summary of contacts, added block by block, that keeps at most `limit` samples.

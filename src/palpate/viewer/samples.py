@@ -10,8 +10,6 @@ from jaxtyping import Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["median", "sample_starts", "sheet_places", "strongest", "thinned", "totals"]
-
 
 def sample_starts(contacts: Contacts) -> Int[np.ndarray, " m"]:
     """Return the number of the first row of each sample, (m,)."""

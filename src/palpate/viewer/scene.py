@@ -17,7 +17,7 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import Events
 from palpate.contact.touch_finder import find_touches
 from palpate.errors import InputError
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces import Surface
 from palpate.viewer.drawing import box
 from palpate.viewer.heat import FineMesh, density, refined
@@ -26,23 +26,6 @@ from palpate.viewer.timeline import Timeline, downsampled
 
 if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi, ViserServer
-
-__all__ = [
-    "LARGE",
-    "MAGNIFICATIONS",
-    "SMALL",
-    "Layer",
-    "Scene",
-    "SceneMoment",
-    "ShownContact",
-    "before",
-    "disc",
-    "moment_of",
-    "no_contacts",
-    "prepare",
-    "rim",
-    "rounded_up",
-]
 
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 PLOTTED = 800  # rows of a plot: two a pixel
@@ -96,8 +79,7 @@ class Layer(Protocol):
         ...
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class ShownContact:
     """A contact as it is drawn and described.
 
@@ -161,8 +143,7 @@ class SceneMoment:
     contacts: tuple[ShownContact, ...]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Scene:
     """A body and its contacts over n rows and m samples, prepared so that any moment can be drawn.
 

@@ -20,8 +20,6 @@ from palpate.viewer.scene import Scene, SceneMoment, ShownContact, before, round
 if TYPE_CHECKING:
     from viser import ClientHandle, GlbHandle, LabelHandle, ViserServer
 
-__all__ = ["DrawSettings", "Scene3D", "aim"]
-
 LETTER = 0.02  # sizes of the body from the end of an axis to its name
 
 

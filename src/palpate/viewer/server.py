@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     import numpy as np
     from viser import ClientHandle, ViserServer
 
-__all__ = ["Page", "Served", "require_viser", "serve"]
-
 _Page = TypeVar("_Page", bound="Served")
 PORTS = 100  # tried, where one is taken
 _ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}  # addresses of nobody, for documentation

@@ -18,8 +18,6 @@ from palpate.viewer.timeline import next_of
 if TYPE_CHECKING:
     from viser import ClientHandle, ViserServer
 
-__all__ = ["BrowserSession"]
-
 TICK = 1 / 20  # s between two pictures
 _NUMBER = re.compile(r"-?\d+(\.\d*)?(e-?\d\d?)?")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 
@@ -10,16 +9,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.touch_finder import GAP, SHORTEST
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Timeline", "downsampled", "next_of", "since"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 LATE = 1e6  # s: a log that begins later does not begin near 0
 _EPOCH = 1e9, 1e10  # s since 1970 that are a log's: 2001 to 2286
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Timeline:
     """Seconds since the start of a log, one per sample, never running backwards.
 

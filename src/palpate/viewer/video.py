@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,9 @@ from jaxtyping import UInt8
 from palpate.errors import InputError
 from palpate.opencv import opencv
 
-__all__ = ["Video"]
-
 
 class Video:
-    """A video that grows by a picture at a time; a context manager.
+    """A video that grows by a picture at a time.
 
     Args:
         path: file of the video (.mp4).
@@ -41,11 +38,3 @@ class Video:
     def close(self) -> None:
         """Write the remaining pictures and close the file."""
         self._writer.release()
-
-    def __enter__(self) -> Video:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

@@ -22,8 +22,6 @@ from palpate.errors import InputError
 from palpate.viewer import guard
 from palpate.viewer.guard import Guard, Verdict, Widget, WidgetKind, judged
 
-__all__ = ["browser_address", "listening"]
-
 CLIENTS = 16  # browsers at once
 PENDING = 64  # connections that have not shown a token yet; one more ends the oldest of them
 QUEUED = 4  # frames of a browser that wait

@@ -11,8 +11,6 @@ import numpy as np
 if TYPE_CHECKING:
     from viser import GuiApi, GuiUplotHandle
 
-__all__ = ["ELLIPSE", "add_curves", "along_time", "card", "dock", "name", "table", "theme"]
-
 ELLIPSE = "magnification of the 95 % ellipse of a point"
 TARGET = "#5d6975"
 _TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself

@@ -10,8 +10,6 @@ from jaxtyping import Float, Int
 from palpate_lab.simulation.phantom.probes import probe
 from palpate_lab.simulation.shapes import EllipsoidBody
 
-__all__ = ["TouchedBody", "box", "ellipsoid", "torus", "ultrasound_probe"]
-
 HALVES = (0.030, 0.020, 0.012)  # m: of the ellipsoid and of the box
 RING, TUBE = 0.030, 0.010  # m: of the torus, round its axis and of its tube
 AROUND, ACROSS = 96, 32

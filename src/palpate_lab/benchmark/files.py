@@ -22,8 +22,6 @@ from palpate.opencv import opencv
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["ANSWER", "WIDTHS", "Task", "as_contacts", "read_answers", "read_benchmark", "read_truth"]
-
 POINT, FORCE = ("px", "py", "pz"), ("fx", "fy", "fz")
 COVARIANCE = ("cxx", "cxy", "cxz", "cyy", "cyz", "czz")
 ANSWER = (*POINT, *FORCE, *COVARIANCE)  # of a contact, SI

@@ -14,8 +14,6 @@ from palpate_lab.simulation.load_cell_bench import BENCHES
 from palpate_lab.simulation.session import NOISE, RATE, simulate_session
 from palpate_lab.simulation.session_files import write_session
 
-__all__ = ["fingertip", "payload_log"]
-
 NEAR = 0.1  # s about a touch that are not judged as untouched
 PRESS_RATE, REST, RAMP, HOLD, PAUSE = 100.0, 1.0, 0.1, 0.4, 0.3  # Hz, s: of the fingertip
 THIN = 20  # one sample in this many of the bench's 1000 Hz

@@ -15,8 +15,6 @@ from palpate_lab.benchmark.skin_task import skin
 from palpate_lab.benchmark.task import MadeTask, write_task
 from palpate_lab.benchmark.wrench_tasks import WRENCH_TASKS
 
-__all__ = ["PUBLIC_SEED", "TASKS", "Maker", "make_benchmark"]
-
 PUBLIC_SEED = 1
 README = """A benchmark of contact sensing: where, how hard and in which direction is a body touched?
 Made by `palpate benchmark make`, by forward simulation: no estimator had a hand in the truth.

@@ -11,8 +11,6 @@ from palpate_lab.simulation.ring_camera import Look
 from palpate_lab.simulation.ring_session import Protocol, RingUnit, Touching, calibration_run, touching_run
 from palpate_lab.simulation.ring_session_files import write_calibration_run, write_touching_run
 
-__all__ = ["marker_ring"]
-
 LEAST = 0.2  # N: a frame with a lighter contact is not judged
 QUALITY = 50  # of JPEG: 20 kB a frame
 DEPTHS = (0.003, 0.006, 0.009)  # m: of the calibration

@@ -13,8 +13,6 @@ from palpate.evaluation.errors import EllipseCoverage, coverage, distances
 from palpate.evaluation.matching import match_instants
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["NEAR", "Score", "score"]
-
 NEAR = 0.002  # m: a place that is found
 
 

@@ -12,8 +12,6 @@ from palpate_lab.simulation.skin_bench import PaperSheet, Rolled
 from palpate_lab.simulation.touched import ForearmSettings, simulate_forearm
 from palpate_lab.simulation.touched.files import intensity_model, link_mesh
 
-__all__ = ["skin"]
-
 LEAST = 1.0  # N: a frame with a lighter contact is not judged
 QUIET = 1.5  # s at the start
 RIG = """# What task.toml says, as a rig of Palpate.

@@ -11,8 +11,6 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["MadeTask", "TaskTruth", "write_body", "write_table", "write_task"]
-
 UNITS = "m, N, N m, s, rad; a wrench is force, then torque about the frame's origin, of the environment on the body"
 TRUTH = ("sample", "px", "py", "pz", "fx", "fy", "fz")
 

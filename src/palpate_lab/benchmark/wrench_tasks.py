@@ -12,8 +12,6 @@ from palpate_lab.benchmark.bodies import TouchedBody, box, ellipsoid, torus, ult
 from palpate_lab.benchmark.task import MadeTask, TaskTruth, write_body, write_table
 from palpate_lab.simulation.contacts import touch_wrenches
 
-__all__ = ["WRENCH_TASKS", "WrenchTask"]
-
 FORCE, FRICTION, PITCH = (2.0, 20.0), 0.5, 0.003  # N; tan; m
 COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz")
 FULL, SMALL = 300, 15

@@ -18,8 +18,6 @@ from palpate_lab.cli.arena_run import ArenaResult
 from palpate_lab.cli.arena_setup import ArenaRequest, command
 from palpate_lab.viewer.arena_summary import Judged, compose, figures
 
-__all__ = ["read_results", "run_batch"]
-
 MOST = 100_000  # runs
 JOBS, RESULTS = "--jobs", "results of runs in the arena"
 

@@ -12,8 +12,6 @@ from palpate.files.models.toml import load_toml
 from palpate.files.schema import parse
 from palpate_lab.simulation.arena import ArenaLayout, Block
 
-__all__ = ["read_arena"]
-
 RUN = ("seed", "method", "sensing", "seconds", "fault")  # how it was run: not of the arena
 
 

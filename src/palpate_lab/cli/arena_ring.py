@@ -23,8 +23,6 @@ from palpate_lab.simulation.arena.camera import TableCamera
 from palpate_lab.simulation.arena.skin import RingSkin, disc_points
 from palpate_lab.simulation.ring_session import Protocol, RingSession, RingUnit, calibration_run
 
-__all__ = ["PROTOCOL", "RingSense", "RingWear", "arena_ring"]
-
 DEPTHS = (0.002, 0.005, 0.008, 0.012)  # m: up to 7.6 N of a wall, 3.6 N of an edge
 PROTOCOL = Protocol(16, DEPTHS, tip=0.004, hold=1, pause=1, kinds=("plate", "cylinder"))  # what robots meet
 Touches = Float[np.ndarray, "k 2"]

@@ -22,8 +22,6 @@ from palpate_lab.simulation.arena.planner import require_solvable
 from palpate_lab.simulation.arena.settings import FRAME, RobotSettings
 from palpate_lab.simulation.arena.world import ArenaWorld
 
-__all__ = ["FAULTS", "METHODS", "RATE", "ArenaMoment", "ArenaResult", "ArenaRun", "ArenaSettings", "RobotFault"]
-
 RATE = 1.0 / FRAME  # frames a second
 METHODS = ("ours", "paper", "paper-turned", "paper-random", "no-push", "no-memory")
 FAULTS = ("blind", "torn", "stuck-wheel", "wrong-goal")

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from palpate_lab.cli.arena_run import ArenaRun
     from palpate_lab.simulation.arena.layout import ArenaLayout
 
-__all__ = ["LAYOUTS", "ROBOTS", "ArenaRequest", "command", "robot_skin"]
-
 LAYOUTS = ("random", "paper", "u", "corridor")
 ROBOTS = 4
 MOST = 200  # robots

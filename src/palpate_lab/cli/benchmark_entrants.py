@@ -18,8 +18,6 @@ from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate_lab.benchmark.files import WIDTHS, Task, as_contacts
 
-__all__ = ["Entrant", "EntrantResult", "Prepare", "live_entrant", "users"]
-
 Prepare = Callable[
     [Task], Callable[[np.ndarray], Any] | None
 ]  # of a task: what answers its readings; None: not entered

@@ -12,8 +12,6 @@ from palpate.errors import InputError
 from palpate_lab.benchmark.files import read_benchmark
 from palpate_lab.cli.simulate import complete_session, require_new
 
-__all__ = ["benchmark_make"]
-
 
 def benchmark_make(
     *,

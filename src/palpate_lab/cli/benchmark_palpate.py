@@ -20,8 +20,6 @@ from palpate.setup.pipeline import estimate
 from palpate_lab.benchmark.files import Task, as_contacts
 from palpate_lab.cli.benchmark_entrants import Entrant, EntrantResult, live_entrant
 
-__all__ = ["palpate_entrants"]
-
 SLACK = 1.1  # of the stated bounds: the mesh's normals are not quite the surface's
 _SIX = (0, 1, 2, 4, 5, 8)  # of the nine of a covariance
 CALIBRATE = {  # in the folder of the task

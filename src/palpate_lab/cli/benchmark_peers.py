@@ -18,8 +18,6 @@ from palpate_lab.peers.image_peers import nearest_image, shrunk
 from palpate_lab.peers.to_wrenches import contact_wrenches, linear_map, payload_and_bias
 from palpate_lab.peers.wrench_peers import WRENCH_PEERS, Answer
 
-__all__ = ["peers"]
-
 TOUCHED = 0.5  # N: from which a log's wrench is one
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 PRESSED = 0.3  # N: from which the bench's force counts

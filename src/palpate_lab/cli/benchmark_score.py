@@ -18,8 +18,6 @@ from palpate_lab.benchmark.scoring import score
 from palpate_lab.cli.benchmark_entrants import Entrant, EntrantResult, users
 from palpate_lab.cli.benchmark_table import LEGEND, Row, as_markdown, as_page, cells, header
 
-__all__ = ["benchmark_score"]
-
 PAGES, TEXTS = (".html", ".htm"), (".md",)
 
 

@@ -13,8 +13,6 @@ from palpate.viewer.report import Report, ReportTable, Section, render
 from palpate_lab.benchmark.files import Task
 from palpate_lab.benchmark.scoring import NEAR, Score
 
-__all__ = ["LEGEND", "Row", "as_markdown", "as_page", "cells", "header"]
-
 LEGEND = (
     "answered: share of the contacts that have an answer",
     "median, 95 %: distance within which so many of all contacts were found; a miss is infinitely far off, and "

@@ -31,8 +31,6 @@ from palpate_lab.cli.simulate import require_new
 if TYPE_CHECKING:
     from palpate_lab.simulation.session import Session
 
-__all__ = ["demo"]
-
 CHAIN = (
     ("What is in the log and in the mesh?", "inspect touches.mcap", "inspect probe.stl"),
     ("Is the arm's clock the sensor's?", "calibrate clock free_motion.mcap --rig rig.toml -o rig.toml"),

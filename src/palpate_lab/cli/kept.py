@@ -15,8 +15,6 @@ from zlib import error as ZlibError
 
 from palpate.errors import InputError
 
-__all__ = ["kept"]
-
 Value = TypeVar("Value")
 PACKAGES = [Path(__file__).parents[2] / name for name in ("palpate", "palpate_lab")]
 

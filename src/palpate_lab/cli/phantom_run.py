@@ -29,8 +29,6 @@ from palpate_lab.simulation.phantom.elfin3 import urdf
 from palpate_lab.simulation.phantom.lab import PhantomLab, PhantomTruth, Reading
 from palpate_lab.simulation.phantom.probes import Probe
 
-__all__ = ["METHODS", "PhantomMoment", "controller_for", "moments", "phantom_arm", "phantom_payload"]
-
 FORCE = 7.0  # N, of the paper
 METHODS = ("ours", "paper")
 PAPER_PUSH = (10.0, 282.0)  # kg, N s/m of (7): not in the paper; fitted to its T = 10 s (experiments/moving_phantom)

@@ -15,8 +15,6 @@ from palpate.console.console import counting, lines, note, progress, title, wait
 from palpate.errors import InputError
 from palpate.files.atomic import PART, reserve_output
 
-__all__ = ["complete_session", "require_new", "simulate_marker_ring"]
-
 Flag = Annotated[bool, FlagCreatePairsOff]
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
 

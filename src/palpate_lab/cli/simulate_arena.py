@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from palpate_lab.viewer.arena import Arena, ArenaScene
 
     Show = Callable[[ArenaMoment], None]
-
-__all__ = ["simulate_arena"]
 
 Flag = Annotated[bool, FlagCreatePairsOff]
 Out = Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
@@ -178,7 +176,7 @@ def _filmed(run: ArenaRun, path: Path | None, stack: ExitStack) -> list[Show]:
     from palpate_lab.viewer.arena_picture import SIZE, ArenaPicture
 
     layout = run.settings.layout
-    picture, video = ArenaPicture(_drawn(run)), stack.enter_context(Video(path, SIZE, PICTURES))
+    picture, video = ArenaPicture(_drawn(run)), stack.enter_context(closing(Video(path, SIZE, PICTURES)))
     last = -1
 
     def show(moment: ArenaMoment) -> None:

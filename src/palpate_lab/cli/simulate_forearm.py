@@ -15,8 +15,6 @@ from palpate_lab.cli.simulate import complete_session, require_new
 if TYPE_CHECKING:
     from palpate_lab.simulation.touched import ForearmRun, ForearmSettings
 
-__all__ = ["simulate_forearm_command"]
-
 Flag = Annotated[bool, FlagCreatePairsOff]
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
 Count = Annotated[int, arg(metavar="N")]

@@ -13,8 +13,6 @@ from palpate.console.console import Quantity, lines, note, title, wait
 from palpate.errors import InputError
 from palpate_lab.cli.simulate import complete_session, require_new
 
-__all__ = ["simulate_load_cells"]
-
 
 def simulate_load_cells(
     *,

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
         int, Callable[[PhantomTruth, str], None]
     ]  # period in periods of the sensor, and the function that shows a moment
 
-__all__ = ["simulate_phantom"]
-
 Flag = Annotated[bool, FlagCreatePairsOff]
 Out = Annotated[Path, arg(aliases=["-o"], metavar="RUN.mcap")]
 Film = Annotated[Path | None, arg(metavar="RUN.mp4", help_behavior_hint="")]

@@ -12,8 +12,6 @@ from palpate.console.console import lines, note, title, wait
 from palpate.errors import InputError
 from palpate_lab.cli.simulate import complete_session, require_new
 
-__all__ = ["simulate_pokes"]
-
 _PACE = (0.9, 0.1, 0.3, 1.0, 0.6)  # s: from poke to poke, rising, held, at rest before, moving: a quick hand
 _MOST = 5000  # pokes: four hours of log, which are made in memory
 _RIG = """# A forearm with {taxels} taxels, poked: to find where each of them sits. Lengths in metres.

@@ -11,7 +11,6 @@ that paper a paraboloid is then fitted to the touched region.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -21,11 +20,9 @@ from numpy.typing import ArrayLike
 from palpate.contact.estimate import Status
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import frozen, shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import skew
 from palpate.surfaces.mesh import Mesh
-
-__all__ = ["Equation", "IterativeResult", "PatchParaboloid", "fit_paraboloid", "locate_iteratively"]
 
 RINGS, SPOKES = 5, 12  # where a mesh is asked for its surface about a point
 POOR_FIT = 0.05  # of the region's radius: the largest rms distance between paraboloid and mesh
@@ -61,8 +58,7 @@ class Equation(Protocol):
         ...
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class IterativeResult:
     """Result of the iteration: its end point, and its status.
 
@@ -91,8 +87,7 @@ class IterativeResult:
         return self.residual <= CONVERGED
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class PatchParaboloid:
     """A paraboloid z = a + b x + c y + d x^2 + e x y + f y^2 in a local frame, fitted to a region of a mesh.
 

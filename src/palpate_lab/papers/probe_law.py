@@ -17,8 +17,6 @@ from palpate.signals.smoothing import Forward
 from palpate.spatial._arrays import require_out
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Plain", "force_error", "selected_step", "turning_error"]
-
 LOW_PASS = 10.0  # Hz, of the place of the contact, as the paper chose it from a spectrum
 USED = np.full(1, -1, dtype=np.int8)
 

@@ -8,8 +8,6 @@ from jaxtyping import Float
 from palpate.spatial._arrays import require_finite
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["PaperForce", "paper_contacts"]
-
 _LEAST = 1.0  # px: a middle marker that moved less is no contact
 
 

@@ -7,8 +7,6 @@ from collections import deque
 
 from palpate.control.drive import DifferentialDrive
 
-__all__ = ["Speedometer", "Steering"]
-
 PROPORTIONAL, INTEGRAL = 3.0, 0.5  # 1/s, 1/s^2: k_p, k_i
 SMALL = 0.35  # rad up to which the integral counts; it is reset beyond
 _PAUSE = 0.2  # s between two updates beyond which the integral does not count the time

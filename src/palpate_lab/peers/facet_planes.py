@@ -10,8 +10,6 @@ from jaxtyping import Bool, Float, Int
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["INSIDE", "facet_planes", "paper_systems", "system_filler", "within"]
-
 INSIDE = -1e-8  # barycentric coordinates of a facet's own points
 Planes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 Systems = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # a wrench (6,) to matrices (f, 4, 4) and rights (f, 4)

@@ -9,8 +9,6 @@ from jaxtyping import Float, UInt8
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["BLOCK", "nearest_image", "shrunk"]
-
 BLOCK = 8  # pixels, whose mean is compared
 
 

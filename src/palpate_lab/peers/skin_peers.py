@@ -9,8 +9,6 @@ from jaxtyping import Float
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["CellPlaces", "all_taxels", "minimum_norm", "patches", "patches_and_wrench"]
-
 LEAST = 0.15  # N a cell: below it is noise of the counts
 REACH = 1.6  # of the usual distance between neighbours: cells of one patch
 

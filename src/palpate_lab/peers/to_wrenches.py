@@ -9,8 +9,6 @@ from palpate.spatial._arrays import require_finite
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
-__all__ = ["contact_wrenches", "linear_map", "payload_and_bias"]
-
 
 @takes_arrays
 def payload_and_bias(

@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from palpate.errors import not_loaded
-
-__all__ = ["Bag", "Stamped", "header", "nanoseconds", "open_bag", "poses", "readings", "wrenches", "write_bag"]
+from palpate.errors import importing_extra
 
 Stamped = tuple[int, str, Any]  # ns, topic, message
 
@@ -55,11 +53,9 @@ def open_bag(path: Path, kinds: Mapping[str, str]) -> Generator[Bag]:
     Raises:
         InputError: rosbags is not installed.
     """
-    try:
+    with importing_extra("writing MCAP needs rosbags", "ros"):
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
-    except ImportError as problem:
-        raise not_loaded(problem, "writing MCAP needs rosbags", "ros") from problem
     store = get_typestore(Stores.ROS2_HUMBLE)
     with tempfile.TemporaryDirectory(dir=path.parent) as scratch:  # rosbags writes a folder with one MCAP in it
         bag = Path(scratch) / "bag"

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["FINGERTIP", "Ellipse", "pressed_wrench"]
-
 RINGS, SPOKES = 16, 24  # of the cap of the ball that presses: twice as many move the line of action by 0.3 um
 _STEPS = 4  # of Newton to the ellipse's nearest point, from a place at most a ball away
 

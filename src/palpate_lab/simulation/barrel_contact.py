@@ -20,8 +20,6 @@ from scipy import sparse
 
 from palpate.errors import InputError
 
-__all__ = ["Band", "Indenter", "Settled", "settle"]
-
 STIFFNESS = (
     1.5e8  # N/m^3 of the contact: the skin as finely as the mesh cannot dent (Hertz: 58 kPa and 0.6 mm under 0.7 N)
 )

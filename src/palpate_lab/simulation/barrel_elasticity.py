@@ -18,8 +18,6 @@ from scipy.linalg import cho_factor, cho_solve
 
 from palpate.errors import not_loaded
 
-__all__ = ["COARSE_ROWS", "BarrelSettings", "Solid", "compliance", "solid", "stiffness_matrix"]
-
 FULL_ROWS = (0.0, 0.004, 0.008, 0.012, 0.016, 0.022, 0.029, 0.037, 0.045)
 COARSE_ROWS = (0.0, 0.006, 0.016, 0.029, 0.045)
 

@@ -11,8 +11,6 @@ from palpate.errors import GeometryError
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import skew
 
-__all__ = ["LAYOUTS", "CellArray", "in_line", "random_cells"]
-
 GAIN = 0.1  # V/N: of a cell
 SPREAD = 0.2  # of gains and stiffnesses, to either side
 COUPLING = 0.05  # of the gain: one standard deviation of what another axis adds

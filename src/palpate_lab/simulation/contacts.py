@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["contact_wrenches", "directed_forces", "touch_wrenches"]
-
 
 def contact_wrenches(
     points: Float[np.ndarray, "*batch 3"],

@@ -10,8 +10,6 @@ from palpate.errors import InputError
 from palpate.signals.drift import Drift
 from palpate.spatial._arrays import shaped
 
-__all__ = ["simulate_drift"]
-
 
 def simulate_drift(
     time: ArrayLike, drift: Drift, rng: np.random.Generator, temperature: ArrayLike | None = None

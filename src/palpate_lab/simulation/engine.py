@@ -5,9 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from palpate.errors import not_loaded
-
-__all__ = ["engine"]
+from palpate.errors import importing_extra
 
 
 def engine(what: str) -> Any:
@@ -19,7 +17,5 @@ def engine(what: str) -> Any:
     Raises:
         InputError: MuJoCo is not installed.
     """
-    try:
+    with importing_extra("the simulation needs MuJoCo", "simulation", where=what):
         return import_module("mujoco")
-    except ImportError as problem:
-        raise not_loaded(problem, "the simulation needs MuJoCo", "simulation", where=what) from problem

@@ -19,8 +19,6 @@ from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial._arrays import Value, frozen
 from palpate.surfaces.surface import Surface
 
-__all__ = ["Cone", "Forearm", "Skin", "SurfaceSkin", "nearby", "places_near"]
-
 _TRIES = 200  # rounds of drawing places before an error
 
 

@@ -15,8 +15,6 @@ from palpate_lab.simulation.ball_on_ellipse import FINGERTIP, Ellipse, pressed_w
 from palpate_lab.simulation.cell_array import LAYOUTS, CellArray, random_cells
 from palpate_lab.simulation.contacts import contact_wrenches
 
-__all__ = ["BENCHES", "PATHS", "Bench", "BenchRun"]
-
 RATE, CUTOFF, ORDER = 1000.0, 100.0, 2  # Hz, Hz: of all signals
 SPEED = 2.5e-3  # m/s: of the stages
 REST, APPROACH, PRESS, HOLD, BREAK_AWAY, PAUSE = 2.0, 0.25, 1.0, 0.5, 0.3, 30.0  # s

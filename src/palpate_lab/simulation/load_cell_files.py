@@ -9,8 +9,6 @@ from jaxtyping import Float
 
 from palpate_lab.simulation.load_cell_bench import Bench, BenchRun
 
-__all__ = ["load_cell_rig", "voltage_columns", "write_bench_log", "write_load_cell_session", "write_voltage_log"]
-
 _AXES = ("x", "y", "z")
 _DIGITS = 9  # behind the point: of V, N, m and s alike
 _TRUTH = ("time", "px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz")

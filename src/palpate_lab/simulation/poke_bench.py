@@ -28,21 +28,6 @@ from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.forearm import Forearm, Skin, nearby, places_near
 
-__all__ = [
-    "HAND",
-    "MIX",
-    "NOISE2",
-    "PERSET",
-    "Elbow",
-    "PokeBench",
-    "PokeErrors",
-    "PokeSession",
-    "SoftLayer",
-    "Tip",
-    "TipContacts",
-    "boussinesq",
-]
-
 FAR = 9e-3  # m from all that presses: 15 N there are less than a quarter of a count
 
 

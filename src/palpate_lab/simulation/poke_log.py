@@ -14,8 +14,6 @@ from jaxtyping import Float, Int, UInt8
 from palpate.spatial._arrays import Value, frozen
 from palpate_lab.simulation.poke_bench import PokeSession
 
-__all__ = ["EVERY", "RATE", "PokeLog", "Timing", "simulate_poke_log"]
-
 RATE = 200.0  # Hz, of wrenches
 EVERY = 4  # samples: taxels come at 50 Hz
 _GRAVITY = np.array([4.9, -2.9, 7.98])  # m/s^2 in the sensor's frame: the upper arm stands still

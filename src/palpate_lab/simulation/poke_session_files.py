@@ -18,18 +18,6 @@ from palpate_lab.simulation.poke_bench import PokeSession
 from palpate_lab.simulation.poke_log import EVERY, PokeLog, Timing, simulate_poke_log
 from palpate_lab.simulation.skin_touches import SkinTouches, simulate_touches
 
-__all__ = [
-    "JOINTS",
-    "JOINT_TOPIC",
-    "TAXEL_TOPIC",
-    "WRENCH_TOPIC",
-    "write_arm",
-    "write_places",
-    "write_poke_log",
-    "write_poke_session",
-    "write_touches",
-]
-
 WRENCH_TOPIC, TAXEL_TOPIC, JOINT_TOPIC = "/ft_sensor/wrench", "/skin/taxels", "/joint_states"
 JOINTS = ("elbow_pitch", "elbow_roll")
 _WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")

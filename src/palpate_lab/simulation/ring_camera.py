@@ -15,8 +15,6 @@ from jaxtyping import Float, UInt8
 
 from palpate.opencv import opencv
 
-__all__ = ["Look", "RenderedCamera", "RingCamera"]
-
 HEIGHT = 0.040  # m above the ring
 FINE = 8  # a marker's edge is drawn this much finer: its centroid is right to 0.01 px
 SKIN, RED = np.array([34.0, 30.0, 32.0]), np.array([40.0, 36.0, 190.0])  # blue, green, red of 255

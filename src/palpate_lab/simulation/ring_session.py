@@ -17,8 +17,6 @@ from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
 from palpate_lab.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
 from palpate_lab.simulation.ring_camera import Look, RenderedCamera, RingCamera
 
-__all__ = ["Faults", "Protocol", "RingSession", "RingUnit", "Touching", "calibration_run", "touching_run"]
-
 RATE = 30.0  # Hz
 REST = 1.0  # s without load before anything else
 DRAG = 0.002  # m

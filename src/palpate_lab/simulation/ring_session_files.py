@@ -15,8 +15,6 @@ from palpate.opencv import opencv
 from palpate_lab.simulation.ring_camera import RingCamera
 from palpate_lab.simulation.ring_session import RATE, RingSession, RingUnit
 
-__all__ = ["write_calibration_run", "write_touching_run"]
-
 Images = Literal["video", "folder"]
 RIG = """# A ring of markers inside a barrel of silicone, seen by a fisheye camera. Lengths in metres.
 [marker_ring]

@@ -15,8 +15,6 @@ from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate_lab.simulation.contacts import contact_wrenches, directed_forces
 from palpate_lab.simulation.shapes import Superquadric
 
-__all__ = ["Load", "Session", "SessionTouches", "simulate_session"]
-
 RATE = 200.0  # Hz
 NOISE = np.array([0.02] * 3 + [0.001] * 3)  # N, N m: one standard deviation of one reading
 GRAVITY = np.array([0.0, 0.0, -9.80665])  # m/s^2, base frame

@@ -13,8 +13,6 @@ from palpate.signals.recording import ORIENTATION, Recording
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.session import NOISE, Session, SessionTouches
 
-__all__ = ["POSE_TOPIC", "WRENCH_TOPIC", "write_session"]
-
 WRENCH_TOPIC, POSE_TOPIC = "/ft_sensor/wrench", "/arm/sensor_pose"
 LOG = ("time", "fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 TOUCH = ("start", "end", "px", "py", "pz", "label")

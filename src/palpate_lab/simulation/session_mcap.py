@@ -11,8 +11,6 @@ from palpate_lab.simulation.bags import Stamped, poses, wrenches, write_bag
 from palpate_lab.simulation.session import Session
 from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 
-__all__ = ["CLOCK_OFFSET", "write_session_mcap"]
-
 CLOCK_OFFSET = 0.030  # s by which the arm's clock is behind the sensor's
 POSE_EVERY = 2  # samples: poses come at half the rate
 POSITION = (0.4, 0.0, 0.6)  # m: the arm turns the sensor about its origin

@@ -12,8 +12,6 @@ from jaxtyping import Float, Int
 
 from palpate.spatial._arrays import frozen
 
-__all__ = ["Body", "BumpySphere", "EllipsoidBody", "Superquadric", "icosphere"]
-
 
 class Body(ABC):
     """A closed body about the origin; a new one defines `value`, `gradient` and `on_ray` only."""

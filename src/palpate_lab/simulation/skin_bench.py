@@ -17,8 +17,6 @@ from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.signals.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
 
-__all__ = ["PaperSheet", "Patch", "Press", "Rolled", "Wand", "paper_sheet", "press", "read_out", "wand_poses"]
-
 _RINGS = 40  # of points in a patch one cell wide, twice as many in each: a cell's share errs by less than 1 %
 LOW, HIGH = 100.0, 11.5  # counts per newton of a 1 cm^2 cell: 10 a kPa at first, then so that 200 kPa is the range
 JOINT = 0.283  # N: 10 of the 90 pF, and so of the 255 counts, belong to the sensitive range [skin map, table 1]

@@ -14,8 +14,6 @@ from jaxtyping import Float, Int
 from palpate.signals.recording import Recording
 from palpate_lab.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out, wand_poses
 
-__all__ = ["SkinSession", "load_cell_presses", "simulate_protocol"]
-
 RATE = 50.0  # Hz
 HOLD, PAUSE, RAMP = 0.8, 0.4, 0.1  # s
 FORCE_NOISE, TORQUE_NOISE = 0.05, 0.001  # N, N m, of the sensor below

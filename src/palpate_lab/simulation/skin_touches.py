@@ -17,8 +17,6 @@ from palpate.spatial._arrays import Value, frozen
 from palpate_lab.simulation.forearm import Skin, places_near
 from palpate_lab.simulation.poke_bench import PokeBench
 
-__all__ = ["Finger", "SkinTouches", "simulate_touches"]
-
 RATE = 50.0  # Hz, of frames
 _RINGS = 8  # of points in a disc, sixteen in each
 _TRIES = 400

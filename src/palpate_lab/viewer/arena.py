@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from palpate.errors import InputError
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.viewer._style import AXES, STATUS, mixed
-
-__all__ = ["FORCE", "Arena", "ArenaScene", "Trails", "colour", "newtons"]
 
 STEP = 0.01  # m between two points of a trail
 _COLOURS = (AXES[2], AXES[1], STATUS[6], STATUS[1], STATUS[7], STATUS[5])  # vermilion is kept for forces
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Arena:
     """The fixed parts of an arena that is drawn.
 
@@ -61,8 +56,7 @@ class Arena:
         return corners
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class ArenaScene:
     """A moment of a run, as it is drawn.
 

@@ -13,8 +13,6 @@ from palpate.viewer._style import DARK, MUTED, RULE, STATUS, mixed
 from palpate.viewer.ink import Ink
 from palpate_lab.viewer.arena import FORCE, Arena, ArenaScene, Trails, colour, newtons
 
-__all__ = ["SIZE", "ArenaPicture", "senses"]
-
 SIZE = (960, 720)
 HEAD, FOOT, SIDE = 48, 118, 24  # px above, below and at the sides of the field
 LONG = 0.045  # m of an arrow for each newton
@@ -140,7 +138,7 @@ class ArenaPicture:
             felt, said = scene.touches[robot], newtons(scene.touches[robot])
             shade = _BLIND if felt is None else FORCE if len(felt) else mixed(MUTED, 0.0)
             ink.text(picture, ink.cut(said, 0.4, room), (x, top + 32), 0.4, shade)
-            for row, words in enumerate(ink.wrapped(scene.whys[robot], 0.34, room, rows=4)):
+            for row, words in enumerate(_wrapped(ink, scene.whys[robot], 0.34, room, rows=4)):
                 ink.text(picture, words, (x, top + 48 + 14 * row), 0.34, mixed(MUTED, 0.0))
 
     def _counts(self, picture: np.ndarray, scene: ArenaScene) -> None:
@@ -201,3 +199,17 @@ def _view(ink: Ink, scene: ArenaScene, robot: int, radius: float, height: int) -
         tip = middle + ring * out
         ink.arrow(view, np.stack([tip + max(0.09, 0.22 * min(force / 5.0, 1.0)) * height * out, tip]), FORCE)
     return view
+
+
+def _wrapped(ink: Ink, words: str, size: float, room: int, rows: int) -> list[str]:
+    """Return a sentence as at most `rows` lines that fit into `room` [px], the last one cut."""
+    lines = [""]
+    for word in words.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if ink.width(longer, size) <= room or not lines[-1]:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    if len(lines) > rows:
+        lines[rows - 1] = " ".join(lines[rows - 1 :])
+    return [ink.cut(line, size, room) for line in lines[:rows]]

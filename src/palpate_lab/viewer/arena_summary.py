@@ -9,15 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from palpate.spatial.arguments import takes_arrays
-from palpate.viewer._style import AXES, INK, figure, styled
+from palpate.viewer._style import AXES, INK, figure, plotted
 from palpate.viewer.report import Report, ReportTable, Section, Tile, first_rows, percent, picture
 from palpate.viewer.samples import median
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["Judged", "arrivals", "compose", "figures"]
 
 SHOWN = 200  # runs in the table of all
 GOOD, POOR = 0.95, 0.7  # shares of the robots
@@ -146,8 +143,7 @@ def _over_time(runs: Sequence[Judged]) -> Section:
     return Section("When they arrive", pictures=(picture(drawn, "Robots that arrived, by the time they took."),))
 
 
-@takes_arrays
-@styled()
+@plotted
 def arrivals(times: Float[np.ndarray, " n"]) -> Figure:
     """Draw a histogram of arrival times (n,) [s], at least one, as a `Figure` of matplotlib.
 

@@ -22,8 +22,6 @@ from palpate_lab.viewer.arena_picture import senses
 if TYPE_CHECKING:
     from viser import SceneApi
 
-__all__ = ["LiveArena"]
-
 TICK, SLOW = 1 / 15, 1 / 4  # s of the clock between two pictures, and between two states of the panel and the trails
 PATIENCE = 0.05  # s between two looks at the panel while it waits
 BEFORE = np.array([0.0, -0.57, 0.82])  # where the camera stands: before the lower wall, and above it

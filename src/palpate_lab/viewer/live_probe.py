@@ -22,8 +22,6 @@ from palpate.viewer.widgets import add_curves, card, dock
 if TYPE_CHECKING:
     from viser import CylinderHandle
 
-__all__ = ["LiveProbe"]
-
 SCALE = 10.0  # of the picture: the page likes things of about one unit
 SHOWN = 300  # rows of a curve
 ARROW = 0.01 * SCALE  # for each newton

@@ -18,8 +18,6 @@ from palpate.errors import InputError
 from palpate.files.tables.table import TextTable, read_table
 from palpate.files.units import near
 
-__all__ = ["csv_blocks", "header", "noted", "read_csv", "require_columns", "to_csv"]
-
 _PIECE = 1 << 23  # bytes of text parsed at a time
 
 

@@ -12,52 +12,19 @@ from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.table import pointless
 from palpate.files.mcap.rows import CDR, ChannelRows, Fields, layout, made, stamped
 from palpate.files.mcap.writer import WrittenTopic
+from palpate.files.message_types import RULE, described, written_topic
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
     "KIND",
     "LATEST",
     "POSE_FIELDS",
-    "POSE_STAMPED",
-    "STAMPED",
-    "VECTOR",
     "WRENCH_FIELDS",
-    "WRENCH_STAMPED",
     "ContactMessages",
     "named_features",
     "topics",
 ]
 
-_RULE = "=" * 80
-STAMPED = f"""{_RULE}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{_RULE}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-_THREE = "float64 x\nfloat64 y\nfloat64 z\n"
-_POINT = f"{_RULE}\nMSG: geometry_msgs/Point\n{_THREE}"
-VECTOR = f"{_RULE}\nMSG: geometry_msgs/Vector3\n{_THREE}"
-POSE_STAMPED = f"""std_msgs/Header header
-geometry_msgs/Pose pose
-{STAMPED}{_RULE}
-MSG: geometry_msgs/Pose
-geometry_msgs/Point position
-geometry_msgs/Quaternion orientation
-{_POINT}{_RULE}
-MSG: geometry_msgs/Quaternion
-{_THREE}float64 w
-"""
-WRENCH_STAMPED = f"""std_msgs/Header header
-geometry_msgs/Wrench wrench
-{STAMPED}{_RULE}
-MSG: geometry_msgs/Wrench
-geometry_msgs/Vector3 force
-geometry_msgs/Vector3 torque
-{VECTOR}"""
 _CONTACT = f"""# One row of the contacts that `palpate estimate` writes. SI; NaN where there is nothing to say.
 {"".join(f"uint8 {status.name}={int(status)}" + chr(10) for status in Status)}
 std_msgs/Header header
@@ -90,16 +57,17 @@ LATEST = 2**31 * 10**9 - 1  # ns: the largest stamp whose seconds fit an int32
 def topics(features: tuple[str, ...] = ()) -> tuple[WrittenTopic, ...]:
     """Return the topics of a file of contacts: one with all numbers of each row, two for viewers."""
     added = "".join(f"float64 {name} # of the sensor, SI\n" for name in features)
+    inner = ("std_msgs/Header", "geometry_msgs/Point", "geometry_msgs/Vector3")
     return (
-        WrittenTopic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{STAMPED}{_POINT}{VECTOR}"),
-        WrittenTopic("/palpate/contact/point", "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
-        WrittenTopic("/palpate/contact/wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED),
+        WrittenTopic("/palpate/contact/estimate", KIND, described(f"{_CONTACT}{added}{_STATUS}", inner)),
+        written_topic("/palpate/contact/point", "geometry_msgs/PoseStamped"),
+        written_topic("/palpate/contact/wrench", "geometry_msgs/WrenchStamped"),
     )
 
 
 def named_features(definition: str) -> tuple[str, ...]:
     """Return the names of the features in a definition of `KIND`."""
-    own = definition.split(_RULE, 1)[0].partition("covariance")[2]
+    own = definition.split(RULE, 1)[0].partition("covariance")[2]
     return tuple(re.findall(r"^float64 (\w+)", own, re.MULTILINE))
 
 

@@ -20,8 +20,6 @@ from palpate.files.messages import MessageBlock
 from palpate.files.tables.lines import open_input, read_some
 from palpate.forks import require_polars_threads
 
-__all__ = ["contact_blocks"]
-
 _ROWS = 65_536  # of a Parquet file read at a time
 _KIND = KIND.replace("/msg/", "/")
 

@@ -16,15 +16,15 @@ from pathlib import Path
 import polars as pl
 
 from palpate.contact.contacts import Contacts
+from palpate.contact.events import Events
 from palpate.contact.table import schema, to_frame
 from palpate.errors import InputError
-from palpate.files.atomic import PART, WHOLE, growing, part, writing
+from palpate.files.atomic import PART, WHOLE, growing, part, replacing, writing
 from palpate.files.contacts.csv import header, to_csv
 from palpate.files.contacts.mcap import ContactMessages, topics
 from palpate.files.contacts.reading import contact_blocks
 from palpate.files.mcap.writer import McapWriter
-
-__all__ = ["ContactsWriter", "open_contacts", "read_contacts", "require_format", "unfinished", "write_contacts"]
+from palpate.forks import require_polars_threads
 
 _SMALL = 4096  # rows up to which Parquet files grow, should blocks be small
 _GROUP = 20_000  # rows of a group in the joined Parquet file: memory is a few of them
@@ -238,3 +238,26 @@ def unfinished(path: Path) -> Path | None:
         return part(path) if not path.exists() and part(path).exists() else None
     except (InputError, OSError, ValueError):
         return None
+
+
+def write_events(path: Path, events: Events) -> None:
+    """Write touches as CSV, in SI: start,end,px,py,pz,label, then other columns; labels count from 1.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    require_polars_threads()
+    columns = {
+        "start": events.start,
+        "end": events.end,
+        **dict(zip(("px", "py", "pz"), events.point.T, strict=True)),
+        "label": [str(k + 1) for k in range(len(events))],
+        **dict(zip(("nx", "ny", "nz"), events.normal.T, strict=True)),
+        **{name: getattr(events, name) for name in ("peak_force", "peak_time", "mean_force", "deviation", "slid")},
+        "samples": events.samples,
+        "ambiguous": events.ambiguous,
+        "contact": events.identity,
+        **events.features,
+    }
+    with replacing(path) as temporary:
+        pl.DataFrame(columns).with_columns(pl.col(pl.Float64).fill_nan(None)).write_csv(temporary)

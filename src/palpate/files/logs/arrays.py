@@ -19,8 +19,6 @@ from palpate.files.logs.log import LogContents
 from palpate.files.tables.lines import open_input
 from palpate.signals.recording import Recording
 
-__all__ = ["ArrayLog", "DataFrame", "HeldLog", "arrays_of"]
-
 _MAGIC = b"\x93NUMPY"
 _DAMAGED = (
     OSError,

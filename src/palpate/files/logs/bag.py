@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import InputError, not_loaded
+from palpate.errors import InputError, importing_extra
 from palpate.files.mcap.reader import McapFile
 from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
 from palpate.files.tables.lines import open_input
-
-__all__ = ["BagFile", "natural", "open_folder"]
 
 _MOST, _BYTES = 1 << 13, 1 << 22  # messages and bytes of a batch
 
@@ -128,11 +126,9 @@ class BagFile(MessageFile):
         """Yield rosbags' reader; its errors become InputErrors."""
         if self.path.is_file():
             open_input(self.path).close()
-        try:
+        with importing_extra("bags need rosbags", "ros", where=str(self.path)):
             from rosbags.rosbag1 import Reader as Reader1
             from rosbags.rosbag2 import Reader as Reader2
-        except ImportError as problem:
-            raise not_loaded(problem, "bags need rosbags", "ros", where=str(self.path)) from problem
         try:
             with (Reader1 if self.path.suffix == ".bag" else Reader2)(self.path) as bag:
                 yield bag

@@ -15,8 +15,6 @@ from palpate.files.tables.stated import Stated
 from palpate.files.tables.table import tables
 from palpate.signals.recording import Recording
 
-__all__ = ["CsvLog"]
-
 PIECE = 1 << 21  # bytes
 HEAD = 1 << 16  # bytes, in which the header is looked for
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.files.logs.cursor import Cursor, taken
+from palpate.files.message_types import NUMBERS
 from palpate.files.messages import MessageBlock, Topic
 from palpate.spatial.arguments import takes_arrays
 
@@ -47,8 +48,7 @@ FIXED: Mapping[str, MessageLayout] = {
     "std_msgs/Float64": MessageLayout("temperature", 0, 1, 0, strings=0),
 }
 ARRAYS: Mapping[str, str] = {  # -> NumPy's code of each number, such as "f8"
-    f"std_msgs/{name}MultiArray": np.dtype(name.lower()).str[1:]
-    for name in ("Float64", "Float32", "UInt8", "Int8", "UInt16", "Int16", "UInt32", "Int32")
+    f"std_msgs/{name}MultiArray": np.dtype(name.lower()).str[1:] for name in NUMBERS
 }
 IMAGE = "sensor_msgs/Image"
 _DEPTHS: Mapping[bytes, str] = {  # encoding of an image with one channel -> what each pixel is

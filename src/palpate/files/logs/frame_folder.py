@@ -19,8 +19,6 @@ from palpate.files.logs.video import RATE
 from palpate.opencv import opencv
 from palpate.signals.recording import Recording
 
-__all__ = ["FrameFolder", "holds_frames"]
-
 FRAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 TIMES = ("times.csv", "truth.csv")
 _BAG = (".mcap", ".db3")

@@ -12,8 +12,6 @@ from palpate.files.logs.cursor import Cursor
 from palpate.files.logs.images import decoded, to_bgr
 from palpate.files.messages import MessageBlock, Topic
 
-__all__ = ["IMAGES", "ImageMessage", "image_messages"]
-
 _RAW, _COMPRESSED, _FOXGLOVE = "sensor_msgs/Image", "sensor_msgs/CompressedImage", "foxglove_msgs/CompressedImage"
 IMAGES = (_RAW, _COMPRESSED, _FOXGLOVE)  # the last as ROS 2 writes it
 

@@ -18,8 +18,6 @@ from palpate.files.messages import MessageBlock, MessageFile, Topic
 from palpate.opencv import opencv
 from palpate.signals.recording import Recording
 
-__all__ = ["ImageTopicLog", "first_size"]
-
 
 class ImageTopicLog(ImageLog):
     """The images of one topic as a log; times are the headers' stamps, or the recorder's if these are all 0."""

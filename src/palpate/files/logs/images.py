@@ -16,8 +16,6 @@ from palpate.files.logs.samples import SampleReader
 from palpate.opencv import opencv
 from palpate.signals.recording import IMAGE, Recording
 
-__all__ = ["Frame", "ImageLog", "decoded", "refuse_others", "to_bgr"]
-
 ROWS = 32  # frames of a block, or fewer if they are large
 BYTES = 1 << 26  # of a block
 _NAMED = 3  # frames that a note names

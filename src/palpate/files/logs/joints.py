@@ -14,8 +14,6 @@ from palpate.files.messages import MessageBlock, Topic
 from palpate.files.urdf import Kinematics
 from palpate.spatial.pose_track import PoseTrack
 
-__all__ = ["JOINTS", "JointPoses", "joint_names", "joint_positions", "joint_stamps", "joint_topic"]
-
 JOINTS = "sensor_msgs/JointState"
 _LAYOUTS = 64  # distinct lists of joint names in a block of messages; a robot has fewer
 _MOST = 1000  # joints of a message

@@ -16,21 +16,6 @@ from palpate.files.tables.stated import Stated
 from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, SAMPLES, TIME_UNITS, TORQUE_UNITS, split_unit, to_si
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION
 
-__all__ = [
-    "ACCELERATION_COLUMNS",
-    "ORIENTATION_COLUMNS",
-    "POSE_COLUMNS",
-    "POSITION_COLUMNS",
-    "WRENCH_COLUMNS",
-    "ArrayChannel",
-    "ImageChannel",
-    "LogLayout",
-    "axis_matrix",
-    "pose_path",
-    "require_stated",
-    "stated_layout",
-]
-
 WRENCH_COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz")
 ORIENTATION_COLUMNS = ("qx", "qy", "qz", "qw")
 POSITION_COLUMNS = ("x", "y", "z")

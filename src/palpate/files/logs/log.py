@@ -14,8 +14,6 @@ from palpate.files.messages import Topic, Watched
 from palpate.files.tables.stated import Stated
 from palpate.signals.recording import CELLS, Recording
 
-__all__ = ["Images", "Log", "LogContents", "Stored"]
-
 Stored = tuple[Float[np.ndarray, " n"], np.ndarray]  # times [s], and frames (n, k) as they are stored
 
 

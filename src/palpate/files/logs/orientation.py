@@ -11,8 +11,6 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["FORMS", "QUATERNION", "SensorPose"]
-
 QUATERNION = "quaternion"
 FORMS = {  # name -> numbers of a pose
     QUATERNION: (4,),

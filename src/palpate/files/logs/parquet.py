@@ -17,8 +17,6 @@ from palpate.files.tables.stated import Stated
 from palpate.forks import require_polars_threads
 from palpate.signals.recording import Recording
 
-__all__ = ["ParquetLog"]
-
 PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so few
 
 

@@ -17,8 +17,6 @@ from palpate.signals.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose_track import PoseTrack
 
-__all__ = ["PoseTable", "converted", "pose_layout"]
-
 _SHIFT = "State offset [s] in the rig's [orientation], or record both on one clock."
 _UNIT = "time_unit in the rig's [orientation]"
 _LEAST = 0.1  # of the length of the log, that the poses are long in a unit that is proposed

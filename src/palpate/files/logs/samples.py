@@ -30,8 +30,6 @@ from palpate.signals.recording import (
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["NUMBERS", "WRENCH", "SampleReader", "rows_at_once"]
-
 WRENCH = "wrench"  # (n, 6) force and torque as recorded
 NUMBERS = 1 << 22  # numbers per block
 

@@ -9,8 +9,6 @@ from jaxtyping import Bool, Float
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["StuckWrenches"]
-
 FIRST = 1000  # rows that differ from the one before, which decide what is usual in a log,
 LATEST = 1 << 13  # unless they are not among so many rows
 FEWEST = 100  # rows without which nothing is noted; and rows for which a dead channel stands while others change

@@ -13,8 +13,6 @@ from palpate.files.logs.joints import JOINTS, joint_names
 from palpate.files.logs.transforms import SeenEdge, TransformTree, frame_name, tree_topics
 from palpate.files.messages import MessageBlock, MessageFile, Topic
 
-__all__ = ["Survey", "survey_of"]
-
 
 @dataclass
 class Survey:

@@ -14,8 +14,6 @@ from palpate.files.tables.stated import Stated
 from palpate.files.units import TIME_UNITS, known_unit
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["judged_unit", "stated_unit"]
-
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # times of day above these cannot be seconds
 _DATES = (1e9, 2.5e9)  # s: of the years 2001 to 2049, unless steps are as long as microseconds make them
 _LONGEST_STEP = 50.0  # us: of 20 kHz

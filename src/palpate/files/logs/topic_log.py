@@ -23,8 +23,6 @@ from palpate.files.urdf import Kinematics, Urdf
 from palpate.signals.recording import ACCELERATION, AVERAGED, ORIENTATION, POSITION, TEMPERATURE, Recording
 from palpate.spatial.pose_track import PoseTrack
 
-__all__ = ["TopicLog"]
-
 BLOCK = 1 << 13  # rows, of few numbers each
 BESIDE = 7  # numbers behind an array in a live record: the wrench, and of how many readings it is the mean
 TEMPERATURE_GAP = 60.0  # s: it changes slowly

@@ -12,8 +12,6 @@ from palpate.files.logs.log import LogContents
 from palpate.files.messages import Topic
 from palpate.files.units import near
 
-__all__ = ["POSE_KINDS", "choose", "choose_images", "doubtful", "main_channel", "sentence"]
-
 _ENCODINGS = ("cdr", "ros1")
 _SHOWN = 12  # topics in a sentence
 _DOUBLES = "std_msgs/Float64MultiArray"

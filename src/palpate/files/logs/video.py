@@ -19,8 +19,6 @@ from palpate.files.tables.lines import open_input
 from palpate.opencv import opencv
 from palpate.signals.recording import Recording
 
-__all__ = ["RATE", "VIDEOS", "VideoLog", "is_video"]
-
 VIDEOS = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm")
 RATE = 30.0  # Hz where nothing says it
 _BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")  # that an MP4 or QuickTime file may begin with

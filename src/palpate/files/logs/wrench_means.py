@@ -6,14 +6,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["WrenchMeans"]
-
-SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this
+from palpate.spatial.stamped_rows import SLACK, StampedRows
 
 
 @takes_arrays
-class WrenchMeans:
+class WrenchMeans(StampedRows):
     """Wrenches that are added in pieces, and averaged about the times of rows, in order.
 
     A row's mean is over the readings within half a step to either side, each used once; without any, the wrench is
@@ -25,11 +22,9 @@ class WrenchMeans:
     """
 
     def __init__(self, max_gap: float = 0.25, limits: Float[np.ndarray, "6"] | None = None) -> None:
-        self.max_gap = max_gap
-        self.late = self.unanswered = self.rows = 0
+        super().__init__(7, max_gap)
+        self.unanswered = self.rows = 0
         self._limits = np.full(6, np.inf) if limits is None else limits
-        self._kept, self._fresh = np.zeros((0, 7)), list[np.ndarray]()
-        self._newest, self._complete = -np.inf, False
         self._last = np.nan  # the row before
         self._step = 0.0  # between rows, the last that was no gap
 
@@ -40,16 +35,7 @@ class WrenchMeans:
             InputError: arrays of other shapes.
         """
         stamped = np.column_stack([time, wrenches])
-        stamped = stamped[np.isfinite(stamped).all(axis=1)]
-        reached = np.maximum.accumulate(np.append(self._newest, stamped[:, 0]))
-        newer = stamped[:, 0] > reached[:-1]
-        self.late += int(np.count_nonzero(~newer))
-        self._newest = float(reached[-1])
-        self._fresh.append(stamped[newer])
-
-    def complete(self) -> None:
-        """Declare that there are no more readings, so that all rows are answerable."""
-        self._complete = True
+        self._append(stamped[np.isfinite(stamped).all(axis=1)])
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
         """Return how many of the next rows, at times (n,) [s], have means that later readings cannot change.
@@ -57,8 +43,7 @@ class WrenchMeans:
         Raises:
             InputError: time has another shape.
         """
-        waits = np.flatnonzero(time + self._halves(time)[0] > self._newest)
-        return len(time) if self._complete or not len(waits) else int(waits[0])
+        return self._before_waiting(time + self._halves(time)[0] > self._newest)
 
     def means(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 1"]]:
         """Return the wrenches of the next rows, at times (n,) [s], and the numbers of readings averaged, (n, 1).
@@ -84,10 +69,7 @@ class WrenchMeans:
 
     def forget(self, before: float) -> None:
         """Drop the readings that rows at `before` [s] and later do not need."""
-        kept = self._gathered()
-        first = int(np.searchsorted(kept[:, 0], before - self.max_gap - SLACK)) - 1
-        if first > 0:
-            self._kept = kept[first:].copy()
+        self._drop(int(np.searchsorted(self._gathered()[:, 0], before - self.max_gap - SLACK)) - 1)
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on late wrenches and on rows without one, one sentence each."""
@@ -135,9 +117,3 @@ class WrenchMeans:
         near = (share >= 0) & (share <= 1) & (gap <= self.max_gap + SLACK)
         line = values[after - 1] + share[:, None] * (values[after] - values[after - 1])
         return np.where(near[:, None], line, np.nan)
-
-    def _gathered(self) -> Float[np.ndarray, "k 7"]:
-        if self._fresh:
-            self._kept = np.concatenate([self._kept, *self._fresh])
-            self._fresh = []
-        return self._kept

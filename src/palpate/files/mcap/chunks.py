@@ -9,8 +9,6 @@ from struct import error as StructError
 from struct import unpack_from
 from typing import Any
 
-__all__ = ["LARGEST", "inflate"]
-
 LARGEST = 1 << 30  # bytes in a chunk
 _STEP = 1 << 17  # bytes: what was decompressed before damage is kept in steps of this
 

@@ -30,8 +30,6 @@ from palpate.files.mcap.chunks import LARGEST, inflate
 from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
 from palpate.files.tables.lines import open_input, read_some
 
-__all__ = ["McapFile"]
-
 MAGIC = b"\x89MCAP0\r\n"
 PIECE = 1 << 22  # bytes read at a time
 LONGEST: Mapping[int, int] = {Opcode.CHUNK: LARGEST, Opcode.MESSAGE: 1 << 26}  # bytes; others: PIECE; else skipped

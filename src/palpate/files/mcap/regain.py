@@ -21,8 +21,6 @@ from palpate.files.mcap.chunks import inflate
 from palpate.files.mcap.reader import MAGIC
 from palpate.files.mcap.writer import McapWriter, WrittenTopic
 
-__all__ = ["Regained", "SequenceSpan", "regained"]
-
 _HEAD = 9  # bytes of a record before its content: a kind and a length
 _SEQUENCE = 11  # bytes of a message before its sequence number
 _ENTRY = 16  # bytes of an index for each message

@@ -11,8 +11,6 @@ from jaxtyping import Int
 from palpate.files.mcap.writer import MESSAGE
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["CDR", "ChannelRows", "Fields", "layout", "made", "stamped"]
-
 # Name, type code and shape of each field; the code of a string is "S" and its length in bytes, with the final NUL.
 Fields = tuple[tuple[str, str, tuple[int, ...]], ...]
 CDR = 0x100  # the bytes 0, 1, 0, 0: plain, little-endian

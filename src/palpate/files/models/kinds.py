@@ -15,8 +15,6 @@ from palpate.files.models.toml import load_toml, toml_lines
 from palpate.files.schema import Key, TableForm, parse
 from palpate.registry import Registry
 
-__all__ = ["MODELS", "read_model", "write_model"]
-
 Value = TypeVar("Value")
 
 

@@ -13,8 +13,6 @@ from palpate.errors import InputError
 from palpate.files.schema import TableForm
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Lines", "Model", "span"]
-
 Lines = list[tuple[str, str]]
 
 

@@ -13,8 +13,6 @@ import tomlkit
 from palpate.files.atomic import write_text
 from palpate.files.models.toml import load_toml
 
-__all__ = ["printable", "provenance", "read_provenance", "write_provenance"]
-
 
 def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, str]:
     """Return Palpate's version, each input's name and SHA-256, and each option that was set, as texts.

@@ -19,8 +19,6 @@ from palpate.files.ati import refuse_calibration
 from palpate.files.tables.lines import open_input
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["load_toml", "toml_array", "toml_lines"]
-
 _LARGEST = 1 << 25  # characters
 _LOOKED_AT = 1 << 12  # characters that tell what a file is
 

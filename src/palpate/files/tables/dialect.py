@@ -13,8 +13,6 @@ from palpate.errors import InputError
 from palpate.files.ati import refuse_calibration
 from palpate.files.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, known_unit
 
-__all__ = ["COMMENTS", "LOOKED_AT", "SPACES", "Dialect", "find_dialect", "spaces_to_tabs"]
-
 LOOKED_AT = 1 << 16  # bytes of a text that are looked at
 SPACES = " "  # as a delimiter: runs of spaces and tabs
 COMMENTS = ("#", "%", "//")  # begin a line that is no row

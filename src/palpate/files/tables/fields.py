@@ -11,8 +11,6 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Fields", "RowCount"]
-
 
 @takes_arrays
 class Fields:

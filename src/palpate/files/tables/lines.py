@@ -9,12 +9,11 @@ from collections.abc import Callable, Iterator
 from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
+from xml.etree import ElementTree
 
 from palpate.errors import InputError
 from palpate.files.atomic import irregular
 from palpate.files.units import near
-
-__all__ = ["complete_lines", "open_input", "read_some"]
 
 _INTO_A_FILE = "Save its contents to a file first, and name that file."
 _WAIT = 1.5  # s that a pipe is given until its first byte
@@ -42,6 +41,19 @@ def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
     hint = "" if kind == "a folder" else _INTO_A_FILE
     raise InputError(f"is {kind}, not a file that can be read.", where=str(path), hint=hint)
+
+
+def read_xml(path: Path, called: str) -> ElementTree.Element:
+    """Return the root of an XML file; `called` is what it should be, in a message.
+
+    Raises:
+        InputError: the file cannot be read, or is no XML.
+    """
+    try:
+        with open_input(path) as file:
+            return ElementTree.parse(file).getroot()
+    except (OSError, ElementTree.ParseError, UnicodeError, ValueError) as problem:
+        raise InputError(f"is not {called} that can be read ({problem}).", where=str(path)) from problem
 
 
 def _open_pipe(path: Path) -> BufferedReader:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import polars as pl
 
-__all__ = ["seconds"]
-
 _DATE = r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d)[-/.](?P<day>\d\d)[T ]|(?P<d>\d\d)\.(?P<m>\d\d)\.(?P<y>\d{4})[T ])?"
 _CLOCK = r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d(?:[.,:]\d+)?)\s?(?P<half>[AaPp][Mm])?"
 _ZONE = r"(?:Z|(?P<east>[-+])(?P<zh>\d\d):?(?P<zm>\d\d))?"

@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from palpate.files.tables.dialect import Dialect
 from palpate.files.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, known_unit, split_unit
 
-__all__ = ["Stated"]
-
 _RATE = re.compile(
     r"\b(?:(?:rdt )?(?:sampl\w*|data|output|acquisition|scan)[ _]?(?:rate|freq\w*)|abtastrate|freq\w*|rate)\b"
 )

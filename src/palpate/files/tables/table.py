@@ -6,7 +6,6 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import BinaryIO, NoReturn
@@ -22,17 +21,14 @@ from palpate.files.tables.lines import complete_lines, open_input
 from palpate.files.tables.stamps import seconds
 from palpate.files.units import near
 from palpate.forks import require_polars_threads
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["TextTable", "read_table", "tables"]
+from palpate.spatial.arguments import frozen_value
 
 _COMMENTS = tuple(mark.encode() for mark in COMMENTS)
 _MARKS = frozenset(mark[0] for mark in _COMMENTS)
 _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class TextTable:
     """The text of some rows of a file.
 

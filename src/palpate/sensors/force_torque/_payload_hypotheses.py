@@ -17,8 +17,6 @@ from palpate.sensors.force_torque._payload_rank import check_noise
 from palpate.sensors.force_torque._payload_search import FAR, fitted, likely, search, upward
 from palpate.sensors.force_torque._payload_solve import PayloadSettings, PayloadSolution
 
-__all__ = ["doubts", "is_bad", "mistaken"]
-
 BAD_NOISE = 5.0  # residuals above so many times the stated noise,
 BAD_SHARE = 0.05  # and above this share of the weight, or of the torque's variation, are doubted: good rigs leave 1-3 %
 WORST_SHARE = 0.2  # of the weight: residuals above it are those of no payload

@@ -8,14 +8,14 @@ stored in another order or direction, or be that of a flange on which the sensor
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import radians
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose, quaternion_from_rotation, rotation_from_quaternion
 
 __all__ = ["AS_IS", "BASE", "MISTAKES", "REVERSED", "Mistake", "compose", "corrected", "parts", "reoriented", "turned"]
@@ -26,8 +26,7 @@ REVERSED = "sign reversed"
 _TURNED = re.compile(r"sensor turned by \(([^,()]+), ([^,()]+), ([^,()]+)\) deg")
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Mistake:
     """A known mistake in a log, with what undoes it; a mistake of axes, sign or unit is its own kind of `matrices`.
 

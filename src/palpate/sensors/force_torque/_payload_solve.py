@@ -20,8 +20,6 @@ from palpate.sensors.force_torque._payload_fit import (
 from palpate.sensors.force_torque._payload_rank import check_poses
 from palpate.signals.payload import Payload
 
-__all__ = ["PayloadSettings", "PayloadSolution", "judged", "rms", "solve"]
-
 BELIEVED = 2.0  # chi-square per degree of freedom up to which the stated noise is taken to explain the residuals
 
 

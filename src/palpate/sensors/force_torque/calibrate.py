@@ -23,8 +23,6 @@ from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
 
-__all__ = ["identify_payload"]
-
 
 @called_as("palpate.identify_payload(wrenches, quaternions)")
 @takes_arrays

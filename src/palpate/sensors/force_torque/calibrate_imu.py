@@ -20,8 +20,6 @@ from palpate.signals.recording import LARGEST
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import quaternion_from_rotation
 
-__all__ = ["identify_payload_with_imu"]
-
 MIRRORED = 3.0  # times smaller residuals name mirrored axes
 OFF, MOVED = 0.01, 0.05  # of |g|: a length of gravity that errs by more is noted, one that varies by more is refused
 

@@ -27,8 +27,6 @@ from palpate.signals.payload import STANDARD_GRAVITY, Payload
 from palpate.signals.recording import ACCELERATION, ORIENTATION, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["CalibrateClock", "CalibratePayload"]
-
 ALONE = "each on its own"
 SURE = 3.0  # standard deviations from which on two clocks differ
 

@@ -24,8 +24,6 @@ from palpate.spatial.arguments import number, takes_arrays
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.spatial.pose_track import sound_quaternions
 
-__all__ = ["Compensation"]
-
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
 ITSELF = Placement(Pose.identity())
 SATURATED = 6  # contact.Status.SATURATED, which this layer does not import

@@ -11,8 +11,6 @@ from palpate.files.units import measured
 from palpate.signals.imu import Imu
 from palpate.signals.payload import Payload
 
-__all__ = ["PAYLOAD", "of_payload"]
-
 
 def of_payload(payload: Payload) -> Lines:
     """Return the payload's figures as a list of pairs (name, text), with standard deviations where they were fitted."""

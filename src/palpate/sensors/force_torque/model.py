@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
@@ -14,18 +12,15 @@ from palpate.signals.noise import NoiseSpectrum
 from palpate.signals.recording import LARGEST
 from palpate.signals.wrench_sensor import WrenchSensor
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.shown import one_line
 from palpate.spatial.uncertain import noise_covariance
-
-__all__ = ["ForceTorque"]
 
 FRAMES = ("sensor", "base")
 
 
 @called_as("palpate.ForceTorque(noise=(0.02, 0.001))")
-@takes_arrays
-@dataclass(frozen=True, eq=False, init=False)
+@frozen_value(init=False)
 class ForceTorque(Value):
     """A six-axis force/torque sensor.
 

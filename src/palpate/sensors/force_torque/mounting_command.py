@@ -31,8 +31,6 @@ from palpate.signals.recording import Recording
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["CalibrateMounting"]
-
 Rows = Int[np.ndarray, " k"]
 POOR = 3.0  # times the expected residual: beyond it the model, not the noise, is what is left
 

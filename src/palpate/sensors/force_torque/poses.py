@@ -10,8 +10,6 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["average_poses", "average_rests"]
-
 STILL = radians(0.3)
 ENOUGH = 4  # poses
 FAR = radians(2.0)  # between the rows of a table with one row for each orientation, at least

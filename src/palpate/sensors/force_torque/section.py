@@ -38,8 +38,6 @@ from palpate.signals.payload import Payload
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
 from palpate.signals.wrench_sensor import Measured
 
-__all__ = ["FORCE_TORQUE", "ForceTorqueSection", "accelerated", "compensation", "free_wrenches", "stated_sensor"]
-
 _LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: lever arm of a force about a sensor, doubtful and impossible
 _TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
 _TEXT = """\

@@ -19,8 +19,6 @@ from palpate.spatial.pose import Pose, skew
 from palpate.viewer.report import Section
 from palpate.viewer.run_report import Run
 
-__all__ = ["ForceTorqueView", "force_torque", "wrench_advice"]
-
 BLURRED = 1e-3  # m: radius of the median ellipse above which a filter is worth its lag
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-__all__ = ["Agreement"]
-
 DISAGREES = 0.8  # of the frames with a contact may be unexplained before a warning
 ENOUGH = 50  # frames with a contact that a warning needs
 

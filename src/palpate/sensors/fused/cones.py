@@ -12,8 +12,6 @@ from jaxtyping import Float, Int
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["within_cones"]
-
 _WITHOUT = (
     "forces outside their cones of friction are not corrected: clarabel is not installed "
     "(pip install 'palpate[fusion]')"

@@ -28,8 +28,6 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
-__all__ = ["FEATURES", "FusedEstimator"]
-
 FEATURES = (
     "share",
     "bound",

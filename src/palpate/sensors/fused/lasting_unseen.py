@@ -8,8 +8,6 @@ from jaxtyping import Bool, Float
 from palpate.contact.estimate import ROW, Status
 from palpate.sensors.fused.locator import FusedFrames, FusedLocator
 
-__all__ = ["LastingUnseen"]
-
 LOOKS = 0.1  # s between two searches for the place of an unseen contact, which take milliseconds
 PERSISTS = 0.05  # s that a wrench must be unexplained before it is a contact: a touch that begins is felt first
 _Place = tuple[Float[np.ndarray, " w"], Float[np.ndarray, "17"]]

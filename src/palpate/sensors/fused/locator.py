@@ -19,7 +19,7 @@ from palpate.sensors.fused import _kernels
 from palpate.sensors.fused.cones import within_cones
 from palpate.sensors.fused.unseen import PUSHES, LockedValue, Unseen, candidates, ranked
 from palpate.spatial._arrays import require_finite, require_shape, shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.surface import Surface
 
 __all__ = ["Fused", "FusedLocator", "FusionSettings"]
@@ -89,8 +89,7 @@ class Given(LockedValue):
     p: Float[np.ndarray, " k"]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Fused(LockedValue):
     """Forces of n contacts, and how well the wrenches of k sensors fit them.
 

@@ -21,9 +21,6 @@ from palpate.setup.setup import SensorKind, Setup
 from palpate.setup.wrench import first_seconds
 from palpate.signals.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
 
-__all__ = ["FUSION", "RigFusion"]
-
-
 _TEXT = """\
 [fusion]                             # of the skin and the sensor; friction is that of [estimate]
 tangential = 0.25                    # deviation of tangential forces that is expected, as a share of the normal force

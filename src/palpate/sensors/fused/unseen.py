@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import log
 
 import numpy as np
@@ -10,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.sensors.fused import _kernels
 from palpate.spatial._arrays import Value
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.surface import Surface
 
 __all__ = ["PUSHES", "LockedValue", "Unseen", "candidates"]
@@ -30,8 +29,7 @@ class LockedValue(Value):
                 each.flags.writeable = False
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Unseen(LockedValue):
     """Places of one more contact that the skin does not feel, the likeliest first.
 

@@ -15,8 +15,6 @@ from palpate.setup.view import Words
 from palpate.setup.wrench_view import zero_section
 from palpate.viewer.run_report import Run
 
-__all__ = ["FusedView"]
-
 
 class FusedView(TaxelView):
     """The view of a skin with a force/torque sensor."""

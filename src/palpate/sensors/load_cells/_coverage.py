@@ -11,8 +11,6 @@ from palpate.sensors.load_cells._fit import ReferenceBlocks
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.spatial.pose import skew
 
-__all__ = ["CalibratedRegion", "coverage"]
-
 PARTS = 3  # parts along x and along y into which the touched surface is divided
 FORCE, FRICTION = 1.0, 0.5  # N, and its sideways share, for which errors are predicted
 WANTED = 50e-6  # m: largest acceptable error from the calibration

@@ -13,8 +13,6 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.signals.correlation import correlation_time
 
-__all__ = ["BenchLog", "Blocks", "UnloadedStretch", "blocks_of", "rest_noise", "rests"]
-
 BLOCK = 0.01  # s: a touch moves 25 um meanwhile at 2.5 mm/s, and readings filtered at 100 Hz contain little more
 SMOOTH = 0.05  # s over which a reference force is averaged before it is compared with `UNLOADED`
 UNLOADED, NOISES = 0.1, 5.0  # N, and times the noise of that average: below the larger one nothing touches

@@ -24,8 +24,6 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import number, takes_arrays
 from palpate.spatial.pose import Pose
 
-__all__ = ["START", "LoadCellArray"]
-
 START = 0.5  # s at a start in which nothing is touched, before a tare sets another time
 RESTART = 5.0  # s without a sample: a sensor that was switched off has another zero
 LANES = 8  # outputs of a product are a multiple of it: the compiler adds that many at a time

@@ -16,10 +16,8 @@ from palpate.sensors.load_cells._coverage import CalibratedRegion, coverage
 from palpate.sensors.load_cells._fit import Fit, ReferenceBlocks, fit, linear_start, touches, validated
 from palpate.sensors.load_cells._log import BenchLog, Blocks, UnloadedStretch, blocks_of, rest_noise, rests
 from palpate.sensors.load_cells.model import LENGTH, LoadCells, require_directions, require_layout, with_changes
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces import Surface
-
-__all__ = ["CalibrationOptions", "LoadCellCalibration", "identify_load_cells"]
 
 BALL = 2e-3  # m: radius of the paper's ball, of 4 mm diameter
 LEAST = 0.3  # N: lighter touches are omitted
@@ -34,8 +32,7 @@ LEAST_ANSWER = 5.0  # times the noise of a reading, for 1 N or 10 N mm: less is 
 AT_RANGE = 0.001  # share of samples at a limit that is too much
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class CalibrationOptions:
     """Settings of a calibration of load cells, and facts that are not in the log.
 

@@ -26,8 +26,6 @@ from palpate.setup import load_rig
 from palpate.signals.recording import REFERENCE, VOLTAGE
 from palpate.viewer.report import render, require_report
 
-__all__ = ["CalibrateLoadCells", "design_load_cells"]
-
 STEP = 0.25  # relative change of the cells' distances in the variants
 
 

@@ -17,8 +17,6 @@ from palpate.surfaces import Surface
 from palpate.viewer import maps
 from palpate.viewer.report import Picture, Report, ReportTable, Section, Tile, picture
 
-__all__ = ["Design", "compose", "tiles", "warnings"]
-
 STEEPEST = 0.2  # cosine between normal and view: steeper parts are hardly seen from there
 REACH = np.geomspace(3e-3, 30.0, 81)  # N: forces of the curves
 EVEN = 0.01  # relative difference below which a map would be one colour

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.errors import NotIdentifiable
 from palpate.sensors.load_cells.model import LoadCells
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Explanations", "explanations", "unlikely"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 CHANCE = 1e-6  # that sound channels leave more than the bound
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Explanations:
     """The s = 4 k explanations of k cells: explanation e is that cell e is wrong, for e < k, or else channel e - k.
 

@@ -12,8 +12,6 @@ from palpate.sensors.load_cells.explanations import Explanations, explanations, 
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["CellFault", "find_faults"]
-
 RARE = 0.002  # share of samples that may contradict
 AGREE = 0.9  # share of the contradicting samples that a cause must explain
 STILL = 0.02  # of the predicted movement: a cell that moves less is dead

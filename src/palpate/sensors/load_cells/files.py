@@ -10,8 +10,6 @@ from palpate.files.models.model import Lines, Model, span
 from palpate.files.schema import Key, TableForm
 from palpate.sensors.load_cells.model import LoadCells
 
-__all__ = ["LOAD_CELLS", "of_load_cells"]
-
 
 def of_load_cells(cells: LoadCells) -> Lines:
     """Return the model's figures as a list of pairs (name, text)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -15,7 +14,7 @@ from palpate.contact.indentation import Indentation
 from palpate.errors import InputError, NotIdentifiable
 from palpate.signals.recording import VOLTAGE
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.shown import one_line
 
 __all__ = ["VOLTAGE", "LoadCells", "require_directions", "require_layout", "with_changes"]
@@ -25,8 +24,7 @@ FLATTEST = 1e-3  # of the largest singular value: below it a direction of the wr
 IN_LINE = 0.02  # of the layout's extent: cells nearer to one line than this cannot measure the moment about it
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False, init=False)
+@frozen_value(init=False)
 class LoadCells(Value):
     """k three-axis cells under a rigid frame read u = C w + b + noise, w the wrench on the frame [load cells, (1)-(8)].
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
@@ -11,17 +9,14 @@ from numpy.typing import ArrayLike
 from palpate.errors import InputError
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.spatial._arrays import shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import skew
-
-__all__ = ["WANTED", "Resolution", "nominal_cells", "position_slope", "resolution"]
 
 WANTED = 2e-3  # m: the accuracy that the paper requires
 AZIMUTHS = 12  # directions of a force with friction, the worst of which counts
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Resolution:
     """Root mean square errors of touches at n points, of position and force in three dimensions.
 

@@ -32,8 +32,6 @@ from palpate.signals.recording import REFERENCE as REFERENCE_CHANNEL
 from palpate.signals.recording import VOLTAGE
 from palpate.surfaces import Surface
 
-__all__ = ["LOAD_CELLS", "VOLT_UNITS", "LoadCellSection", "RigLoadCells", "load_cells_layout"]
-
 _ORDER = "columns must be x, y, z of cell 1, then of cell 2, and so on, as they were calibrated"
 _CELL = re.compile(r"^(?P<head>u|v|ch|cell|volt(?:age)?s?|ai)[\W_]*\d+[\W_]*[xyz]?$", re.IGNORECASE)
 _MOST = 36  # channels: twelve cells; more are a skin

@@ -26,8 +26,6 @@ from palpate.viewer.scene import Layer, Scene
 if TYPE_CHECKING:
     from viser import BoxHandle, ClientHandle, GuiApi, ViserServer
 
-__all__ = ["LoadCellLayer", "LoadCellView", "load_cells", "loads"]
-
 PULLED = 0.22  # sizes of the body: cells are drawn that far below their places, else it would hide them
 BOX = 0.35  # of the distance between neighbours
 _STRONG = 0.95  # quantile of the loads that is drawn darkest

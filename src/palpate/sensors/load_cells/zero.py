@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.signals.correlation import correlation_time
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Zero", "take_zero"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 FEWEST = 20  # samples
 SCATTER, DRIFT = 3.0, 5.0  # times the noise of a sample, and of the difference of the two halves
@@ -21,8 +17,7 @@ LIKE_TOUCH = 0.05  # of a change of the zero that no wrench explains: less, and 
 HEAVY = 0.2  # N: least force of such a change
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Zero:
     """The unloaded reading of load cells.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -16,18 +16,15 @@ from palpate.sensors.marker_ring.calibrate_camera import fit_rings
 from palpate.sensors.marker_ring.model import MarkerRing, RingBody
 from palpate.sensors.marker_ring.response_fit import RingPresses, fit_response
 from palpate.signals.recording import IMAGE, Recording
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
-
-__all__ = ["RingTruth", "calibrate_marker_ring"]
 
 _TOUCHED = 0.02  # N: lighter presses have no information
 _LOOKED = 60  # unloaded frames that the rest is taken from
 _MIRRORED = 0.6  # rad: median error of angles that fall where the markers' rise
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class RingTruth:
     """True contacts of n images, one each; NaN: untouched, or not known.
 

@@ -17,8 +17,6 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
-__all__ = ["BoardFit", "calibrate_board", "fit_lens", "fit_ring_view", "fit_rings"]
-
 _FACING = np.diag([1.0, -1.0, -1.0])  # x_c = x, y_c = -y, z_c = -z
 _FEWEST_BOARDS = 3
 _FAR, _FAR_PIXELS = 4.0, 1.0  # times the usual rms of a picture, and px: one with a larger rms is omitted

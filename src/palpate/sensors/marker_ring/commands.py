@@ -26,8 +26,6 @@ from palpate.sensors.marker_ring.model import MarkerRing
 from palpate.sensors.marker_ring.section import MarkerRingSection
 from palpate.signals.recording import IMAGE, Recording
 
-__all__ = ["CalibrateCamera", "CalibrateMarkerRing"]
-
 _VIDEOS = (".avi", ".mkv", ".mov", ".mp4", ".webm")
 _LOGS = (*_VIDEOS, ".mcap", ".bag")
 _MOST = 40  # pictures, evenly spread: more add no information

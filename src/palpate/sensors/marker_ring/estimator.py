@@ -22,8 +22,6 @@ from palpate.signals.wrench_sensor import Tare
 from palpate.spatial._arrays import shaped
 from palpate.spatial.pose import Pose
 
-__all__ = ["FEATURES", "RingEstimator"]
-
 UINT8 = np.dtype(np.uint8)
 FEATURES = ("angle", "depth", "width", "shear", "angle_sd", "force_sd", "depth_sd", "markers")
 _SEEN = ROW.length + len(FEATURES) - 1  # the column of the number of markers seen

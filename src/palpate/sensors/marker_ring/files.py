@@ -16,8 +16,6 @@ from palpate.optical.ring_response import RingResponse
 from palpate.sensors.marker_ring.model import MarkerRing
 from palpate.spatial.pose import Pose
 
-__all__ = ["CAMERA", "MARKER_RING", "of_camera", "of_marker_ring"]
-
 
 def _marker_ring(
     radius: float,

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from palpate.viewer.scene import Scene
 
-__all__ = ["RingLayer", "annotated"]
-
 _REST, _NOW, _MOVED = (150, 150, 150), (0, 235, 255), (255, 160, 0)  # blue, green, red
 _MAGNIFIED = 4  # factor by which drawn displacements are longer than they are
 _FARTHEST = 1e6  # px: OpenCV counts sixteenths in 32 bits

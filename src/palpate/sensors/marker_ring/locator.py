@@ -14,9 +14,7 @@ from palpate.optical.fisheye import STEPS, flat_pixels
 from palpate.optical.ring_response import RingResponse
 from palpate.sensors.marker_ring.model import MarkerRing
 from palpate.spatial._arrays import shaped
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["RingFound", "RingLocator", "RingSettings", "turned"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 _TABLE = 720  # angles of the response's table
 _NO_SHEAR = 1e-6  # standard deviation of shear / force where shear was not calibrated: none
@@ -64,8 +62,7 @@ class RingSettings:
             raise InputError("reach must be positive, and speed and patience must not be negative.")
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class RingFound:
     """Contacts of n images.
 

@@ -14,10 +14,8 @@ from palpate.optical.fisheye import STEPS, Fisheye, RingView, flat_pixels
 from palpate.optical.markers import MarkerColour
 from palpate.optical.ring_response import RingResponse
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.shown import one_line
-
-__all__ = ["MarkerRing", "RingBody"]
 
 
 @dataclass(frozen=True)
@@ -43,8 +41,7 @@ class RingBody:
     rings: tuple[float, ...] = (0.0,)
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False, repr=False)
+@frozen_value(repr=False)
 class MarkerRing(Value):
     """A calibrated unit of a marker ring.
 

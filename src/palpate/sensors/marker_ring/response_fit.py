@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,7 @@ from palpate.errors import InputError
 from palpate.optical.ring_response import RingResponse, ring_basis
 from palpate.sensors.marker_ring.locator import RingLocator, RingSettings, turned
 from palpate.spatial._arrays import shaped
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["RingPresses", "fit_response"]
+from palpate.spatial.arguments import frozen_value
 
 ORDERS = (16, 2)  # of the angle between marker and contact, and of the contact's own angle
 PARTS = 48  # parts of a turn, each with a misfit
@@ -30,8 +28,7 @@ _NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the l
 _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class RingPresses:
     """Single contacts of known truth with the displacements of the markers.
 

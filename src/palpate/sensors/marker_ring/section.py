@@ -29,8 +29,6 @@ from palpate.spatial.pose import Pose
 from palpate.surfaces import Surface
 from palpate.surfaces.quadric import Cylinder
 
-__all__ = ["MARKER_RING", "MarkerRingSection", "RigMarkerRing"]
-
 _TEXT = """\
 [marker_ring]
 # model = "ring.toml"                # written by: palpate calibrate marker-ring

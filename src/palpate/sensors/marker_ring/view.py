@@ -16,8 +16,6 @@ from palpate.setup.view import TRACKED, Feed, LayerData, SensorView, Words
 from palpate.surfaces import Surface
 from palpate.viewer.scene import Layer
 
-__all__ = ["MarkerRingView"]
-
 SHOWN = 0.25  # s between two images that are shown
 
 

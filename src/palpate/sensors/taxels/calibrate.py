@@ -16,8 +16,6 @@ from palpate.sensors.taxels.curve_kinds import FEWEST, chosen
 from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["identify_intensity", "identify_resistive", "tells"]
-
 BLOCKS = 20  # of rows, assigned in turn to the parts of a cross-validation
 STRETCHES = 10  # of consecutive rows, each left out in turn
 _FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturates

@@ -17,8 +17,6 @@ from palpate.files.units import FORCE_UNITS, to_si
 from palpate.sensors.taxels.calibrate import identify_intensity, identify_resistive, tells
 from palpate.sensors.taxels.intensity import Curve, Intensity
 
-__all__ = ["CalibrateIntensity"]
-
 _PLATEAU = 5  # readings alike at the lower end: that is where they stop
 
 

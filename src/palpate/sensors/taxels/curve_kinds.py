@@ -13,8 +13,6 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.intensity import Curve
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["FEWEST", "chosen"]
-
 FEWEST = 8  # rows that a curve needs
 _DEGREES = (1, 2, 3, 4, 5)
 _FOLDS = 5

@@ -27,8 +27,6 @@ from palpate.signals.wrench_sensor import Tare
 from palpate.spatial._arrays import shaped
 from palpate.spatial.pose import Pose
 
-__all__ = ["FEATURES", "TaxelEstimator"]
-
 FEATURES = ("area", "load", "peak", "pressure", "axis_long", "axis_short", "angle", "cells")
 """Area [m^2] of the pressed cells; load [N], the sum of the cells' forces along their own normals, on a curved body
 more than the force; pressure on one cell at most [Pa], and mean [Pa]; standard deviations of the pressure along its

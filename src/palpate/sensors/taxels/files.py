@@ -13,8 +13,6 @@ from palpate.files.schema import Key, TableForm
 from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.sensors.taxels.places import TaxelPlaces
 
-__all__ = ["INTENSITY", "TAXELS", "of_taxels"]
-
 _UPPER = np.triu_indices(3)  # of a covariance: xx xy xz yy yz zz
 
 

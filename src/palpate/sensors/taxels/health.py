@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,9 +13,7 @@ from palpate.sensors.taxels.model import TaxelBody
 from palpate.signals.recording import Recording
 from palpate.signals.wrench_sensor import Tare
 from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Health", "examine", "resting", "tared"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 SCATTER = 4.0  # times the noise, in a tare
 FEWEST = 8  # frames from which a cell can be judged
@@ -28,8 +26,7 @@ WRAP = 0.85  # of the range: a step of a cell alone that is no touch
 _QUANTUM = 12**-0.5  # standard deviation of rounding to integers
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Health:
     """Baseline and noise of the cells, and which of them are bad.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType
 
 import numpy as np
@@ -11,16 +11,13 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["KINDS", "Curve", "Intensity"]
+from palpate.spatial.arguments import frozen_value
 
 KINDS = ("polynomial", "two_range", "monotone", "resistive")
 _KNOTS = 2048  # of a curve as a table: linear between them, finer than 16 bits can tell
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Curve:
     """Intensity above (or below) the unloaded one [counts] as a function of force [N], I = f(F) [skin map, 3.1].
 
@@ -169,8 +166,7 @@ class Curve:
         return self.scale * self.reference * force / (2.0 * parameters[0] + parameters[1] * force)
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Intensity(Value):
     """The curves of all cells of a skin.
 

@@ -21,8 +21,6 @@ from palpate.viewer.scene import Scene
 if TYPE_CHECKING:
     from viser import BatchedMeshHandle, ClientHandle, GuiApi, GuiImageHandle, ViserServer
 
-__all__ = ["CORNERS", "FACES", "TaxelLayer", "cell_mesh", "tangent_frames", "unrolled"]
-
 PIXELS = 18  # of a cell of the unrolled sheet
 LIFT = 3e-4  # m: cells stand out from the body
 GAP = 0.94  # of a cell's side is drawn

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -15,9 +15,7 @@ from palpate.errors import InputError
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.signals.recording import CELLS, LARGEST, Recording
 from palpate.spatial._arrays import Value, shaped
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["TaxelBody"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 _AROUND = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b])  # of a cell on a sheet
 _CORNERS, _SIDES = [0, 2, 5, 7], [[1, 3], [1, 4], [6, 3], [6, 4]]  # of _AROUND: corners, and the two sides at each
@@ -34,8 +32,7 @@ _COVERED = 0.93  # squared spacings that a cell covers: 0.87 on a lattice of tri
     sheet="palpate.TaxelBody.sheet(palpate.map_skin(mesh, sheet, ...))",
     anywhere="palpate.TaxelBody.anywhere(positions, normals)",
 )
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class TaxelBody(Value):
     """Cells of a sheet, row by row, or taxels anywhere on a body, in the body's frame.
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["LAYOUTS", "ModuleLayout"]
+from palpate.spatial.arguments import frozen_value
 
 _SPACING = 6.533e-3  # m, between neighbours of the lattice of iCub's later triangles
 _TELLING, _ROUNDS = 6, 3  # taxels that say how a module is bent; turns until its middle is level
@@ -20,8 +16,7 @@ _STEP = 6.0e-3  # m, between neighbours along the edge of its earlier ones
 _MOST = 10_000  # modules of a skin
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class ModuleLayout(Value):
     """Flat places of k taxels on their modules.
 

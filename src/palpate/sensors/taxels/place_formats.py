@@ -27,8 +27,6 @@ from palpate.surfaces.mesh import UNITS
 if TYPE_CHECKING:
     from palpate.files.tables.table import TextTable
 
-__all__ = ["SUFFIXES", "holds_taxels", "read_taxel_places", "write_taxel_places"]
-
 _PLACES = ("x", "y", "z")
 _NORMALS = ("nx", "ny", "nz")
 _IDS = ("id", "taxel", "taxel_id", "index", "number")  # names of the column that says which taxel a row is

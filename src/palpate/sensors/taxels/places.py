@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from math import nan
 
 import numpy as np
@@ -11,16 +11,13 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
-
-__all__ = ["SURFACE_POSE", "TaxelPlaces"]
 
 SURFACE_POSE = "surface_pose"  # in the provenance: of the surface in the taxels' frame, x y z [m] qx qy qz qw
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class TaxelPlaces(Value):
     """Places of k taxels in the frame of the link that carries them; NaN: not known.
 

@@ -8,12 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.spatial.arguments import takes_arrays
-from palpate.viewer._style import AXES, MUTED, figure, styled
+from palpate.viewer._style import AXES, MUTED, figure, plotted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["error_map", "moved_map", "unroll"]
 
 
 @takes_arrays
@@ -46,8 +44,7 @@ def _circle(
     return float(np.std(np.linalg.norm(flat - centre, axis=1))), frame, centre, radius
 
 
-@takes_arrays
-@styled()
+@plotted
 def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) -> Figure:
     """Draw the error [mm] of each taxel on the unrolled skin, a matplotlib `Figure`.
 
@@ -63,8 +60,7 @@ def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) 
     return drawn
 
 
-@takes_arrays
-@styled()
+@plotted
 def moved_map(estimate: Float[np.ndarray, "k 3"], truth: Float[np.ndarray, "k 3"]) -> Figure:
     """Draw the true and estimated places of taxels [m] on the unrolled skin, a matplotlib `Figure`.
 

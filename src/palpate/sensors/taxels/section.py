@@ -34,8 +34,6 @@ from palpate.setup.tables import require_path, require_positive
 from palpate.setup.wrench import first_seconds, noted_filter
 from palpate.signals.recording import CELLS
 
-__all__ = ["SKIN", "RigSkin", "SkinSection", "guess_with_wrench", "skin_tare"]
-
 RATE = 100.0  # Hz
 FEWEST = 16  # cells: fewer columns of numbers can be anything
 _TEXT = """\

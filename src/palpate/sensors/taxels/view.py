@@ -26,8 +26,6 @@ from palpate.viewer.run_report import Run
 from palpate.viewer.samples import sheet_places
 from palpate.viewer.scene import Layer
 
-__all__ = ["TaxelView", "taxel_section"]
-
 REST = 50  # frames from which the page takes the rest of cells
 
 

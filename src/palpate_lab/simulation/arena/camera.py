@@ -16,8 +16,6 @@ from scipy.special import ndtr
 
 from palpate_lab.simulation.ring_camera import HEIGHT, READ, SHOT, Look, RenderedCamera, RingCamera
 
-__all__ = ["TableCamera"]
-
 BACKGROUNDS = 4
 GRAIN = 256  # px: side of the piece of noise that windows are cut from
 AHEAD = 300  # frames whose noise is drawn at once: a call of the generator costs more than its numbers

@@ -7,8 +7,6 @@ import numpy as np
 from palpate.errors import InputError
 from palpate_lab.simulation.arena.layout import GRAVITY, ArenaLayout, Block
 
-__all__ = ["TRAPS", "paper_layout", "trap_layout"]
-
 TRAPS = ("u", "corridor")
 _FIELD = (3.0, 2.0)  # m
 _WALL = 0.01  # m: half of an inner wall's thickness

@@ -11,8 +11,6 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 
-__all__ = ["GRAVITY", "ArenaLayout", "Block"]
-
 GRAVITY = 9.81  # m/s^2
 
 

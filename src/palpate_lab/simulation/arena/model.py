@@ -9,8 +9,6 @@ from typing import Any
 from palpate_lab.simulation.arena.layout import GRAVITY, ArenaLayout, Block
 from palpate_lab.simulation.arena.settings import FRAME, RobotSettings
 
-__all__ = ["SUBSTEPS", "mjcf", "soften"]
-
 SUBSTEPS = 16  # of the physics, a frame
 _HEIGHT = 4.0  # of boxes, in radii of a robot
 _GIVE = 0.15  # MuJoCo's d of the skin: a contact has inertia d / (1 - d) of the bodies', which a skin has not

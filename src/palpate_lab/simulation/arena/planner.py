@@ -9,8 +9,6 @@ from scipy import ndimage
 from palpate.errors import InputError
 from palpate_lab.simulation.arena.layout import ArenaLayout, Block
 
-__all__ = ["require_solvable"]
-
 _CELL = 0.020  # m
 
 

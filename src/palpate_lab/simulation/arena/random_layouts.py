@@ -11,8 +11,6 @@ from palpate.errors import InputError
 from palpate_lab.simulation.arena.layout import GRAVITY, ArenaLayout, Block
 from palpate_lab.simulation.arena.planner import require_solvable
 
-__all__ = ["DENSITIES", "random_layout"]
-
 DENSITIES = {"sparse": 0.5, "paper": 1.0, "dense": 1.6}  # of blocks, in times the paper's
 _FIELD = (3.0, 2.0)  # m, for up to four robots
 _CLEAR = 0.065  # m: the radius of a robot and 10 mm

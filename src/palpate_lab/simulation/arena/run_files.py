@@ -17,8 +17,6 @@ from palpate.opencv import opencv
 from palpate_lab.simulation.arena.layout import ArenaLayout
 from palpate_lab.simulation.bags import header, open_bag
 
-__all__ = ["RecordedFrame", "RunRecorder", "files_of", "write_arena", "write_rig"]
-
 QUALITY = 85  # of JPEG
 BLOCKS = "/truth/blocks"
 STILL = 5e-4, 3e-3  # m, rad: a block that has moved less is not written again

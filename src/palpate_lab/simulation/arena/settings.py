@@ -7,8 +7,6 @@ from math import inf
 
 from palpate.errors import InputError
 
-__all__ = ["FRAME", "RobotSettings"]
-
 FRAME = 1 / 30  # s for which a command of the tracks holds: one frame of the skin's camera
 
 

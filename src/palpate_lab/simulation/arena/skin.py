@@ -20,8 +20,6 @@ from palpate_lab.simulation.barrel_contact import Band, Indenter, Settled, settl
 from palpate_lab.simulation.barrel_elasticity import BarrelSettings
 from palpate_lab.simulation.ring_session import RingUnit
 
-__all__ = ["KINDS", "RingSkin", "disc_points"]
-
 KINDS = ("flat", "corner", "round")  # a wall or a block's side, a block's upright edge, another robot's skin
 LARGEST = 8.0  # N: beyond, movements are scaled
 LEVELS = 12  # of force, closer where it is small

@@ -14,8 +14,6 @@ from palpate_lab.simulation.arena.model import SUBSTEPS, mjcf, soften
 from palpate_lab.simulation.arena.settings import FRAME, RobotSettings
 from palpate_lab.simulation.engine import engine
 
-__all__ = ["ArenaWorld"]
-
 _CORNER = 0.002  # m from a box's edge within which it is the corner that touches
 _NONE = frozen(np.empty((0, 5)))
 

@@ -18,8 +18,6 @@ from jaxtyping import Float
 if TYPE_CHECKING:
     from palpate_lab.simulation.phantom.probes import Probe
 
-__all__ = ["ACCELERATION", "FLANGE", "JOINTS", "LINKS", "READY", "SENSOR", "SPEED", "ArmLink", "mjcf", "urdf"]
-
 Triple = tuple[float, float, float]
 
 

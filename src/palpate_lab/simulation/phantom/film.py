@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,6 @@ from palpate.opencv import opencv
 from palpate.viewer.video import Video
 from palpate_lab.simulation.engine import engine
 from palpate_lab.simulation.phantom.lab import PhantomLab
-
-__all__ = ["RATE", "Film", "choose_renderer"]
 
 RATE = 25  # pictures a second
 SIZE = (960, 720)
@@ -92,8 +89,6 @@ class Film:
     def __enter__(self) -> Film:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._video.close()
         self._renderer.close()

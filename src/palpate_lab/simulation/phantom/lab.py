@@ -22,8 +22,6 @@ from palpate_lab.simulation.phantom.elfin3 import LINKS, READY, SENSOR, SPEED, m
 from palpate_lab.simulation.phantom.motion import SurfaceMotion
 from palpate_lab.simulation.phantom.probes import Probe, probe
 
-__all__ = ["LabSettings", "PhantomLab", "PhantomTruth", "Reading"]
-
 Six = tuple[float, float, float, float, float, float]
 
 _STEP = 0.001  # [s] of the physics

@@ -16,8 +16,6 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 
-__all__ = ["MOTIONS", "Breathing", "Sine", "Step", "Still", "Sum", "SurfaceMotion", "motion", "unplanned"]
-
 Profile = Callable[[float], tuple[float, float]]  # seconds since the motion began -> value and rate
 
 

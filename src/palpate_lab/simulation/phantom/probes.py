@@ -20,8 +20,6 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 
-__all__ = ["PROBES", "Probe", "Shape", "probe"]
-
 TIP = 0.150  # [m] above the sensor's origin
 TOP = 0.020  # [m] the body begins above the sensor
 WALL = 0.010  # [m] of the walls, from the edge on, that can touch

@@ -16,8 +16,6 @@ from palpate_lab.simulation.phantom.elfin3 import JOINTS, SENSOR, urdf
 from palpate_lab.simulation.phantom.lab import PhantomLab, PhantomTruth, Reading
 from palpate_lab.simulation.phantom.probes import Probe
 
-__all__ = ["PhantomRun", "files_of", "write_run"]
-
 WRENCH, JOINT, COMMAND, IMU = "/ft_sensor/wrench", "/joint_states", "/robot/command", "/ft_sensor/imu"
 FORCE, PHANTOM, PROBE, STATE = "/truth/wrench", "/truth/phantom", "/truth/sensor", "/controller/state"
 TRUTH = ("time", "px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "in_plane", "out_of_plane", "press", "depth")

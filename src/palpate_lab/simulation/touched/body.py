@@ -18,8 +18,6 @@ from palpate_lab.simulation.engine import engine
 from palpate_lab.simulation.touched.plan import COMING, PlannedTouch, course
 from palpate_lab.simulation.touched.settings import GRAVITY, STEP_RATE, ForearmSettings
 
-__all__ = ["Physics", "mjcf", "simulate_physics"]
-
 _MASS, _DAMPING = 0.1, 16.0  # kg, N s/m of an indenter
 _AWAY = 0.5  # m: where indenters wait
 _CONTACT = 'solref="-20000 -400" solimp="0.95 0.95 0.001 0.5 2"'  # 1/s^2, 1/s per mass: 25 um/N, 1 % of shear a second

@@ -16,17 +16,6 @@ from palpate_lab.simulation.skin_session import load_cell_presses
 from palpate_lab.simulation.touched.run import ForearmRun, ForearmTruth
 from palpate_lab.simulation.touched.settings import GRAVITY, ForearmSettings
 
-__all__ = [
-    "POSE_TOPIC",
-    "SKIN_TOPIC",
-    "TRUTH",
-    "WRENCH_TOPIC",
-    "intensity_model",
-    "link_mesh",
-    "write_forearm",
-    "write_free",
-]
-
 WRENCH_TOPIC, SKIN_TOPIC, POSE_TOPIC = "/forearm/wrench", "/forearm/skin", "/forearm/pose"
 TRUTH = ("time", "px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "touch", "seen", "share", "speed")
 _POSE_RATE = 100  # Hz

@@ -17,8 +17,6 @@ from palpate_lab.simulation.touched.plan import COMING, RAMP, PlannedTouch, peri
 from palpate_lab.simulation.touched.sensors import inertia, loads, motion, skin_frames, true_mass, wrench_log
 from palpate_lab.simulation.touched.settings import GRAVITY, STEP_RATE, ForearmSettings
 
-__all__ = ["ForearmRun", "ForearmTruth", "simulate_forearm", "simulate_free", "simulate_presses"]
-
 Watch = Callable[[int, float], None]
 
 

@@ -14,8 +14,6 @@ from palpate_lab.simulation.skin_bench import PaperSheet, Rolled, read_out
 from palpate_lab.simulation.touched.body import Physics
 from palpate_lab.simulation.touched.settings import GRAVITY, STEP_RATE, ForearmSettings
 
-__all__ = ["inertia", "loads", "motion", "skin_frames", "true_mass", "wrench_log"]
-
 _RINGS = 16  # of points in a pressed disc, twice as many in each: a cell's share errs by 2 %
 _CHUNK = 4096  # contacts at once
 _AMPLITUDE, _PERIODS = 0.35, (9.0, 25.0)  # rad of each of three sines an axis at most, s

@@ -10,8 +10,6 @@ from palpate.signals.drift import Drift
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.skin_bench import Rolled
 
-__all__ = ["GRAVITY", "MILD_DRIFT", "STEP_RATE", "ForearmSettings"]
-
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.sensors.taxels.health import resting
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Activations", "AnswerReader", "Block", "later"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 HEAD = 2048  # frames from which rest and noise are taken
 FEWEST = 16  # frames of a log
@@ -28,8 +24,7 @@ FELL = 0.5  # of a threshold below the first baseline: pressed at the start
 Block = tuple[Float[np.ndarray, "..."], np.ndarray]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Activations:
     """The m answers in n frames of k taxels.
 

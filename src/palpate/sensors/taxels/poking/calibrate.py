@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +18,7 @@ from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
 from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, placed, single
 from palpate.sensors.taxels.poking.solve import PlacesSolution, solve, validated
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces.surface import Surface
 
@@ -35,8 +35,7 @@ ALONE = (
 )
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class TaxelCalibration:
     """The result of a calibration from pokes.
 

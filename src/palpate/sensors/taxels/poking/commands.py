@@ -39,8 +39,6 @@ from palpate.setup.tables import RigForceTorque
 from palpate.signals.recording import Recording
 from palpate.surfaces import Surface
 
-__all__ = ["CalibrateTaxels", "plan_pokes_command"]
-
 _COLUMNS = "configuration,taxel,x,y,z,dx,dy,dz,worst"
 
 

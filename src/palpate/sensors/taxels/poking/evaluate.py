@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.evaluation.errors import ErrorSummary
 from palpate.sensors.taxels.places import TaxelPlaces
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose
-
-__all__ = ["TaxelErrors", "compare_places"]
 
 _CHI2_95 = np.array([np.inf, 3.841458820694124, 5.991464547107979, 7.814727903251179])  # of 0 to 3 degrees of freedom
 _FLAT = 1e-6  # of the largest variance: below it a direction has none
 FEWEST = 3  # taxels that a rigid motion is found from
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class TaxelErrors:
     """Errors of the k taxels that have both places.
 

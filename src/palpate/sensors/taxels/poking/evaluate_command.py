@@ -16,8 +16,6 @@ from palpate.sensors.taxels.plots import error_map, moved_map
 from palpate.sensors.taxels.poking.evaluate import TaxelErrors, compare_places
 from palpate.viewer.report import Report, ReportTable, Section, Tile, percent, picture, render, require_report
 
-__all__ = ["evaluate_taxels", "is_taxel_file"]
-
 WORST = 12  # taxels that are named
 
 

@@ -28,8 +28,6 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import UNITS
 
-__all__ = ["WRENCH", "holds_pokes", "open_pokes", "read_pokes"]
-
 WRENCH = "force_torque"  # name of the sensor that measures the pokes
 _JOINTS = "joints"
 _NOISE = np.diag([1e-2, 1e-2, 1e-2, 1e-3, 1e-3, 1e-3]) ** 2  # N, N m: of a mean, where nothing says it

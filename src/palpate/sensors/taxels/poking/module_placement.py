@@ -16,8 +16,6 @@ from palpate.sensors.taxels.poking.numbering import Numbering, found_numbering
 from palpate.sensors.taxels.poking.rigid_groups import fitted
 from palpate.surfaces.surface import Surface
 
-__all__ = ["common_layout", "place_modules"]
-
 _ROUNDS = 20  # of turning modules onto their mean
 FEWEST = 3  # taxels of a module
 

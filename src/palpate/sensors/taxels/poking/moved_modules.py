@@ -8,8 +8,6 @@ from jaxtyping import Float
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["moved_far"]
-
 NAMED = 12  # modules in a sentence
 
 

@@ -6,7 +6,7 @@ best turn and one scale for all modules leave the share 1 - (sum |a* b|)^2 / (su
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import nan
 
 import numpy as np
@@ -14,9 +14,7 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.poking.rigid_groups import frame_about, placed
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Numbering", "found_numbering"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 DOUBTED = 0.95  # of the same squares: one of 100 sessions of 60 to 200 pokes is below, if the numbering is right
 CLEAR = 0.8  # of the squares that the stated numbering leaves: 0.89 at least the other way round, if it is right
@@ -26,8 +24,7 @@ FEWEST, TELLING = 3, 5  # taxels of a module with a place, and taxels of a modul
 Vectors = Float[np.ndarray, "k 3"]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Numbering:
     """A numbering of modules that fits their taxels better than the one stated.
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.rigid_groups import across
 from palpate.spatial._arrays import Value
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.surface import Surface
-
-__all__ = ["NormalEquations", "free", "in_link", "nearest_in_metric", "normal_equations", "on_surface"]
 
 FLAT = 1e-9  # of the eigenvalues of a taxel's matrix: below it its lines of force are parallel
 LEAST = 1e-6  # share of the largest eigenvalue that each direction has at least: parallel lines leave one without any
@@ -24,8 +20,7 @@ REACHED = 1e-12  # m
 Places = Float[np.ndarray, "k 3"]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class NormalEquations(Value):
     """Normal equations A p = b of each taxel's place p.
 

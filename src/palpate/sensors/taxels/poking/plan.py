@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import radians
 
 import numpy as np
@@ -16,11 +15,9 @@ from palpate.sensors.taxels.poking.priors import Priors
 from palpate.sensors.taxels.poking.rigid_groups import Units, across, fitted, single
 from palpate.sensors.taxels.poking.solve import Before
 from palpate.sensors.taxels.poking.systematic_errors import Nuisances, predicted
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.surfaces.surface import Surface
-
-__all__ = ["Plan", "PossiblePokes", "after_calibration", "candidates", "known_after", "plan_pokes"]
 
 FORCE = 10.0  # N of a planned poke
 TILT = radians(20.0)  # of the candidate directions from the normal
@@ -32,8 +29,7 @@ KEEN = 8.0  # power of a taxel's variance, over the worst one, in its weight; 3 
 Vectors = Float[np.ndarray, "n 3"]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class PossiblePokes:
     """The c pokes that could be made.
 
@@ -50,8 +46,7 @@ class PossiblePokes:
     rows: Float[np.ndarray, "c 3 p"]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Plan:
     """The next pokes, and the accuracy that they give.
 

@@ -14,8 +14,6 @@ from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["believed"]
-
 LIGHT = 5.0  # deviations of noise that a poke's force is at least
 PITCH = 3.5  # usual pitches of a wrench that are not doubted
 APART = 3.0  # usual distances of neighbours between two areas

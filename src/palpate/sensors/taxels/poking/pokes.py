@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Pokes"]
+from palpate.spatial.arguments import frozen_value
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Pokes(Value):
     """The n pokes of a skin and the m answers of taxels to them.
 

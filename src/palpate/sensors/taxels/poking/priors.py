@@ -11,8 +11,6 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.sensors.taxels.poking.rigid_groups import Units
 
-__all__ = ["Priors", "tied"]
-
 AROUND = 6  # neighbours that say where the surface is at a taxel
 NEXT = 2  # neighbours whose distance is known
 

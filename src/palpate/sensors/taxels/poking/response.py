@@ -6,14 +6,14 @@ model does not, and takes a silent taxel to be farther than those that answered.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.rigid_groups import Units, frame_about
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 
 __all__ = ["LocalTaxels", "PokePlaces", "Response", "centred", "charted", "learned", "seen_among"]
 
@@ -30,8 +30,7 @@ _ROUNDS = 4
 _LEAST = 0.05  # of the scatter
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class Response:
     """A taxel's response t to a force F at a distance r: log(t / F) = level - power log(1 + r^2 / (2 power reach^2)).
 
@@ -56,8 +55,7 @@ class Response:
         return self.level - self.power * np.log1p(square / (2.0 * self.power * self.reach**2))
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class PokePlaces:
     """Places of n pokes among the w taxels about each.
 
@@ -101,8 +99,7 @@ def tangents(
     return frame_about(np.where(known[:, None], normals[taxel], [0.0, 0.0, 1.0]), along)[:, :, :2]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class LocalTaxels:
     """Taxels about each poke, in the tangent plane at the strongest answer.
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.sensors.taxels.modules import ModuleLayout
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose, skew
 from palpate.surfaces.geodesic import walk
 from palpate.surfaces.surface import Surface
-
-__all__ = ["Units", "across", "fitted", "frame_about", "placed", "single"]
 
 _STEP = np.array([2e-5, 2e-5, 1e-3])  # m, m, rad: of the differences that stand for derivatives
 _ROUNDS = 25  # of the fit of modules to places
@@ -25,8 +23,7 @@ _FAR = 1e-3  # m, rad: of a step after which derivatives are taken anew
 Vectors = Float[np.ndarray, "k 3"]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Units:
     """The u units that move rigidly and the k taxels on them; a taxel without a unit has no place.
 

@@ -15,10 +15,8 @@ from palpate.sensors.taxels.poking.plausibility import believed
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.signals.correlation import correlation_time
 from palpate.signals.recording import ORIENTATION, POSITION, Recording
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import Pose, rotation_from_quaternion
-
-__all__ = ["PokeSearch", "find_pokes"]
 
 HELD = 0.7  # of a poke's own 90th percentile of strength: leaves the ramps out, as in `calibration.presses`
 PAUSE = 0.05  # s: taxels that answer again sooner answer to the same poke
@@ -35,8 +33,7 @@ NULLS = 12  # pairs of free means from which their scatter is taken
 ROWS = 1 << 12  # that are summed up at once: they stay in the processor's cache
 
 
-@takes_arrays
-@dataclass(frozen=True)
+@frozen_value(eq=True)
 class PokeSearch:
     """Settings of the search for pokes.
 

@@ -16,7 +16,7 @@ from palpate.sensors.taxels.poking.priors import Priors, tied
 from palpate.sensors.taxels.poking.response import PokePlaces, Response, centred, charted, learned, seen_among, tangents
 from palpate.sensors.taxels.poking.rigid_groups import Units
 from palpate.sensors.taxels.poking.systematic_errors import Nuisances, predicted
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import skew
 
 __all__ = ["PlacesSolution", "solve", "validated"]
@@ -32,8 +32,7 @@ HALVES = 20  # blocks of consecutive pokes, assigned in turn to both halves, so 
 _WELL, _MOST_WELL = 2.366, 4.642  # median and 80 % quantile of chi-square with three degrees of freedom
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class PlacesSolution:
     """The best fit of units and errors to all pokes.
 

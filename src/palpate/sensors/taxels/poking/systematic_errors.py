@@ -9,22 +9,17 @@ residual with the measurement.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
 from palpate.spatial._arrays import Value
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose, skew
 
-__all__ = ["Nuisances", "Predicted", "predicted"]
 
-
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Nuisances(Value):
     """Errors that are estimated in addition to the taxels, for d configurations.
 
@@ -83,8 +78,7 @@ class Nuisances(Value):
         return np.concatenate([np.tile(frame, configurations), common, np.tile(bias, configurations), cross.ravel()])
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Predicted:
     """The torque that pokes should show, and its derivatives.
 

@@ -5,20 +5,16 @@ Around a link they are spokes about its axis; over a patch that is seen from one
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Chart", "flat_chart", "round_chart", "wrapped"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Chart:
     """Planes u and v, and the line in which they meet: A(u, v) + s D(v).
 

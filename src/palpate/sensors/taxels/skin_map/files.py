@@ -14,8 +14,6 @@ from palpate.files.models import read_model, write_model
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["fixed_frame", "read_skin_map", "require_suffix", "write_skin_map"]
-
 _COLUMNS = ("row", "column", "x", "y", "z", "nx", "ny", "nz", "area")
 
 

@@ -12,8 +12,6 @@ from palpate.sensors.taxels.skin_map.chart import Chart
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import BSplineSurface, greville, open_knots, periodic_knots
 
-__all__ = ["Breaks", "Fitted", "Span", "breaks_at", "clusters", "fit", "refined"]
-
 Breaks = tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]
 Distance = Float[np.ndarray, " k"]
 Fitted = tuple[BSplineSurface, Distance]  # and how far each point lies off it

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import nan
 from typing import TYPE_CHECKING
 
@@ -14,20 +14,17 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.surfaces.bspline import BSplineSurface
 from palpate.surfaces.mesh import Mesh
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
 
-__all__ = ["SkinMap"]
-
 _FINE = 4  # facets of the mesh in a cell
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class SkinMap:
     """Positions, outward normals and areas of rows x columns cells, in the link's own frame.
 

@@ -13,8 +13,6 @@ from palpate.files.schema import Key, TableForm
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.surfaces.bspline import BSplineSurface
 
-__all__ = ["SKIN_MAP", "of_skin_map"]
-
 
 def _spline(shape: tuple[int, int], control: Float[np.ndarray, "n 3"], **rest: Any) -> BSplineSurface:
     if min(shape) < 0 or len(control) != shape[0] * shape[1]:

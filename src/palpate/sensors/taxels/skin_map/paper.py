@@ -25,8 +25,6 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import BSplineSurface, basis_matrices, greville, open_knots
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Reading", "paper_map", "paper_surface"]
-
 Reading = Literal["literal", "greville"]
 _PLANES = 10  # of either family, as in the paper
 

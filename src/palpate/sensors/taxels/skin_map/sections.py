@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.sensors.taxels.skin_map.chart import Chart, wrapped
-from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["Sections", "cut"]
+from palpate.spatial.arguments import frozen_value, takes_arrays
 
 Ends = Float[np.ndarray, "s d"]
 _SAME = 1e-12  # rad: a segment's end this close to a spoke meets it
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Sections:
     """The outermost cut of the mesh on each line of a chart.
 

@@ -20,8 +20,6 @@ from palpate.sensors.taxels.skin_map.shell import Mode, Planes, Shell, Site, she
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["fit_stretch", "map_skin", "placed"]
-
 _HELD = 0.10  # strain beyond which no sheet lies by itself
 _ASTRAY = 0.25  # of the cells may seem to lie beside the surface along geodesics: the layout may bring them back
 

@@ -13,11 +13,9 @@ from palpate.errors import GeometryError
 from palpate.sensors.taxels.skin_map.chart import Chart, flat_chart, round_chart, wrapped
 from palpate.sensors.taxels.skin_map.fit import Breaks, Fitted, Span, breaks_at, clusters, fit, refined
 from palpate.sensors.taxels.skin_map.sections import Sections, cut
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value
 from palpate.surfaces.bspline import BSplineSurface, solve_tangent
 from palpate.surfaces.mesh import Mesh
-
-__all__ = ["Mode", "Planes", "Shell", "Site", "full_sections", "shell"]
 
 Mode = Literal["facets", "vertices"]
 Vector = Float[np.ndarray, "3"]
@@ -36,8 +34,7 @@ _FINE = (3, 5)  # degree through vertices, which are exact: round a link a cubic
 _LEAST = 0.7  # of the rows that most spokes have, for a spoke to count
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Planes:
     """The user's own two families of planes.
 
@@ -60,8 +57,7 @@ class Planes:
 _ANY = Planes()
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Site:
     """The start of a sheet on a mesh.
 
@@ -90,8 +86,7 @@ class Site:
         return self.mesh.normals[self.facets]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Shell:
     """A smooth surface, and the part of it that the mesh covers.
 

@@ -1,17 +1,13 @@
-"""Define message types of ROS 2, for DDS and for logs."""
+"""Define message types of ROS, as files and DDS state them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cache
-from typing import Any
+from collections.abc import Iterable, Mapping
 
-from palpate.errors import InputError
-from palpate.files.units import near
+from palpate.files.mcap.writer import WrittenTopic
 
-__all__ = ["DEFINITIONS", "Raw", "definition", "idl_type", "ros_type_name"]
-
-_NUMBERS = ("Float64", "Float32", "UInt8", "Int8", "UInt16", "Int16", "UInt32", "Int32")
+RULE = "=" * 80  # between the definitions of types in one text
+NUMBERS = ("Float64", "Float32", "UInt8", "Int8", "UInt16", "Int16", "UInt32", "Int32")
 _STAMPED = "std_msgs/Header header, "
 DEFINITIONS: Mapping[str, str] = {
     "builtin_interfaces/Time": "int32 sec, uint32 nanosec",
@@ -21,7 +17,7 @@ DEFINITIONS: Mapping[str, str] = {
     "std_msgs/ColorRGBA": "float32 r, float32 g, float32 b, float32 a",
     "std_msgs/MultiArrayDimension": "string label, uint32 size, uint32 stride",
     "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim, uint32 data_offset",
-    **{f"std_msgs/{name}MultiArray": f"std_msgs/MultiArrayLayout layout, {name.lower()}[] data" for name in _NUMBERS},
+    **{f"std_msgs/{name}MultiArray": f"std_msgs/MultiArrayLayout layout, {name.lower()}[] data" for name in NUMBERS},
     "geometry_msgs/Point": "float64 x, float64 y, float64 z",
     "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
     "geometry_msgs/Vector3Stamped": f"{_STAMPED}geometry_msgs/Vector3 vector",
@@ -58,76 +54,39 @@ DEFINITIONS: Mapping[str, str] = {
 """Message type, without "/msg/" -> its members in order, as ROS writes them."""
 
 
-class Raw:
-    """The bytes of one message for cyclonedds, which sets `sample_info` of a received one: the time of sending."""
-
-    def __init__(self, data: bytes) -> None:
-        self.data = data
-        self.sample_info: Any = None
-
-
 def definition(kind: str) -> str:
     """Return the definition of a message type and of the types in it, as logs have it.
 
     Raises:
         KeyError: the type is none of `DEFINITIONS`.
     """
-    parts = [f"MSG: {each}\n" + DEFINITIONS[each].replace(", ", "\n") + "\n" for each in _kinds(kind)]
-    return f"{'=' * 80}\n".join(parts).partition("\n")[2]
+    return described(_lines(kind), _kinds(kind)[1:])
+
+
+def described(own: str, kinds: Iterable[str]) -> str:
+    """Return the fields of a message type, followed by the definitions of these types and of those in them.
+
+    Raises:
+        KeyError: a type is none of `DEFINITIONS`.
+    """
+    inner = dict.fromkeys(each for kind in kinds for each in _kinds(kind))
+    return own + "".join(f"{RULE}\nMSG: {each}\n{_lines(each)}" for each in inner)
+
+
+def written_topic(name: str, kind: str) -> WrittenTopic:
+    """Return a topic of messages of a type for a file.
+
+    Raises:
+        KeyError: the type is none of `DEFINITIONS`.
+    """
+    return WrittenTopic(name, kind.replace("/", "/msg/"), definition(kind))
+
+
+def _lines(kind: str) -> str:
+    return DEFINITIONS[kind].replace(", ", "\n") + "\n"
 
 
 def _kinds(kind: str) -> list[str]:
     """Return a message type and those in it, each once."""
     members = (member.split(" ")[0].partition("[")[0] for member in DEFINITIONS[kind].split(", "))
     return list(dict.fromkeys([kind, *(each for name in members if "/" in name for each in _kinds(name))]))
-
-
-def ros_type_name(name: str) -> str:
-    """Return the name in ROS of a type of DDS: "geometry_msgs::msg::dds_::Wrench_" -> "geometry_msgs/Wrench".
-
-    Another form stays as it is.
-    """
-    package, between, last = name.partition("::msg::dds_::")
-    return f"{package}/{last.removesuffix('_')}" if between else name
-
-
-@cache
-def idl_type(kind: str) -> Any:
-    """Return the class by which cyclonedds knows a message type; its messages stay bytes, as in `Raw`.
-
-    Raises:
-        InputError: the type is none of `DEFINITIONS`.
-        ImportError: cyclonedds is not installed.
-    """
-    from cyclonedds.idl import make_idl_struct
-
-    if kind not in DEFINITIONS:
-        hint = near(kind, DEFINITIONS)
-        raise InputError(f"messages of {kind} cannot be read or written.", where="ROS 2", hint=hint)
-    members = {name: _member(what) for what, name in (each.split(" ") for each in DEFINITIONS[kind].split(", "))}
-    package, _, name = kind.partition("/")
-    made: Any = make_idl_struct(f"{name}_", f"{package}::msg::dds_::{name}_", members, dataclassify=False)
-    made.__init__ = Raw.__init__
-    made.serialize = _serialize
-    made.deserialize = made.deserialize_key = classmethod(_deserialize)  # a key comes when a publisher leaves
-    return made
-
-
-def _serialize(self: Any, **_: object) -> bytes:
-    return self.data
-
-
-def _deserialize(cls: Any, data: bytes, **_: object) -> Any:
-    return cls(data)
-
-
-def _member(what: str) -> Any:
-    from cyclonedds.idl import types
-
-    name, bracket, size = what.partition("[")
-    if bracket:
-        inner = _member(name)
-        return types.sequence[inner] if size == "]" else types.array[inner, int(size[:-1])]
-    if "/" in name:
-        return idl_type(name)
-    return {"string": str, "bool": bool}.get(name) or getattr(types, name)
