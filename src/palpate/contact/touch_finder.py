@@ -127,7 +127,8 @@ class TouchFinder:
         order = np.argsort(touch, kind="stable")
         spans, sums = spans[order], sums[order]
         firsts = _firsts(np.diff(touch[order]) != 0, len(spans))
-        slid, paths = _reach(sums, firsts), np.split(spans[:, _OF_PATH], firsts[1:])
+        slid, way = _reach(sums, firsts), spans[:, _OF_PATH]
+        paths: list[np.ndarray] = [way[first:end] for first, end in pairwise([*firsts.tolist(), len(way)])]
         spans, sums = _merged(spans, firsts), _added(sums, firsts)
         order = np.argsort(spans[:, _Span.row])
         long = order[(spans[:, _Span.end] - spans[:, _Span.start] >= self._shortest)[order]]
