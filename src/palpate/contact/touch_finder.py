@@ -132,7 +132,7 @@ class TouchFinder:
         spans, sums = _merged(spans, firsts), _added(sums, firsts)
         order = np.argsort(spans[:, _Span.row])
         long = order[(spans[:, _Span.end] - spans[:, _Span.start] >= self._shortest)[order]]
-        return _events(spans[long], sums[long], slid[long], [paths[k] for k in long], tuple(self._features))
+        return _events(spans[long], sums[long], slid[long], [paths[int(k)] for k in long], tuple(self._features))
 
 
 def _firsts(ends: Bool[np.ndarray, " m"], count: int) -> Int[np.ndarray, " k"]:
