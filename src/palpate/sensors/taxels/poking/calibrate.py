@@ -273,7 +273,9 @@ def _numbered(
         return layout, start, said
     whose = "the layout's" if start is None else "the layout's and the start's"
     if not found.clear:
-        said.append(f"the pokes cast doubt on {whose} numbers, which are used: taxels {found}; poke more to be sure")
+        said.append(
+            f"the pokes do not show {whose} numbers for sure, which are used: taxels might {found}; poke more to be sure"
+        )
         return layout, start, said
     if start is not None:
         start = replace(start, positions=start.positions[found.order], normals=start.normals[found.order])

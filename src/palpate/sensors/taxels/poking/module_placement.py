@@ -141,7 +141,7 @@ def _contradicted(numbering: Numbering) -> str:
     whose = "handedness: seen from the other side its taxels" if numbering.mirrored else "numbers: its taxels"
     if numbering.clear:
         return f"the places contradict the layout's {whose} {numbering}; they are laid like that"
-    return f"the places cast doubt on the layout's {whose} {numbering}; they are laid as stated"
+    return f"the places do not show for sure the layout's {whose} might {numbering}; they are laid as stated"
 
 
 def _unsupported(layout: ModuleLayout, places: TaxelPlaces) -> str:

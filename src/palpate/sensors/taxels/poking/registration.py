@@ -275,7 +275,7 @@ class _Search:
             scale = DAMPED * np.trace(square, axis1=-2, axis2=-1)[..., None, None]
             step = np.linalg.solve(square + scale * np.eye(6), np.einsum("...ni,...n->...i", slopes, gaps)[..., None])
             poses = poses @ Pose.from_rotation_vector(step[..., :3, 0], step[..., 3:, 0])
-        return best, least
+        return best, np.asarray(least)
 
     def slopes(
         self, points: Points, poses: Pose, *, sampled: bool = False
