@@ -41,9 +41,9 @@ def _scattered(link: Mesh, count: int, seed: int) -> TaxelPlaces:
 
 
 def test_the_pose_is_found_from_anywhere_as_well_as_said(link: Mesh) -> None:
-    """Squared errors over their covariance are chi-square with six degrees of freedom: five are below 80 in 1,000,000."""
+    """Squared errors over their covariance are chi-square of six: three are from 5 to 50 in 999 of 1,000."""
     total = 0.0
-    for seed in range(5):
+    for seed in range(3):
         places = _scattered(link, 60, seed)
         bare = replace(places, normals=np.full((60, 3), np.nan)) if seed % 2 else places
         found = register_places(bare, link)
@@ -54,7 +54,7 @@ def test_the_pose_is_found_from_anywhere_as_well_as_said(link: Mesh) -> None:
         assert 0.7 * NOISE < found.rms < 1.2 * NOISE
         assert (found.uncertain, found.others) == ((), ())
         assert found.validation.parts == 4
-    assert 6.0 < total < 80.0
+    assert 5.0 < total < 50.0
 
 
 def test_a_rough_pose_chooses_and_what_is_free_is_named() -> None:
@@ -75,7 +75,7 @@ def test_a_rough_pose_chooses_and_what_is_free_is_named() -> None:
 def test_wrong_units_hands_and_too_few_places_are_refused(link: Mesh) -> None:
     places = _scattered(link, 60, 2)
     inches = Mesh.from_arrays(link.vertices * 0.0254, link.faces)
-    with pytest.raises(InputError, match="39.37 times as large it fits to") as problem:
+    with pytest.raises(InputError, match=r"39\.37 times as large it fits to") as problem:
         register_places(places, inches)
     assert "m for in" in str(problem.value)
     mirrored = replace(places, positions=places.positions * [1, 1, -1], normals=places.normals * [1, 1, -1])
@@ -88,7 +88,9 @@ def test_wrong_units_hands_and_too_few_places_are_refused(link: Mesh) -> None:
         register_places(line, link)
 
 
-def test_the_command_writes_the_pose_into_the_rig(link: Mesh, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_the_pose_into_the_rig(
+    link: Mesh, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     corners = 1e3 * link.vertices
     text = "".join(f"v {x:.9f} {y:.9f} {z:.9f}\n" for x, y, z in corners)
     (tmp_path / "link.obj").write_text(text + "".join(f"f {a} {b} {c}\n" for a, b, c in link.faces + 1))

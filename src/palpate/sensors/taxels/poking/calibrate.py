@@ -274,7 +274,8 @@ def _numbered(
     whose = "the layout's" if start is None else "the layout's and the start's"
     if not found.clear:
         said.append(
-            f"the pokes do not show {whose} numbers for sure, which are used: taxels might {found}; poke more to be sure"
+            f"the pokes do not show {whose} numbers for sure, which are used: taxels might {found}; poke more to be "
+            "sure"
         )
         return layout, start, said
     if start is not None:

@@ -144,9 +144,7 @@ def _off(
     module: Int[np.ndarray, " k"],
 ) -> Float[np.ndarray, " w"]:
     """Return the squares [m^2] (w,) between places and a start in each numbering; inf for mirrored ones."""
-    return np.array(
-        [np.inf if way.mirrored else _squares(places - start[way.order], share, module) for way in ways]
-    )
+    return np.array([np.inf if way.mirrored else _squares(places - start[way.order], share, module) for way in ways])
 
 
 def _shares(layout: ModuleLayout, places: Vectors, weights: Float[np.ndarray, " k"] | None) -> Float[np.ndarray, " k"]:

@@ -7,7 +7,6 @@ surface, in all turns; from the best of them, Gauss-Newton steps shorten the dis
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -27,9 +26,9 @@ __all__ = ["Registration", "register_places"]
 
 FEWEST = 7  # places: each gives one distance, for six unknowns
 LINE = 0.02  # width over length of places that lie on one line
-SAMPLES, STARTS = 20_000, 256  # points on the surface: to be near to, and to start from
-TURNS, PATCH, SOME = 16, 12, 24  # starts at each point; places of a patch; places that choose among starts
-FIRST, SECOND, LAST = (1, 400), (6, 24), 60  # steps, and how many poses go on; steps on the surface itself
+STARTS, TURNS, PATCH = 256, 12, 12  # points on the surface; turns at each; places of the patch brought there
+STEPS = (1, 10, 400), (6, 24, 24)  # steps, by how many places, and how many poses go on
+LAST = 60  # steps by all places
 STILL = 1e-7  # m: the steps that end it
 ALIKE = 1.25  # times the best rms: poses that fit as well
 ELSEWHERE = 3e-3  # m (rms over places): poses that differ by less are one, and one known worse is named
@@ -204,35 +203,31 @@ def _apart(points: Points, poses: Pose, one: int, other: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """A surface, and samples of it for many poses at once.
+    """A surface, with points on it to start from.
 
     Attributes:
-        samples: (m, 3) [m] on the surface, and their normals (m, 3).
-        tree: of the samples.
+        samples: (m, 3) [m], all over it; normals: (m, 3) there.
     """
 
     mesh: Mesh
     samples: Float[np.ndarray, "m 3"]
     normals: Float[np.ndarray, "m 3"]
-    tree: Any
 
     @classmethod
     def of(cls, mesh: Mesh) -> _Search:
-        from scipy.spatial import cKDTree  # here: scipy is slow to import
-
         rng = np.random.default_rng(0)
         area = np.where(mesh.covered, 0.0, mesh.areas)
-        facet = rng.choice(len(area), SAMPLES, p=area / area.sum())
-        share = rng.dirichlet(np.ones(3), SAMPLES)
+        facet = rng.choice(len(area), STARTS, p=area / area.sum())
+        share = rng.dirichlet(np.ones(3), STARTS)
         samples = np.einsum("mc,mcx->mx", share, mesh.vertices[mesh.faces[facet]])
-        return cls(mesh, samples, mesh.normals[facet], cKDTree(samples))
+        return cls(mesh, samples, mesh.normals[facet])
 
     def found(self, points: Points, normals: Points, begun: Pose | None = None) -> tuple[Pose, Float[np.ndarray, " s"]]:
         """Return the best poses T_surface_places, from all starts and `begun`, and their rms distances [m]."""
         poses = self._starts(points, normals)
-        some = points[np.linspace(0, len(points) - 1, min(SOME, len(points))).astype(np.int64)]
-        for rounds, kept in (FIRST, SECOND):
-            poses, rms = self.closer(some, poses, rounds, sampled=True)
+        for rounds, count, kept in STEPS:
+            some = np.linspace(0, len(points) - 1, min(count, len(points))).astype(np.int64)
+            poses, rms = self.closer(points[some], poses, rounds)
             order = np.argsort(rms)[:kept]
             poses = Pose(poses.rotation[order], poses.translation[order])
         if begun is not None:
@@ -252,18 +247,16 @@ class _Search:
         own = np.concatenate([frame_about(side[None], first) for side in sides])
         angle = 2 * np.pi * np.arange(TURNS) / TURNS
         turned = Pose.from_rotation_vector(angle[:, None] * [0.0, 0.0, 1.0], np.zeros((TURNS, 3))).rotation
-        there = frame_about(self.normals[:STARTS], np.tile(first, (STARTS, 1)))
+        there = frame_about(self.normals, np.tile(first, (STARTS, 1)))
         rotation = np.einsum("sij,tjk,mlk->stmil", there, turned, own).reshape(-1, 3, 3)
-        onto = np.repeat(self.samples[:STARTS], TURNS * len(sides), axis=0)
+        onto = np.repeat(self.samples, TURNS * len(sides), axis=0)
         return Pose(rotation, onto - rotation @ middle)
 
-    def closer(
-        self, points: Points, poses: Pose, rounds: int, *, sampled: bool = False
-    ) -> tuple[Pose, Float[np.ndarray, "*s"]]:
+    def closer(self, points: Points, poses: Pose, rounds: int) -> tuple[Pose, Float[np.ndarray, "*s"]]:
         """Return the best poses of so many Gauss-Newton steps, and the rms distances [m] of the places."""
         best, least = poses, np.full(poses.translation.shape[:-1], np.inf)
         for _ in range(rounds):
-            gaps, slopes = self.slopes(points, poses, sampled=sampled)
+            gaps, slopes = self.slopes(points, poses)
             rms = np.sqrt((gaps**2).mean(axis=-1))
             better = rms < least
             rotation = np.where(better[..., None, None], poses.rotation, best.rotation)
@@ -277,21 +270,14 @@ class _Search:
             poses = poses @ Pose.from_rotation_vector(step[..., :3, 0], step[..., 3:, 0])
         return best, np.asarray(least)
 
-    def slopes(
-        self, points: Points, poses: Pose, *, sampled: bool = False
-    ) -> tuple[Float[np.ndarray, "*s n"], Float[np.ndarray, "*s n 6"]]:
+    def slopes(self, points: Points, poses: Pose) -> tuple[Float[np.ndarray, "*s n"], Float[np.ndarray, "*s n 6"]]:
         """Return signed distances [m] of places below the surface, and their derivatives.
 
-        They are by the motion (rotation vector, translation) of the surface in the frame of the places; `sampled`: of
-        the nearest samples.
+        They are by the motion (rotation vector, translation) of the surface in the frame of the places.
         """
         at = poses.rotation @ points.T
         at = np.swapaxes(at, -1, -2) + poses.translation[..., None, :]
-        if sampled:
-            index = self.tree.query(at)[1]
-            onto, normals = self.samples[index], self.normals[index]
-        else:
-            onto, normals = (each.reshape(at.shape) for each in self.mesh.project(at.reshape(-1, 3))[:2])
+        onto, normals = (each.reshape(at.shape) for each in self.mesh.project(at.reshape(-1, 3))[:2])
         away = onto - at
         gap = np.linalg.norm(away, axis=-1)
         sign = np.where(np.einsum("...c,...c->...", away, normals) < 0, -1.0, 1.0) * gap

@@ -79,7 +79,10 @@ def _figures(found: Registration) -> list[tuple[str, object]]:
     turned = np.degrees(np.sqrt(np.diag(found.covariance)[:3]))
     return [
         ("places", f"{np.count_nonzero(np.isfinite(found.distances))}"),
-        ("from the surface", f"{1e3 * found.rms:.2f} mm rms, {1e3 * found.distances[worst]:.2f} mm worst (taxel {worst})"),
+        (
+            "from the surface",
+            f"{1e3 * found.rms:.2f} mm rms, {1e3 * found.distances[worst]:.2f} mm worst (taxel {worst})",
+        ),
         ("position", measured(1e3 * pose.translation, 1e3 * moved[3:], "mm")),
         ("rotation vector", measured(np.degrees(pose.rotation_vector()), turned, "deg")),
         ("deviation", f"{1e3 * found.spread:.2g} mm of the surface at the places, without errors of its mesh"),
@@ -93,7 +96,9 @@ def _doubts(found: Registration, extent: float, *, chosen: bool) -> list[str]:
         said.append("the places lie far from the surface wherever it is: check that it is the mesh of their link")
     if found.uncertain:
         motions = "; ".join(found.uncertain)
-        said.append(f"the places do not show to {1e3 * ELSEWHERE:g} mm: {motions}. Such motions stay as they were found")
+        said.append(
+            f"the places do not show to {1e3 * ELSEWHERE:g} mm: {motions}. Such motions stay as they were found"
+        )
     if found.others:
         rms, far = (1e3 * max(each) for each in zip(*found.others, strict=True))
         pick = (
