@@ -109,6 +109,25 @@ def test_the_right_numbering_is_left_and_the_spacing_is_that_of_python(
     np.testing.assert_allclose(own.positions, wanted, atol=1e-9)
 
 
+def test_numbers_are_never_wrong_in_silence(skin: Forearm) -> None:
+    """Places 8 mm off on a module of 12 mm: what is stated does not change what they show."""
+    shown = np.zeros((20, len(ORDERS)), dtype=bool)
+    for seed in range(len(shown)):
+        places = skin.places.positions + 8e-3 * RNG(seed).normal(size=(84, 3))
+        for k, order in enumerate(ORDERS.values()):
+            rows = (12 * np.arange(7)[:, None] + order).ravel()
+            stated = ModuleLayout(skin.layout.places[rows], skin.layout.module)
+            found = found_numbering(stated, places, skin.places.normals)
+            shown[seed, k] = found is None or found.clear
+            used = stated if found is None else found.of(stated)
+            ring = used.places.reshape(7, 12, 2) @ [1.0, 1.0j], skin.layout.places.reshape(7, 12, 2) @ [1.0, 1.0j]
+            if shown[seed, k]:
+                alike = np.abs((ring[0].conj() * ring[1]).sum(axis=1))
+                np.testing.assert_allclose(alike, (np.abs(ring[1]) ** 2).sum(axis=1))
+    assert (shown == shown[:, :1]).all()
+    assert 0 < shown[:, 0].sum() < len(shown)
+
+
 def test_a_layout_that_no_numbering_mirrors_is_found_from_the_other_side(skin: Forearm) -> None:
     odd = RNG(3).normal(scale=8e-3, size=(12, 2))
     chiral = replace(skin, shape=odd)
