@@ -133,8 +133,10 @@ def _spaced(sessions: int, pokes: int) -> Row:
     for seed in range(SEED, SEED + sessions):
         rng = np.random.default_rng(seed)
         made = PokeBench.drawn(rng, skin=_skin(), errors=MIX, tip=HAND).session(rng, pokes).pokes
-        given = {"start": _skin().cad(rng), "layout": _skin().layout, "priors": priors_of(MIX)}
-        spacing = calibrate_taxels(made, surface=_link(), **given).spacing
+        cad, priors = _skin().cad(rng), priors_of(MIX)
+        found = calibrate_taxels(made, surface=_link(), start=cad, layout=_skin().layout, priors=priors)
+        if (spacing := found.spacing) is None:
+            continue
         error.append(spacing.found - SPACING)
         deviation.append(spacing.deviation)
     ratio = np.array(error) / deviation
@@ -171,8 +173,8 @@ def _by_commands(sessions: int, pokes: int) -> Iterator[Row]:
                     named += layout is not None and "numbers" in said
             start = read_taxel_places(folder / "cad.txt")
             table = believed(read_pokes(folder / "pokes.csv"), start=start)
-            given = {"start": start, "layout": _skin().layout}
-            python = calibrate_taxels(table, surface=Mesh.load(folder / "forearm.stl", "m"), **given)
+            link = Mesh.load(folder / "forearm.stl", "m")
+            python = calibrate_taxels(table, surface=link, start=start, layout=_skin().layout)
             found, _ = _calibrated(folder, "--layout", "ring12", "--spacing", repr(SPACING))
             same.append(float(np.nanmax(np.abs(found.positions - python.places.positions))))
     got = "; ".join(f"{what} {np.mean(each):.2f}" for what, each in off.items())

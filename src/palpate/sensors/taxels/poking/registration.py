@@ -176,13 +176,15 @@ def _judged(
     left = cross_validate(len(points), predict) if len(points) >= 2 * FEWEST else Validation()
     covariance, back = _covariance(slopes, variance * left.widening), pose.inverse()
     moves = np.concatenate([-skew(points), np.tile(np.eye(3), (len(points), 1, 1))], axis=2)
-    metric = np.einsum("nki,nkj->ij", moves, moves) / len(points)
-    root = np.linalg.cholesky(metric)
+    metric: Float[np.ndarray, "6 6"] = np.einsum("nki,nkj->ij", moves, moves) / len(points)
+    root: Float[np.ndarray, "6 6"] = np.linalg.cholesky(metric)
     values, vectors = np.linalg.eigh(root.T @ covariance @ root)  # variances [m^2] of motions of the places
-    free = np.linalg.solve(root.T, vectors[:, values > ELSEWHERE**2])
+    free: Float[np.ndarray, "6 k"] = np.linalg.solve(root.T, vectors[:, values > ELSEWHERE**2])
     lever = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
     sizes = np.repeat([1.0 / lever, 1.0], 3)  # rad and m by which places move alike
-    turned = np.kron(np.eye(2), pose.rotation) @ free / sizes[:, None]  # in the surface's axes
+    turned: Float[np.ndarray, "6 k"] = (
+        np.kron(np.eye(2), pose.rotation) @ free / sizes[:, None]
+    )  # in the surface's axes
     uncertain = name_motions(np.linalg.qr(turned)[0], 1.0 / lever, 1.0, pose.translation)
     return back, gaps, covariance, float(np.sqrt(values.sum())), uncertain, left
 
@@ -266,7 +268,9 @@ class _Search:
             least = np.minimum(rms, least)
             square = np.einsum("...ni,...nj->...ij", slopes, slopes)
             scale = DAMPED * np.trace(square, axis1=-2, axis2=-1)[..., None, None]
-            step = np.linalg.solve(square + scale * np.eye(6), np.einsum("...ni,...n->...i", slopes, gaps)[..., None])
+            right = np.einsum("...ni,...n->...i", slopes, gaps)
+            matrix: Float[np.ndarray, "*s 6 6"] = square + scale * np.eye(6)
+            step = np.linalg.solve(matrix, right[..., None])
             poses = poses @ Pose.from_rotation_vector(step[..., :3, 0], step[..., 3:, 0])
         return best, np.asarray(least)
 
