@@ -270,7 +270,7 @@ class _Search:
             scale = DAMPED * np.trace(square, axis1=-2, axis2=-1)[..., None, None]
             right = np.einsum("...ni,...n->...i", slopes, gaps)
             matrix: Float[np.ndarray, "*s 6 6"] = square + scale * np.eye(6)
-            step = np.linalg.solve(matrix, right[..., None])
+            step: Float[np.ndarray, "*s 6 1"] = np.linalg.solve(matrix, right[..., None])
             poses = poses @ Pose.from_rotation_vector(step[..., :3, 0], step[..., 3:, 0])
         return best, np.asarray(least)
 
