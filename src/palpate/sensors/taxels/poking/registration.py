@@ -17,7 +17,7 @@ from palpate.calibration.validation import Validation, cross_validate
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking.rigid_groups import frame_about
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose, skew
 from palpate.surfaces.mesh import UNITS, Mesh
 from palpate.surfaces.surface import Surface
@@ -41,8 +41,7 @@ LEAST = 1.0  # 1/m^2, 1/rad^2: the weak prior of the pose
 Points = Float[np.ndarray, "n 3"]
 
 
-@takes_arrays
-@dataclass(frozen=True, eq=False)
+@frozen_value
 class Registration:
     """The pose of a surface in the frame of taxel places.
 
