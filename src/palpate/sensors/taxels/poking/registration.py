@@ -265,12 +265,12 @@ class _Search:
             if not (rms < least - STILL).any():
                 break
             least = np.minimum(rms, least)
-            square = np.einsum("...ni,...nj->...ij", slopes, slopes)
-            scale = DAMPED * np.trace(square, axis1=-2, axis2=-1)[..., None, None]
-            right = np.einsum("...ni,...n->...i", slopes, gaps)
-            matrix: Float[np.ndarray, "*s 6 6"] = square + scale * np.eye(6)
-            step: Float[np.ndarray, "*s 6 1"] = np.linalg.solve(matrix, right[..., None])
-            poses = poses @ Pose.from_rotation_vector(step[..., :3, 0], step[..., 3:, 0])
+            square: np.ndarray = np.einsum("...ni,...nj->...ij", slopes, slopes)
+            scale: np.ndarray = DAMPED * np.trace(square, axis1=-2, axis2=-1)[..., None, None]
+            right: np.ndarray = np.einsum("...ni,...n->...i", slopes, gaps)
+            raised: Float[np.ndarray, "*s 6 6"] = square + scale * np.eye(6)
+            step = np.asarray(np.linalg.solve(raised, right[..., None])[..., 0], dtype=np.float64)
+            poses = poses @ Pose.from_rotation_vector(step[..., :3], step[..., 3:])
         return best, np.asarray(least)
 
     def slopes(self, points: Points, poses: Pose) -> tuple[Float[np.ndarray, "*s n"], Float[np.ndarray, "*s n 6"]]:
