@@ -8,7 +8,6 @@ from functools import cache
 from time import perf_counter
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from evidence.row import Row, shared, skipped
 from evidence.taxel_limit import HELD, priors_of
@@ -18,14 +17,14 @@ from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking import calibrate_taxels
 from palpate.sensors.taxels.poking.module_placement import common_layout, place_modules
+from palpate.sensors.taxels.poking.registration import register_places
 from palpate.signals.recording import CELLS, Recording
-from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.forearm import Forearm
 from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench
 from palpate_lab.simulation.skin_touches import SkinTouches, simulate_touches
 
-__all__ = ["registered", "rows", "variation"]
+__all__ = ["rows", "variation"]
 
 COMMAND = "python -m evidence --only taxel_work"
 NAME = "taxels at work"
@@ -34,7 +33,6 @@ NEAR = 6e-3  # m: farther off than that, a contact is not that touch's
 BESIDE = 2.5e-3  # m: of a taxel's middle
 APART = (12e-3, 15e-3, 18e-3)  # m, middles of two touches; neighbours are 6 mm apart
 SPACING = 5.5e-3  # m, between neighbours, as the paper says it
-COARSE, FINE, KEPT = 10, 150, 3  # rounds of registration, of all starts and of the best
 
 
 def rows(small: bool) -> Iterator[Row]:
@@ -203,13 +201,16 @@ def _icub(small: bool) -> Iterator[Row]:
     link = Mesh.load(data / "icub_r_forearm.dae", "m")
     own, theirs = (read_taxel_places(data / f"right_forearm_{kind}.txt") for kind in ("nomesh", "mesh"))
     patch, settled = (read_taxel_places(data / f"pos_right_forearm_lower_{kind}.txt") for kind in ("nomesh", "mesh"))
-    rounds = (2, 8) if small else (COARSE, FINE)
     for name, given, authors, most in (("all 23", own, theirs, 3.6), ("84 patch", patch, settled, 3.2)):
         for to, places in {"themselves": given, "the authors' result": theirs}.items():
-            if small and places is theirs:
+            if small and not (places is given is patch):
                 continue
-            surface, off = registered(link, places.positions[places.there], *rounds)
-            got = f"{1e3 * off.mean():.2f} mm mean, {1e3 * off.max():.2f} worst"
+            found = register_places(places, link)
+            surface, off = link.transformed(found.pose), 1e3 * found.distances
+            got = (
+                f"{np.nanmean(off):.2f} mm mean, {np.nanmax(off):.2f} worst; {found.validation}; "
+                f"{len(found.others)} other poses fit as well"
+            )
             yield Row(NAME, f"icub, {name}: link registered to {to}, points off it", "", got, None, COMMAND)
             for spacing in (None, SPACING):
                 kept = "as estimated" if spacing is None else f"scaled to {1e3 * spacing:g} mm"
@@ -247,30 +248,3 @@ def variation(places: TaxelPlaces) -> float:
         found.append(np.linalg.norm(ring - np.roll(ring, -1, axis=0), axis=1))
     distance = np.concatenate(found)
     return float(distance.std() / distance.mean())
-
-
-def registered(link: Mesh, points: np.ndarray, coarse: int = COARSE, fine: int = FINE) -> tuple[Mesh, np.ndarray]:
-    """A link moved to points on it, closest point by closest point [Besl and McKay 1992], and how far they lie off.
-
-    From 24 orientations about the middles, `coarse` rounds of each and `fine` ones of the best few; distances in [m].
-    """
-    tried = list[tuple[float, Pose]]()
-    for turn in Rotation.create_group("O").as_matrix():
-        pose = Pose(turn, points.mean(axis=0) - turn @ link.vertices.mean(axis=0))
-        tried.append(_closer(link, points, pose, coarse))
-    best = sorted(tried, key=lambda one: one[0])[:KEPT]
-    pose = min((_closer(link, points, one[1], fine) for one in best), key=lambda one: one[0])[1]
-    moved = link.transformed(pose)
-    return moved, np.linalg.norm(moved.project(points)[0] - points, axis=1)
-
-
-def _closer(link: Mesh, points: np.ndarray, pose: Pose, rounds: int) -> tuple[float, Pose]:
-    """So many rounds on: the mean distance [m] before the last, and the pose."""
-    mean = float("inf")
-    for _ in range(rounds):
-        near = link.project(pose.inverse().apply(points))[0]
-        mean = float(np.linalg.norm(pose.apply(near) - points, axis=1).mean())
-        middle, target = near.mean(axis=0), points.mean(axis=0)
-        turn = Rotation.align_vectors(points - target, near - middle)[0].as_matrix()
-        pose = Pose(turn, target - turn @ middle)
-    return mean, pose

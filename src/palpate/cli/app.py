@@ -71,6 +71,11 @@ _CALIBRATIONS = {  # name -> module, class, and the first paragraph of its docst
     "marker-ring": (_MARKER_RING, "CalibrateMarkerRing", "Calibrate a soft ring of markers from known presses."),
     "payload": (_FORCE_TORQUE, "CalibratePayload", "Identify mass, center of mass and bias: gravity compensation."),
     "mounting": (_MOUNTING, "CalibrateMounting", "Find the surface's pose in the sensor's frame from touches."),
+    "registration": (
+        "palpate.sensors.taxels.poking.registration_command",
+        "CalibrateRegistration",
+        "Find the surface's pose among places of taxels, and write it into the rig.",
+    ),
     "taxels": (_POKING, "CalibrateTaxels", "Find where each taxel sits, from the wrenches of pokes."),
 }
 _ROWS = {  # name of a command -> module, function, and the first paragraph of its docstring

@@ -102,11 +102,30 @@ def test_the_right_numbering_is_left_and_the_spacing_is_that_of_python(
     assert "warning" not in capsys.readouterr().out
     exact = place_modules(rough, skin.layout, link).places.positions
     np.testing.assert_allclose(found.positions, exact, atol=1e-9)
-    wide = _laid(folder, "rig", "rough.txt", "--layout", "ring12")
+    wide = _laid(folder, "rig", "rough.txt", "--layout", "ring12", "--spacing", "0.006")
     assert _mean(found, skin.places) < _mean(wide, skin.places)
     own = _laid(folder, "rig", "rough.txt", "--spacing", "0.0055")
     wanted = place_modules(rough, common_layout(rough, link, spacing=SPACING), link).places.positions
     np.testing.assert_allclose(own.positions, wanted, atol=1e-9)
+
+
+def test_numbers_are_never_wrong_in_silence(skin: Forearm) -> None:
+    """Places 8 mm off on a module of 12 mm: what is stated does not change what they show."""
+    shown = np.zeros((20, len(ORDERS)), dtype=bool)
+    for seed in range(len(shown)):
+        places = skin.places.positions + 8e-3 * RNG(seed).normal(size=(84, 3))
+        for k, order in enumerate(ORDERS.values()):
+            rows = (12 * np.arange(7)[:, None] + order).ravel()
+            stated = ModuleLayout(skin.layout.places[rows], skin.layout.module)
+            found = found_numbering(stated, places, skin.places.normals)
+            shown[seed, k] = found is None or found.clear
+            used = stated if found is None else found.of(stated)
+            ring = used.places.reshape(7, 12, 2) @ [1.0, 1.0j], skin.layout.places.reshape(7, 12, 2) @ [1.0, 1.0j]
+            if shown[seed, k]:
+                alike = np.abs((ring[0].conj() * ring[1]).sum(axis=1))
+                np.testing.assert_allclose(alike, (np.abs(ring[1]) ** 2).sum(axis=1))
+    assert (shown == shown[:, :1]).all()
+    assert 0 < shown[:, 0].sum() < len(shown)
 
 
 def test_a_layout_that_no_numbering_mirrors_is_found_from_the_other_side(skin: Forearm) -> None:
@@ -196,6 +215,39 @@ def test_pokes_show_a_start_turned_by_a_third_of_a_ring(skin: Forearm) -> None:
     found = calibrate_taxels(pokes, surface=link, start=_numbered(cad, turned), layout=skin.layout)
     assert any("begin at number 8 of a module and run forwards" in said for said in found.warnings)
     assert _mean(found.places, skin.places) < _mean(cad, skin.places)
+
+
+def test_the_spacing_is_found_and_used_where_none_is_stated(
+    skin: Forearm, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Places 1 mm off show 5.5 mm to 0.08; ring12 has 6 mm. As good as stated, and a wrong one is contradicted."""
+    found = _laid(folder, "rig", "rough.txt", "--layout", "ring12")
+    said = capsys.readouterr().out
+    number, deviation = (float(text.split()[0]) for text in said.split("the places show taxels ")[1].split("+-")[:2])
+    assert abs(number - 5.5) < 3 * deviation < 0.5
+    assert "not 6.00 mm as in the layout: modules are laid with that" in said
+    stated = _laid(folder, "rig", "rough.txt", "--layout", "ring12", "--spacing", "0.0055")
+    assert _mean(found, skin.places) < 1.1 * _mean(stated, skin.places)
+    capsys.readouterr()
+    _laid(folder, "rig", "rough.txt", "--layout", "ring12", "--spacing", "0.006")
+    assert "not 6.00 mm as in the layout: modules are laid as stated" in capsys.readouterr().out
+
+
+def test_pokes_show_the_spacing(skin: Forearm) -> None:
+    """Its deviation is about 0.14 mm with 200 pokes, and 30 sessions scatter as it says."""
+    rng = RNG(3)
+    pokes = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 300).pokes
+    link, wide = Mesh.from_arrays(*skin.cone.mesh()), skin.layout.spaced(8e-3)
+    found = calibrate_taxels(pokes, surface=link, layout=wide, rescale=True)
+    assert found.spacing is not None
+    assert found.spacing.stated == pytest.approx(8e-3)
+    assert abs(found.spacing.found - SPACING) < 3 * found.spacing.deviation < 0.6e-3
+    assert found.spacing.used == pytest.approx(SPACING, abs=3 * found.spacing.deviation)
+    assert any("modules are laid with that" in said for said in found.warnings)
+    right = calibrate_taxels(pokes, surface=link, layout=skin.layout, rescale=True)
+    assert right.spacing is not None
+    assert right.spacing.used == right.spacing.stated
+    assert not any("from their neighbours" in said for said in right.warnings)
 
 
 UPRIGHT = Pose.from_rotation_vector([np.pi / 2, 0.0, 0.0], np.zeros(3))  # the file is Y_UP and is turned when read

@@ -83,21 +83,23 @@ class ModuleLayout(Value):
             flat[rows] = _unbent(away, axes) if bent and len(rows) >= _TELLING else away @ axes[:2].T
         return cls(flat, module)
 
-    def spaced(self, spacing: float) -> ModuleLayout:
-        """Return the `ModuleLayout` scaled so that the taxels of a module have their nearest neighbours at `spacing`.
-
-        Args:
-            spacing: [m], on average over all taxels.
-
-        Raises:
-            InputError: a spacing that is not positive and finite, or no module with two taxels at different places.
-        """
+    @property
+    def spacing(self) -> float:
+        """Return the mean distance [m] of taxels from the nearest one of their module; 0.0 without two on a module."""
         near = list[float]()
         for number in range(self.modules):
             rows = (self.module == number) & np.isfinite(self.places).all(axis=1)
             gaps = np.linalg.norm(self.places[rows, None] - self.places[rows], axis=2)
             near += gaps[~np.eye(len(gaps), dtype=bool)].reshape(len(gaps), -1).min(axis=1, initial=np.inf).tolist()
-        mean = float(np.mean([gap for gap in near if np.isfinite(gap)] or [0.0]))
+        return float(np.mean([gap for gap in near if np.isfinite(gap)] or [0.0]))
+
+    def spaced(self, spacing: float) -> ModuleLayout:
+        """Return the `ModuleLayout` scaled to a `spacing` [m].
+
+        Raises:
+            InputError: a spacing that is not positive and finite, or no module with two taxels at different places.
+        """
+        mean = self.spacing
         if not (0 < spacing < np.inf and mean > 0):
             raise InputError(f"a layout cannot be scaled to a spacing of {spacing:g} m.", where="spacing")
         return ModuleLayout(self.places * (spacing / mean), self.module)

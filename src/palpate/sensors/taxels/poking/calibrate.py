@@ -18,6 +18,7 @@ from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
 from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, placed, single
 from palpate.sensors.taxels.poking.solve import PlacesSolution, solve, validated
+from palpate.sensors.taxels.poking.spacing import Spacing, by_scale
 from palpate.spatial.arguments import frozen_value
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces.surface import Surface
@@ -28,6 +29,7 @@ METHODS = ("free", "weighted", "surface", "taxels", "modules")
 FEWEST = 3  # pokes of a module that nothing else is known of
 ENOUGH = 10  # pokes in all
 NAMED = 12  # taxels in a sentence
+RESCALED = 2  # fits with the spacing that pokes show
 NOISIER, ASTRAY = 1.3, 20.0  # ratios of residuals to noise: above them a warning, and an error
 ALONE = (
     "there is only one arm configuration: the sensor's bias and the error of the link's frame cannot be told from a "
@@ -46,6 +48,7 @@ class TaxelCalibration:
         nuisances: name -> errors estimated with the taxels: frames and bias (configurations, 6), common (6,),
             cross_talk (6, 6); empty for the paper's methods.
         validation: errors of pokes that a fit had not seen; empty for the paper's methods.
+        spacing: of neighbouring taxels, as stated and as found; None for single taxels.
         notes, warnings: for the user, a sentence each.
     """
 
@@ -54,6 +57,7 @@ class TaxelCalibration:
     noise: float
     nuisances: dict[str, np.ndarray] = field(default_factory=lambda: {})
     validation: Validation = field(default_factory=Validation)
+    spacing: Spacing | None = None
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -66,6 +70,7 @@ def calibrate_taxels(
     start: TaxelPlaces | None = None,
     layout: ModuleLayout | None = None,
     priors: Priors | None = None,
+    rescale: bool = False,
 ) -> TaxelCalibration:
     """Return the places of taxels, in the link's frame, from pokes, as a `TaxelCalibration`.
 
@@ -79,6 +84,7 @@ def calibrate_taxels(
         start: expected places of the taxels (CAD), weighted by the priors; None: nothing is known.
         layout: of modules; None: that of the start.
         priors: of the start and of the errors; None: the defaults.
+        rescale: lay modules with the spacing that the pokes show, where it contradicts the layout's.
 
     Raises:
         InputError: an unknown method, a missing surface or layout, a mirrored layout, another number of taxels, or
@@ -101,7 +107,7 @@ def calibrate_taxels(
             missing=("places of taxels",),
         )
     if method in ("taxels", "modules"):
-        return _together(pokes, method == "modules", surface, start, layout, priors or Priors())
+        return _together(pokes, method == "modules", surface, start, layout, priors or Priors(), rescale=rescale)
     if method == "surface" and surface is None:
         raise InputError(
             "this method needs the link's surface.", where="method", hint="Add [surface] to the rig, or use 'weighted'."
@@ -143,10 +149,12 @@ def _together(
     start: TaxelPlaces | None,
     layout: ModuleLayout | None,
     priors: Priors,
+    *,
+    rescale: bool,
 ) -> TaxelCalibration:
     """Fit all taxels in one, with all errors that are estimated."""
     points, outward, weight = _guessed(pokes, surface)
-    renumbered = list[str]()
+    renumbered, doubts = list[str](), ()
     if modules:
         layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
         if layout is None or not layout.modules:
@@ -172,6 +180,14 @@ def _together(
     priors = priors if modules else priors.of_single_taxels()
     deviations = None if begun is None else units.each(priors.start, priors.start_angle)
     solution = solve(pokes, units, priors, start=begun, deviations=deviations)
+    stated = units.layout.spacing
+    for _ in range(RESCALED if rescale and modules else 0):
+        spacing = _spacing(stated, solution)
+        if not spacing.contradicted or spacing.found <= 0:
+            break
+        units = replace(solution.units, layout=units.layout.spaced(spacing.found))
+        begun = None if start is None else fitted(units.layout, start.positions, surface)
+        solution = solve(pokes, units, priors, start=begun, deviations=deviations)
     if solution.noise > ASTRAY:
         raise InputError(
             f"torques are off by {solution.noise:.0f} times what noise explains, wherever the taxels are.",
@@ -180,12 +196,31 @@ def _together(
         )
     left = validated(pokes, solution, priors, start=begun, deviations=deviations)
     solution = replace(solution, covariance=left.widening * solution.covariance)
+    spacing = _spacing(stated, solution, left.widening) if modules else None
     places = _placed(pokes, solution)
+    if spacing is not None:
+        places, doubts = _scaled(places, solution, spacing), spacing.warnings("the pokes")
     nuisances = {name: getattr(solution.nuisances, name) for name in ("frames", "common", "bias", "cross_talk")}
-    used, doubts = int(np.count_nonzero(solution.weight > 0)), (*renumbered, *_doubts(pokes, solution), *left.notes)
+    used = int(np.count_nonzero(solution.weight > 0))
+    doubts = (*renumbered, *doubts, *_doubts(pokes, solution), *left.notes)
     if start is not None and modules:
         doubts = (*doubts, *moved_far(units.layout, start.positions, places.positions))
-    return TaxelCalibration(places, used, solution.noise, nuisances, left, _untouched(places), doubts)
+    return TaxelCalibration(places, used, solution.noise, nuisances, left, spacing, _untouched(places), doubts)
+
+
+def _spacing(stated: float, solution: PlacesSolution, widening: float = 1.0) -> Spacing:
+    """Return the spacing that a solution shows, and the one that it has."""
+    used, (scale, deviation) = solution.units.layout.spacing, solution.scale
+    return Spacing(stated, scale * used, float(np.sqrt(widening)) * deviation * used, used)
+
+
+def _scaled(places: TaxelPlaces, solution: PlacesSolution, spacing: Spacing) -> TaxelPlaces:
+    """Return places whose covariance includes that of a spacing that was found."""
+    if spacing.used == spacing.stated:
+        return places
+    along = spacing.deviation / spacing.used * by_scale(solution.units)
+    covariance = places.covariance + np.einsum("ki,kj->kij", along, along)
+    return replace(places, covariance=covariance, relative=np.sqrt(places.relative**2 + (along**2).sum(axis=1)))
 
 
 def _guessed(
@@ -238,7 +273,10 @@ def _numbered(
         return layout, start, said
     whose = "the layout's" if start is None else "the layout's and the start's"
     if not found.clear:
-        said.append(f"the pokes cast doubt on {whose} numbers, which are used: taxels {found}; poke more to be sure")
+        said.append(
+            f"the pokes do not show {whose} numbers for sure, which are used: taxels might {found}; poke more to be "
+            "sure"
+        )
         return layout, start, said
     if start is not None:
         start = replace(start, positions=start.positions[found.order], normals=start.normals[found.order])

@@ -60,7 +60,8 @@ class CalibrateTaxels(Calibration):
         start: file of expected places (CAD), in place of the rig's.
         layout: of modules, in place of the rig's: ring12, triangle10, triangle10+2, or a file of taxels, of one module
             or of all.
-        spacing: distance between neighbouring taxels of a module [m], to which the layout is scaled.
+        spacing: distance between neighbouring taxels of a module [m], to which the layout is scaled (default: the
+            layout's; if it is a known one and the pokes or places contradict it, theirs).
         threshold: reading above the baseline at which a taxel answers (default: found from its noise).
     """
 
@@ -145,6 +146,7 @@ class CalibrateTaxels(Calibration):
             start=places,
             layout=modules,
             priors=Priors(**table.priors.stated()),
+            rescale=self._rescaled(setup),
         )
         return CalibrationResult(
             _figures(pokes, found),
@@ -164,10 +166,14 @@ class CalibrateTaxels(Calibration):
         if self.spacing is not None:
             spacing = self.spacing
             modules = common_layout(places, surface, spacing=spacing) if modules is None else modules.spaced(spacing)
-        found = place_modules(places, modules, surface)
-        return CalibrationResult(
-            of_taxels(found.places), found.places, notes=[*said, *found.notes], warnings=found.warnings
-        )
+        found = place_modules(places, modules, surface, rescale=self._rescaled(setup))
+        figures = [*of_taxels(found.places), ("spacing", str(found.spacing))]
+        return CalibrationResult(figures, found.places, notes=[*said, *found.notes], warnings=found.warnings)
+
+    def _rescaled(self, setup: Setup) -> bool:
+        """Return whether the data may change the spacing: of a known layout, if none is stated."""
+        named = self.layout or (setup.pokes.layout if setup.pokes is not None else None)
+        return self.spacing is None and named in LAYOUTS
 
 
 def _in_link(setup: Setup) -> Surface | None:
@@ -263,6 +269,7 @@ def _figures(pokes: Pokes, found: TaxelCalibration) -> list[tuple[str, object]]:
         ("answers", f"{answers:.1f} taxels a poke, above {pokes.threshold:.3g}"),
         ("noise", f"{said}; residuals are {found.noise:.2f} times what is explained"),
         *of_taxels(found.places),
+        *([("spacing", str(found.spacing))] if found.spacing is not None else []),
         *([("left out", str(found.validation))] if found.validation.parts else []),
         *_nuisances(found),
     ]

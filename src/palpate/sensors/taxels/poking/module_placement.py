@@ -13,7 +13,8 @@ from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking.calibrate import TaxelCalibration
 from palpate.sensors.taxels.poking.moved_modules import moved_far
 from palpate.sensors.taxels.poking.numbering import Numbering, found_numbering
-from palpate.sensors.taxels.poking.rigid_groups import fitted
+from palpate.sensors.taxels.poking.rigid_groups import Units, fitted
+from palpate.sensors.taxels.poking.spacing import Spacing, scale_in_places
 from palpate.surfaces.surface import Surface
 
 _ROUNDS = 20  # of turning modules onto their mean
@@ -62,7 +63,11 @@ def _mean(flat: Float[np.ndarray, "m t 2"]) -> Float[np.ndarray, "t 2"]:
 
 
 def place_modules(
-    places: TaxelPlaces, layout: ModuleLayout | None = None, surface: Surface | None = None
+    places: TaxelPlaces,
+    layout: ModuleLayout | None = None,
+    surface: Surface | None = None,
+    *,
+    rescale: bool = False,
 ) -> TaxelCalibration:
     """Fit modules to the places of their taxels; return the new places, without covariance, in a `TaxelCalibration`.
 
@@ -72,6 +77,7 @@ def place_modules(
         places: expected places of the taxels, with the module of each.
         layout: of the modules; None: `common_layout` of the places.
         surface: of the link, on which modules are bent; None: they are flat.
+        rescale: lay modules with the spacing that the places show, where it contradicts the layout's.
 
     Raises:
         InputError: a layout of another skin, a module with fewer than three taxels, or no layout and unequal modules.
@@ -92,7 +98,12 @@ def place_modules(
         )
     numbering = found_numbering(layout, places.positions, known.normals)
     layout = numbering.of(layout) if numbering is not None and numbering.clear else layout
-    points, normals = fitted(layout, places.positions, surface).places
+    stated, units = layout.spacing, fitted(layout, places.positions, surface)
+    spacing = _spacing(stated, units, places)
+    if rescale and spacing.contradicted and spacing.found > 0:
+        layout = layout.spaced(spacing.found)
+        units, spacing = fitted(layout, places.positions, surface), replace(spacing, used=spacing.found)
+    points, normals = units.places
     points = np.where(places.there[:, None], points, np.nan)
     away = np.linalg.norm(points - places.positions, axis=1)
     made = replace(
@@ -106,10 +117,23 @@ def place_modules(
     said = f"taxels moved by {1e3 * np.nanmean(away):.2f} mm on average, {1e3 * np.nanmax(away):.2f} mm at most"
     doubts = (
         *(() if numbering is None else (_contradicted(numbering),)),
+        *spacing.warnings("the places"),
         *moved_far(layout, places.positions, points),
         *(() if surface is not None else (_unsupported(layout, places),)),
     )
-    return TaxelCalibration(made, 0, 1.0, notes=(said,), warnings=doubts)
+    return TaxelCalibration(made, 0, 1.0, spacing=spacing, notes=(said,), warnings=doubts)
+
+
+def _spacing(stated: float, units: Units, places: TaxelPlaces) -> Spacing:
+    """Return the spacing that places show, and the one of modules fitted to them.
+
+    Flat modules are fitted to both, so that what a bend shortens cancels.
+    """
+    laid = np.where(places.there[:, None], units.places[0], np.nan)
+    (found, deviation), (bent, _) = (
+        scale_in_places(fitted(units.layout, each, None), each) for each in (places.positions, laid)
+    )
+    return Spacing(stated, stated * found / bent, stated * deviation / bent, stated)
 
 
 def _contradicted(numbering: Numbering) -> str:
@@ -117,7 +141,7 @@ def _contradicted(numbering: Numbering) -> str:
     whose = "handedness: seen from the other side its taxels" if numbering.mirrored else "numbers: its taxels"
     if numbering.clear:
         return f"the places contradict the layout's {whose} {numbering}; they are laid like that"
-    return f"the places cast doubt on the layout's {whose} {numbering}; they are laid as stated"
+    return f"the places do not show for sure the layout's {whose} might {numbering}; they are laid as stated"
 
 
 def _unsupported(layout: ModuleLayout, places: TaxelPlaces) -> str:

@@ -16,9 +16,9 @@ from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.poking.rigid_groups import frame_about, placed
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
-DOUBTED = 0.95  # of the same squares: one of 100 sessions of 60 to 200 pokes is below, if the numbering is right
-CLEAR = 0.8  # of the squares that the stated numbering leaves: 0.89 at least the other way round, if it is right
-ALIKE = 0.99  # of the squares: numberings that differ by less are the same on a symmetric module
+CLEAR = 6.0  # n log(squares of the next numbering / squares): of 220 sessions of 60 to 200 pokes wrong ones reach 4.5
+TURNED = 0.8  # of the squares about a start, for numberings that are one but for turns of the modules
+SAME = 0.01  # of the squares between two numberings of a layout that are one: of a symmetric module
 FEWEST, TELLING = 3, 5  # taxels of a module with a place, and taxels of a module that has an order
 
 Vectors = Float[np.ndarray, "k 3"]
@@ -26,14 +26,14 @@ Vectors = Float[np.ndarray, "k 3"]
 
 @frozen_value
 class Numbering:
-    """A numbering of modules that fits their taxels better than the one stated.
+    """A numbering of modules other than the one stated.
 
     Attributes:
         order: (k,) the taxel whose stated place each taxel has.
         first: index in its module of the first taxel's; backwards: the others follow downwards.
         mirrored: the layout also has to be seen from the other side.
         rms: [m] of the distances that are left; stated: [m] of those that the stated numbering leaves.
-        clear: whether it is beyond doubt that the stated numbering is wrong.
+        clear: whether it is the only one that fits; else it is the best besides the stated one.
     """
 
     order: Int[np.ndarray, " k"]
@@ -49,7 +49,7 @@ class Numbering:
         return ModuleLayout(layout.places[self.order] * [1.0, -1.0 if self.mirrored else 1.0], layout.module)
 
     def __str__(self) -> str:
-        way = "backwards" if self.backwards else "forwards"
+        way = ("backwards" if self.backwards else "forwards") + (" on the mirrored layout" if self.mirrored else "")
         return (
             f"begin at number {self.first} of a module and run {way}: so they fit to {1e3 * self.rms:.1f} mm (rms), "
             f"and as stated to {1e3 * self.stated:.1f} mm"
@@ -65,10 +65,12 @@ def found_numbering(
     *,
     start: Vectors | None = None,
 ) -> Numbering | None:
-    """Return the `Numbering` of modules that fits places better than the layout's, clearly or not; None: there is none.
+    """Return the `Numbering` of modules that places show, clearly or not; None: they show the stated one.
 
     The numbers of all modules may begin at another taxel, run backwards, or be those of the mirrored layout. Without
-    normals a mirrored layout cannot be told.
+    normals a mirrored layout cannot be told. With the squares S that it leaves and S' of the next one, a numbering is
+    clear if n log(S' / S) > 6, for n = (sum w)^2 / sum w^2 places of weights w. If none is clear, the best one besides
+    the stated is returned.
 
     Args:
         layout: as stated.
@@ -84,28 +86,65 @@ def found_numbering(
         return None
     seen, sided = _seen(layout, places, outward, share)
     flat = np.nan_to_num(layout.places @ np.array([1.0, 1.0j]))
-    ways = _ways(layout, both=bool(sided.any()))
-    left = np.array(
-        [
-            _left(flat[way.order].conj() if way.mirrored else flat[way.order], seen, share, layout.module, sided)
-            for way in ways
-        ]
-    )
-    alike = np.flatnonzero(ALIKE * left <= left.min() + 1e-9)
-    alike = [k for k in alike.tolist() if ways[k].mirrored == ways[alike[0]].mirrored]
-    module = layout.module
-    off = {k: 0.0 if start is None else _squares(places - start[ways[k].order], share, module) for k in (0, *alike)}
-    best = min(alike, key=lambda k: off[k])
-    if left[best] < CLEAR * left[0]:
-        squares, clear = left[[best, 0]] * _squares(seen[:, None], share, module), True
-    elif off[best] < CLEAR * off[0] and not ways[best].mirrored:
-        squares, clear = np.array([off[best], off[0]]), True
-    elif left[best] < DOUBTED * left[0]:
-        squares, clear = left[[best, 0]] * _squares(seen[:, None], share, module), False
-    else:
+    ways, module = _ways(layout, both=bool(sided.any())), layout.module
+    laid = [flat[way.order].conj() if way.mirrored else flat[way.order] for way in ways]
+    left = np.array([round(_left(each, seen, share, module, sided), 9) for each in laid])
+    count = total**2 / float(share @ share)
+    kind = _kinds(laid, layout, sided)
+    if not kind.any():
         return None
+    off = left if start is None else _off(ways, places, start, share, module)
+    best, sure = _best(left, kind, count)
+    placed_best, placed_sure = _best(off, np.arange(len(ways)) if start is not None else kind, count)
+    if placed_sure and not sure:
+        best, sure = placed_best, True
+    elif placed_sure and kind[placed_best] != kind[best]:
+        sure = False
+    if not sure:
+        best = min(np.flatnonzero(kind != kind[0]).tolist(), key=lambda k: left[k])
+    same = np.flatnonzero(kind == kind[best]).tolist()
+    best = min((k for k in same if ways[k].mirrored == ways[same[0]].mirrored), key=lambda k: off[k])
+    if sure and kind[best] == kind[0] and (start is None or off[best] >= TURNED * off[0]):
+        return None
+    turned = kind[best] == kind[0]
+    squares = off[[best, 0]] if turned else left[[best, 0]] * _squares(seen[:, None], share, module)
     rms, stated = np.sqrt(squares / total).tolist()
-    return replace(ways[best], rms=rms, stated=stated, clear=clear)
+    return replace(ways[best], rms=rms, stated=stated, clear=sure)
+
+
+def _best(left: Float[np.ndarray, " w"], kind: Int[np.ndarray, " w"], count: float) -> tuple[int, bool]:
+    """Return the numbering that leaves least, the first of equals, and whether it is clear with `count` places."""
+    best = int(np.argmin(left))
+    other = float(left[kind != kind[best]].min(initial=np.inf))
+    return best, bool(count * np.log(other / max(float(left[best]), 1e-12 * other, 1e-300)) > CLEAR)
+
+
+def _kinds(
+    laid: list[Complex[np.ndarray, " k"]], layout: ModuleLayout, sided: Bool[np.ndarray, " m"]
+) -> Int[np.ndarray, " w"]:
+    """Return the kind (w,) of each numbering, 0 for the stated one: those of a kind differ by turns of the modules.
+
+    Modules without a known outside (`sided` (m,) false) may also be turned over.
+    """
+    there = ((layout.module >= 0) & np.isfinite(layout.places).all(axis=1)).astype(np.float64)
+    kinds, found = list[Complex[np.ndarray, " k"]](), list[int]()
+    for each in laid:
+        alike = [k for k, other in enumerate(kinds) if _left(each, other, there, layout.module, sided) < SAME]
+        found.append(alike[0] if alike else len(kinds))
+        if not alike:
+            kinds.append(each)
+    return np.array(found)
+
+
+def _off(
+    ways: list[Numbering],
+    places: Vectors,
+    start: Vectors,
+    share: Float[np.ndarray, " k"],
+    module: Int[np.ndarray, " k"],
+) -> Float[np.ndarray, " w"]:
+    """Return the squares [m^2] (w,) between places and a start in each numbering; inf for mirrored ones."""
+    return np.array([np.inf if way.mirrored else _squares(places - start[way.order], share, module) for way in ways])
 
 
 def _shares(layout: ModuleLayout, places: Vectors, weights: Float[np.ndarray, " k"] | None) -> Float[np.ndarray, " k"]:

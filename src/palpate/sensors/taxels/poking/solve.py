@@ -15,6 +15,7 @@ from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors, tied
 from palpate.sensors.taxels.poking.response import PokePlaces, Response, centred, charted, learned, seen_among, tangents
 from palpate.sensors.taxels.poking.rigid_groups import Units
+from palpate.sensors.taxels.poking.spacing import by_scale
 from palpate.sensors.taxels.poking.systematic_errors import Nuisances, predicted
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import skew
@@ -41,6 +42,7 @@ class PlacesSolution:
         covariance: (p, p) of all unknowns: units, then `Nuisances.vector`; 0 for those not estimated.
         weight: (n,) of each poke, 0: not used.
         noise: ratio of the torques' residuals to their covariance.
+        scale: factor by which the layout would fit best, and its standard deviation; NaN for single taxels.
     """
 
     units: Units
@@ -49,6 +51,7 @@ class PlacesSolution:
     covariance: Float[np.ndarray, "p p"]
     weight: Float[np.ndarray, " n"]
     noise: float
+    scale: tuple[float, float] = (np.nan, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +108,11 @@ def solve(
     weight, noise = _weights(pokes, seen, linear)
     told = _worth(weight, pokes.weight) * weight / noise**2
     covariance = before.covariance(_equations(linear, told, units, pokes, priors)[0])
+    scale = np.nan, np.nan
     if chart is not None:
+        scale = _scale(linear, told, pokes, units, seen, covariance)
         covariance = covariance + _shared(linear, told, pokes, units, seen, covariance, DENSER / chart.spacing)
-    return PlacesSolution(units, nuisances, response, covariance, weight, noise)
+    return PlacesSolution(units, nuisances, response, covariance, weight, noise, scale)
 
 
 @takes_arrays
@@ -366,6 +371,32 @@ def _lines(
     own = np.where(unit >= 0, unit * units.freedom + np.arange(units.freedom), -1).reshape(len(rows), -1)
     shared = Nuisances.columns(pokes.configuration[rows], max(pokes.configurations, 1))
     return values, np.concatenate([own, len(units) * units.freedom + shared], axis=1)
+
+
+def _scale(
+    linear: _Linear,
+    weight: Float[np.ndarray, " n"],
+    pokes: Pokes,
+    units: Units,
+    seen: PokePlaces,
+    covariance: Float[np.ndarray, "p p"],
+) -> tuple[float, float]:
+    """Return the most likely scale of the layout at a best fit, to first order, and its standard deviation.
+
+    A poke's place among its taxels scales with them.
+    """
+    rows, root = _roots(linear, weight)
+    values, columns = _lines(linear, rows, root, units, pokes)
+    moved = np.einsum("nw,nwc->nc", seen.shares, by_scale(units)[np.maximum(seen.taxels, 0)])
+    moved = moved + np.einsum("nca,na->nc", seen.points(units)[1], seen.second)
+    line = (root @ linear.by_point[rows] @ moved[rows][..., None])[..., 0]
+    both = np.where(columns >= 0, np.einsum("ril,ri->rl", values, line), 0.0)
+    cross = np.bincount(np.maximum(columns, 0).ravel(), both.ravel(), len(covariance))
+    told = float((line**2).sum() - cross @ covariance @ cross)
+    residual = np.einsum("rij,rj->ri", root, linear.residual[rows])
+    if not told > 0:
+        return np.nan, np.nan
+    return 1.0 + float((line * residual).sum()) / told, told**-0.5
 
 
 def _shared(
