@@ -22,8 +22,6 @@ from palpate.spatial.pose import Pose, skew
 from palpate.surfaces.mesh import UNITS, Mesh
 from palpate.surfaces.surface import Surface
 
-__all__ = ["Registration", "register_places"]
-
 FEWEST = 7  # places: each gives one distance, for six unknowns
 LINE = 0.02  # width over length of places that lie on one line
 STARTS, TURNS, PATCH = 256, 12, 12  # points on the surface; turns at each; places of the patch brought there

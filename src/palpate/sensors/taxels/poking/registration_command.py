@@ -16,8 +16,6 @@ from palpate.sensors.taxels.poking.registration import ALIKE, ELSEWHERE, Registr
 from palpate.setup.edit import update_pose
 from palpate.setup.surface import RigPose
 
-__all__ = ["CalibrateRegistration"]
-
 POOR = 0.05  # rms over the extent of the places: the surface of another link
 
 

@@ -13,8 +13,6 @@ from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.poking.rigid_groups import Units, placed
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Spacing", "by_scale", "scale_in_places"]
-
 SURE = 3.0  # standard deviations: beyond them the layout's spacing is contradicted
 _STEP = 1e-2  # of the scale: of the differences that stand for derivatives
 
