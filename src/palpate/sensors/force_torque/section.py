@@ -33,7 +33,7 @@ from palpate.setup.tables import RigForceTorque
 from palpate.setup.wrench import wrench_estimator
 from palpate.signals.acceleration import turned_from_gravity, wrong_acceleration
 from palpate.signals.motion import Motion
-from palpate.signals.noise import Noise, NoiseSpectrum, log_noise, wrong_noise
+from palpate.signals.noise import Noise, NoiseSpectrum, estimate_noise, log_noise, wrong_noise
 from palpate.signals.payload import Payload
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
 from palpate.signals.wrench_sensor import Measured
@@ -320,7 +320,9 @@ def _with_torques(found: WrenchColumns, recording: Recording, size: float | None
         fields |= {"noise": "# noise = { force = 0.02, torque = 0.001 }", "noise_source": "the log does not show it"}
         remarks.append(f"the noise is not found: {why}; state it in [force_torque]")
     else:
-        force, torque = seen.deviation[:3].max(), seen.deviation[3:].max()
+        white = estimate_noise(wrenches) or seen  # at rest, unknown weights would count as drift
+        deviation = np.minimum(seen.deviation, white.deviation)
+        force, torque = deviation[:3].max(), deviation[3:].max()
         fields |= {"noise": f"noise = {{ force = {force:.2g}, torque = {torque:.2g} }}", "noise_source": "from the log"}
     return replace(found, layout=layout, fields=fields, remarks=tuple(remarks))
 
