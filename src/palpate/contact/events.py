@@ -28,7 +28,8 @@ class Events(Value):
     Attributes:
         start: (k,) [s] of the first answered sample.
         end: (k,) [s] of the last.
-        point: (k, 3) [m] in the sample with the largest force.
+        point: (k, 3) [m] of a sample: of those in `paths` with at least 0.8 of the largest force the nearest to the
+            mean of all points there, weighted by one over the trace of their covariances.
         covariance: (k, 3, 3) [m^2] of that point.
         normal: (k, 3) outward unit normal there.
         peak_force: (k,) [N] largest length of the force.

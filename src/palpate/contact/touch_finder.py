@@ -19,6 +19,7 @@ WINDOW = 0.1  # s over which points are averaged before it is asked how far they
 NEAR = 5.0  # standard deviations that a point moves by noise at most
 LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 LEAST = 1e-24  # m^2: below any spread of a point
+STRONG = 0.8  # of the largest force: what has less does not place a touch
 FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in that
 BLOCK = 65_536  # contacts at a time, for the memory that they take
 
@@ -55,6 +56,7 @@ class _Span:
     length = 29
 
 
+_OF_PLACE = slice(_Span.point.start, _Span.length)
 _OF_LAST, _OF_PEAK, _OF_PATH = np.r_[_Span.end, _Span.last], slice(_Span.peak, None), np.r_[_Span.time, _Span.point]
 
 
@@ -129,7 +131,9 @@ class TouchFinder:
         firsts = _firsts(np.diff(touch[order]) != 0, len(spans))
         slid, way = _reach(sums, firsts), spans[:, _OF_PATH]
         paths: list[np.ndarray] = [way[first:end] for first, end in pairwise([*firsts.tolist(), len(way)])]
+        there = spans[_middles(spans, sums, firsts)][:, _OF_PLACE]
         spans, sums = _merged(spans, firsts), _added(sums, firsts)
+        spans[:, _OF_PLACE] = there
         order = np.argsort(spans[:, _Span.row])
         long = order[(spans[:, _Span.end] - spans[:, _Span.start] >= self._shortest)[order]]
         return _events(spans[long], sums[long], slid[long], [paths[int(k)] for k in long], tuple(self._features))
@@ -206,6 +210,19 @@ def _place(sums: Float[np.ndarray, "n w"]) -> Float[np.ndarray, "n 3"]:
     weight, count = sums[:, _Sum.weight, None], sums[:, _Sum.count, None]
     weighed = sums[:, _Sum.weighted] / np.where(weight > 0, weight, 1.0)
     return np.where(weight > 0, weighed, sums[:, _Sum.plain] / count)
+
+
+def _middles(
+    spans: Float[np.ndarray, "n s"], sums: Float[np.ndarray, "n w"], firsts: Int[np.ndarray, " k"]
+) -> Int[np.ndarray, " k"]:
+    """Return the window of each touch whose strongest sample is nearest to the mean point of its strong windows."""
+    middles = np.zeros(len(firsts), dtype=np.int64)
+    for k, (first, end) in enumerate(pairwise([*firsts.tolist(), len(spans)])):
+        peaks = spans[first:end, _Span.peak]
+        strong = first + np.flatnonzero(peaks >= STRONG * peaks.max())
+        away = spans[strong][:, _Span.point] - _place(sums[strong].sum(axis=0, keepdims=True))
+        middles[k] = strong[np.argmin(np.sum(away**2, axis=1))]
+    return middles
 
 
 def _reach(sums: Float[np.ndarray, "n w"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
