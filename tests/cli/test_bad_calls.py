@@ -124,7 +124,7 @@ def test_samples_that_no_contact_explains_are_warned_of(here: Path, capsys: pyte
     assert "of the loaded samples" not in capsys.readouterr().out
     rig = (here / "rig.toml").read_text()
     (here / "rig.toml").write_text(rig.replace('torque = "N m"', 'torque = "N mm"'))
-    assert main([*ESTIMATE.split(), "out.csv"]) == 0
+    assert main([*ESTIMATE.split(), "out.csv"]) == 4  # no result to trust
     assert re.search(r"warning: of the loaded samples .* implausible .* off the surface", capsys.readouterr().out)
 
 

@@ -233,6 +233,7 @@ def test_pieces_do_not_change_what_is_read_or_said(
     whole = read_recording(path)
     assert len(whole.notes) == 8
     monkeypatch.setattr("palpate.files.logs.csv.PIECE", piece)
+    monkeypatch.setattr("palpate.files.logs.stuck.FIRST", 1)
     log = open_log(path)
     blocks = list(log.blocks())
     assert len(blocks) > 2

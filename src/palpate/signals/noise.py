@@ -199,10 +199,10 @@ def log_noise(
     usable = np.isfinite(wrenches).all(axis=1)
     found: Noise | None = None
     where, moving = "where it rests", False
-    if quaternions is not None and len(time) > SHORT:
+    if quaternions is not None and np.isfinite(angles := _angles(quaternions, 1)).any() and len(time) > SHORT:
         still = _still(time, quaternions)
         moving = bool(np.count_nonzero(still & usable) < min(20 * WINDOW, np.count_nonzero(usable)))
-        if moving and np.nanmedian(_angles(quaternions, 1)) > POSES:
+        if moving and np.nanmedian(angles) > POSES:
             return None, "each sample has another orientation, so differences between poses hide it"
         usable = usable if moving else usable & still
     readings = wrenches[usable]
