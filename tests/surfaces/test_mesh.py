@@ -208,6 +208,8 @@ def test_a_plane_is_where_it_was_said_to_be() -> None:
     assert np.allclose(square.centre, square.vertices.mean(axis=0), atol=0.5)
     with pytest.raises(GeometryError, match="must not be zero"):
         plane(point, np.zeros(3))
+    with pytest.raises(GeometryError, match="half-width"):
+        plane(point, normal, half_width=-0.5)
 
 
 def test_vertices_beyond_reason_take_their_facets_with_them() -> None:

@@ -72,7 +72,8 @@ class Contacts(Value):
         features = {name: _read_only(values, name) for name, values in self.features.items()}
         object.__setattr__(self, "features", MappingProxyType(features))
         count = len(self.sample)
-        columns = {"time": self.time, "identity": self.identity, "estimate": self.estimate.status, **features}
+        estimates = {"estimate": self.estimate.status, "estimate's point": self.estimate.point[..., 0]}
+        columns = {"time": self.time, "identity": self.identity, **estimates, **features}
         for name, values in columns.items():
             if values.shape != (count,):
                 raise InputError(f"{name} must have one value for each of {count} rows, not shape {values.shape}.")

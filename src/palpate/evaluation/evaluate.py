@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import TrueSamples, TrueTouches
+from palpate.errors import InputError
 from palpate.evaluation.errors import EllipseCoverage, ErrorSummary, angles, coverage, distances
 from palpate.evaluation.matching import match_instants, match_touches
 from palpate.spatial.arguments import frozen_value, takes_arrays
@@ -73,7 +74,12 @@ def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance:
         contacts: of any sensor, in the truth's frame.
         truth: instants, several of which may have one time, or touches.
         tolerance: [s] largest difference of times at an instant.
+
+    Raises:
+        InputError: the tolerance is negative.
     """
+    if not tolerance >= 0:
+        raise InputError(f"the tolerance must not be negative: {tolerance:g} s.")
     if isinstance(truth, TrueTouches):
         match, due, own = match_touches(contacts, truth)
         touches = tuple(_touch(contacts, truth, k, rows) for k, rows in enumerate(own))

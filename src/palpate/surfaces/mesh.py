@@ -321,12 +321,14 @@ def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
 
     Raises:
         InputError: point or normal is not three numbers.
-        GeometryError: normal or half-width is zero, or a number is not finite.
+        GeometryError: the normal is zero, the half-width is not positive, or a number is not finite.
     """
     middle, out = shaped(point, (3,), "point"), shaped(normal, (3,), "normal")
     length = np.linalg.norm(out)
     if not length > 0:
         raise GeometryError("the normal of a plane must not be zero.")
+    if not half_width > 0:
+        raise GeometryError(f"the half-width of a plane must be positive, not {half_width:g}.")
     out = out / length
     along = np.cross(out, np.eye(3)[np.argmin(np.abs(out))])
     along /= np.linalg.norm(along)

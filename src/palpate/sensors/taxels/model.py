@@ -165,10 +165,12 @@ class TaxelBody(Value):
 
         Raises:
             InputError: fewer than two taxels, two at one place, a position that is not finite, a normal that is 0, an
-                area that is not positive, arrays that do not fit, a masked taxel that does not exist, or bits outside 1
-                to 16.
+                area or a reach that is not positive, arrays that do not fit, a masked taxel that does not exist, or
+                bits outside 1 to 16.
         """
         points, outward = _placed(positions, normals)
+        if reach is not None and not reach > 0:
+            raise InputError(f"reach must be positive, not {reach:g} m.")
         count = len(points)
         spacing, pairs = _paired(points, outward, reach)
         both = np.concatenate([pairs, pairs[:, ::-1]])
@@ -258,7 +260,7 @@ class TaxelBody(Value):
             size = " x ".join(map(str, cells.shape[1:]))
             what = f"has frames of {size} cells, but the body has {self.named()}."
             raise InputError(what, where=recording.source, hint="Correct the map, the taxels or the cells in [skin].")
-        rows = np.ascontiguousarray(cells).reshape(len(cells), -1).view()
+        rows = np.ascontiguousarray(cells).reshape(len(cells), len(self)).view()
         if np.nanmax(np.abs(rows), initial=0.0) > LARGEST:  # a fault of the log
             rows = np.where(np.abs(rows) <= LARGEST, rows, np.nan)
         rows.flags.writeable = False
