@@ -15,7 +15,7 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup native demo browser test check docs bench evidence experiments mutants pictures screens follow same size package lock clean
+.PHONY: help setup native demo browser test check docs claims mutants pictures screens follow same size package lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
@@ -44,14 +44,8 @@ check: $(READY) ## style, types, import directions
 docs: $(READY) ## the pages, into docs/_build
 	$(BIN)/sphinx-build -E -W --keep-going -q docs docs/_build/html
 
-bench: native ## timings side by side and against their targets, into benchmarks/RESULTS.md and TARGETS.md
-	$(BIN)/python -m benchmarks
-
-evidence: native ## every claim with its figure, into docs/evidence.md
-	$(BIN)/python -m evidence
-
-experiments: native ## the papers' experiments beside ours, into experiments/*/README.md
-	for paper in experiments/*/__main__.py; do $(BIN)/python -m experiments.$$(basename $$(dirname $$paper)) || exit 1; done
+claims: native ## every claim with its figure, into docs/evidence.md and the papers' pages; ONLY="NAME ..." some of them
+	$(BIN)/python -m claims $(if $(ONLY),--only $(ONLY))
 
 mutants: $(READY) ## faults by chance, turned on one by one: do the tests of their room notice?
 	$(BIN)/python -m mutants
@@ -80,7 +74,7 @@ lock: $(UV) ## requirements.lock from pyproject.toml
 
 clean: ## back to a fresh clone
 	rm -rf .venv .tools .cache src/palpate/_native .pytest_cache .ruff_cache .import_linter_cache .hypothesis docs/_build demo
-	find src tests benchmarks evidence examples experiments mutants -name __pycache__ -exec rm -rf {} +
+	find src tests claims examples mutants -name __pycache__ -exec rm -rf {} +
 
 $(UV):
 	@$(PYTHON) -c 'import sys; sys.exit("Palpate needs Python 3.11 or newer; name one: make setup PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'

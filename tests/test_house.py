@@ -152,15 +152,13 @@ def test_every_dependency_has_a_lower_bound() -> None:
 
 BESIDE = (
     "mutants",
-    "evidence",
-    "experiments",
-    "benchmarks",
+    "claims",
     "tests",
 )  # each may import what stands before it, and the package
 
 
 def test_what_stands_beside_the_package_imports_in_one_direction() -> None:
-    """No circles: evidence stands alone, papers and timings use its bodies, and tests use all of them."""
+    """No circles: tests use claims, and claims the package alone."""
     wrong = [
         f"{file.relative_to(ROOT)}:{node.lineno}: imports {name}"
         for file in _ours()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import palpate
-from benchmarks.peers import HEIGHT, Scene, bota_plane, measure, report, scenes
+from claims.timings.peers import HEIGHT, Scene, bota_plane, measure, parts, scenes
 
 RIGID = ("Palpate, wrench_axis", "first hit of the line of action, embreex", "nearest vertex by torque residual")
 ELLIPSOID = 1e-2  # m, its longest half axis
@@ -49,5 +49,5 @@ def test_with_pitch_the_rigid_methods_miss_and_ours_does_not() -> None:
 
 
 def test_the_section_names_every_estimator() -> None:
-    said = "\n".join(report(4))
+    said = str(parts(4)["peers"])
     assert all(name in said for name in ("soft_finger", "wrench_axis", "nearest vertex", "numeric Jacobian"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from evidence.moving import Swing, moving_wrenches
+from claims.evidence.moving import Swing, moving_wrenches
 from palpate.calibration.clock import ClockOffset, _sums, identify_offset
 from palpate.errors import InputError, NotIdentifiable
 from palpate.signals import Payload

@@ -18,8 +18,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import palpate
-from evidence import logs_written
-from evidence.logs_written import POSE, STAMPED, WRENCH, write_csv, write_mcap
+from claims.evidence import logs_written
+from claims.evidence.logs_written import POSE, STAMPED, WRENCH, write_csv, write_mcap
 from palpate.cli import main
 from palpate.contact import Contacts
 from palpate.contact.estimate import Status

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from evidence.files import REAL
+from claims.evidence.files import REAL
 from palpate.cli import main
 from palpate.files.contacts import read_contacts
 from palpate.files.models import read_model

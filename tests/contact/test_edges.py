@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import least_squares, nnls
 from scipy.stats import norm
 
-from evidence.bodies import prism
-from evidence.covariance import CHI2_95, NOISE, squared_distance
-from evidence.edges import PRISMS, brute_force, edges, touches
+from claims.evidence.bodies import prism
+from claims.evidence.covariance import CHI2_95, NOISE, squared_distance
+from claims.evidence.edges import PRISMS, brute_force, edges, touches
 from palpate.contact import Locator, Status
 from palpate.surfaces import Mesh
 from palpate.surfaces._edges import SHARP, sharp_edges

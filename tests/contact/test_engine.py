@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import palpate
-from evidence.engine import BALL, BOX, PLATE, TOOLS, Tool, press
+from claims.evidence.engine import BALL, BOX, PLATE, TOOLS, Tool, press
 
 pytest.importorskip("mujoco", reason="the engine (mujoco, of the bench extra) is not installed")
 FINGERS = {"ball": f'type="sphere" size="{BALL}"', "plate": 'type="box" size="{} {} {}"'.format(*PLATE)}

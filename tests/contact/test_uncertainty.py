@@ -7,7 +7,7 @@ import functools
 import numpy as np
 import pytest
 
-from evidence.covariance import CHI2_95, squared_distance
+from claims.evidence.covariance import CHI2_95, squared_distance
 from palpate.contact import Locator
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh

@@ -14,8 +14,8 @@ from itertools import cycle
 import numpy as np
 import pytest
 
-from experiments.drift.follow import follow
-from experiments.drift.world import BODY, NOISE, PLACE, RATE, Touch, drift_of, wrenches
+from claims.papers.drift.follow import follow
+from claims.papers.drift.world import BODY, NOISE, PLACE, RATE, Touch, drift_of, wrenches
 from palpate import Locator, Recording, Status, WrenchEstimator
 from palpate.contact.contacts import Contacts
 from palpate.contact.drift_gate import ContactShape

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.control import WANTED, Press, bent, elbow_arm, press
+from claims.timings.control import WANTED, Press, bent, elbow_arm, press
 from palpate.contact import WrenchEstimator
 from palpate.control.align import AlignController
 from palpate.control.servo import Feedback, Servo

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.drift.follow import exponential, one_tare
-from experiments.drift.real import aged
-from experiments.drift.study import jumps
-from experiments.drift.world import NOISE, PLACE, RATE, Touch, drift_of, readings, wrenches
+from claims.papers.drift.follow import exponential, one_tare
+from claims.papers.drift.real import aged
+from claims.papers.drift.study import jumps
+from claims.papers.drift.world import NOISE, PLACE, RATE, Touch, drift_of, readings, wrenches
 
 
 def test_touches_are_forces_at_the_body_and_rise_as_stated() -> None:
@@ -37,7 +37,7 @@ def test_a_jump_that_a_skin_does_not_feel_is_followed() -> None:
     line = jumps(0.5, 0.0, 1, skin=True)
     assert line.figures["median off 5 s after"] < 0.05
     assert line.figures["followed"] == 1.0
-    assert "a skin feels nothing" in str(line)
+    assert "a skin feels nothing" in line.what
 
 
 def test_a_tare_ages_as_the_root_of_time(tmp_path: Path) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiments.fused_contacts.bench import APART, Conditions, box, forearm, touch
-from experiments.fused_contacts.study import Sizes, forces
-from experiments.fused_contacts.theirs import IDynTree, minimum_norm
+from claims.papers.fused_contacts.bench import APART, Conditions, box, forearm, touch
+from claims.papers.fused_contacts.study import Sizes, forces
+from claims.papers.fused_contacts.theirs import IDynTree
+from palpate_lab.peers.skin_peers import minimum_norm
 
 EXACT = Conditions(gain=0.0, place=0.0, noise=(0.0, 0.0))
 

@@ -5,15 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.check import Check
-from experiments.load_cells.__main__ import FOLDER, figures_of, studies
-from experiments.load_cells.literal import Literal
-from experiments.load_cells.page import page
-from experiments.load_cells.study import Answer, Study
-from experiments.load_cells.table import PAPER, Errors, errors, rows
+from claims.papers.load_cells.literal import Literal
+from claims.papers.load_cells.rows import FOLDER, TABLE_1, checks, errors, figures_of, parts, sizes, studies, table_1
+from claims.papers.load_cells.study import Answer, Study
 from palpate_lab.simulation.ball_on_ellipse import FINGERTIP
 from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
 from palpate_lab.simulation.contacts import contact_wrenches, directed_forces
+from tests.support.templates import places
 
 
 def _touches(count: int = 300) -> tuple[np.ndarray, np.ndarray, np.ndarray, Literal]:
@@ -57,10 +55,10 @@ def test_its_calibration_finds_cells_that_answer_alike() -> None:
 
 
 def test_errors_are_counted_as_the_paper_counts_them() -> None:
-    found = Errors.of(np.array([1.0, -3.0, 2.0, 0.0]))
-    assert (found.mean, found.most) == (0.0, 3.0)
-    assert found.rmse == found.deviation == pytest.approx(np.sqrt(3.5))
-    for _, most, deviation, rmse in PAPER.values():
+    mean, most, deviation, rmse = sizes(np.array([1.0, -3.0, 2.0, 0.0]))
+    assert (mean, most) == (0.0, 3.0)
+    assert rmse == deviation == pytest.approx(np.sqrt(3.5))
+    for _, most, deviation, rmse in TABLE_1.values():
         assert deviation <= rmse * 1.0001 <= most
 
 
@@ -74,9 +72,9 @@ def test_a_perfect_answer_has_no_error_but_the_references(small: Study) -> None:
     run = small.second
     found = errors(small, Answer(run.wrench[:, :3], run.point, run.torque))
     assert len(found) == 12
-    assert found["|c|"].most == found["|p|, truth"].most == 0
-    assert found["p_x"].rmse == pytest.approx(17e-3, rel=0.05)  # 4,300 samples
-    lines = rows({"ours": found})
+    assert found["|c|"][1] == found["|p|, truth"][1] == 0
+    assert found["p_x"][3] == pytest.approx(17e-3, rel=0.05)  # 4,300 samples
+    lines = table_1(found)
     assert all(len(line) == 9 for line in lines)
     assert lines[3][1:5] == ["37.79", "240.6", "17.07", "41.47"]
 
@@ -88,15 +86,10 @@ def test_a_thin_run_reaches_the_figures_of_the_rigid_bench(small: Study) -> None
     assert got["force_rmse"] <= 5e-3
 
 
-def test_the_page_says_what_was_met_and_what_was_missed() -> None:
-    fine = Check("bench: position rmse [um]", 30e-6, most=45e-6, theirs=(141e-6,), scale=1e6)
-    poor = Check("bench: force rmse [mN]", 6e-3, most=5e-3, scale=1e3)
-    assert fine.met
-    assert not poor.met
-    made = page([fine, poor], "TABLES", {name: name.upper() for name in ("law", "told", "lighter")})
-    assert "| bench: position rmse [um] | 141 | 30 | <= 45 | met |" in made
-    assert "**missed**" in made
-    assert all(part in made for part in ("TABLES", "LAW", "TOLD", "LIGHTER"))
+def test_a_run_fills_the_page() -> None:
+    made = studies(thin=40)
+    assert len(list(checks(made))) == 12
+    assert set(parts(made)) == places(FOLDER)
 
 
 def test_the_page_that_is_kept_is_one_of_a_run_that_met_everything() -> None:

@@ -10,12 +10,12 @@ import pytest
 pytest.importorskip("cv2")
 pytest.importorskip("skfem")
 
-from experiments.check import Check
-from experiments.marker_ring.__main__ import FOLDER, SMALL, Measured, checks, figures_of, measured
-from experiments.marker_ring.bench import Answer, errors
-from experiments.marker_ring.page import degrees, in_trouble, newtons, of_numbers, page
-from experiments.marker_ring.study import TROUBLE
-from experiments.marker_ring.theirs import sorted_markers
+from claims.papers.marker_ring.bench import Answer, errors
+from claims.papers.marker_ring.rows import FOLDER, SMALL, Measured, degrees, figures_of, measured, newtons, parts
+from claims.papers.marker_ring.study import TROUBLE
+from claims.papers.marker_ring.theirs import sorted_markers
+from claims.row import expected
+from tests.support.templates import places
 
 NONE = np.zeros((0, 2))
 
@@ -68,16 +68,10 @@ def test_several_contacts_far_apart_are_counted(small: Measured) -> None:
     found = {each.name: each for each in small.several}
     assert found["one"].right["ours"] == 1.0
     assert found["two, 60 deg"].right["ours"] == 1.0
-    assert "two, 60 deg" in of_numbers(small.several)
 
 
-def test_the_page_says_what_was_met_and_what_was_missed(small: Measured) -> None:
-    assert len(checks(small)) == 21
-    fine = Check("intervals", 0.95, 0.93, 0.97)
-    poor = Check("angle [deg]", 0.6, most=0.5, theirs=(1.12,))
-    names = ("depth", "noise", "numbers", "speed", "intervals", "units")
-    made = page([fine, poor], {name: name.upper() for name in names} | {"trouble": in_trouble(small.trouble, {})}, 1.0)
-    assert "| intervals |  | 0.95 | >= 0.93, <= 0.97 | met |" in made
-    assert "**missed**" in made
-    assert all(part in made for part in ("DEPTH", "NOISE", "NUMBERS", "SPEED", "INTERVALS", "UNITS", "light x2"))
-    assert (FOLDER / "README.md").exists()
+def test_a_run_fills_the_page(small: Measured) -> None:
+    assert len(expected(FOLDER, figures_of(small))) == 21
+    made = parts(small)
+    assert {*made, "took"} == places(FOLDER)
+    assert all(part in str(made.values()) for part in ("two, 60 deg", "light x2", "third body, ours", "in full"))

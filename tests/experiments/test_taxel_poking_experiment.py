@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evidence.taxel_limit import priors_of
-from experiments.check import Check
-from experiments.taxel_poking.__main__ import AVERAGED, CAD, FOLDER, NOTHING, SMALL, Measured, checks, measured
-from experiments.taxel_poking.page import page
-from experiments.taxel_poking.study import ALONE, SKIN, Found, Session, alone
+from claims.evidence.taxel_limit import priors_of
+from claims.papers.taxel_poking.rows import AVERAGED, CAD, FOLDER, NOTHING, SMALL, Measured, checks, measured, parts
+from claims.papers.taxel_poking.study import ALONE, SKIN, Found, Session, alone
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.poke_bench import MIX
+from tests.support.templates import places
 
 
 @pytest.fixture(scope="module")
@@ -51,16 +50,8 @@ def test_a_small_run_has_all_methods(small: Measured) -> None:
     assert len(checks(small)) == 9
 
 
-def test_the_page_says_what_was_met_and_what_was_missed() -> None:
-    fine = Check("modules", 1e-3, most=1.5e-3, scale=1e3)
-    poor = Check("times better", float("nan"), least=2.0)
-    assert fine.met
-    assert not poor.met
-    tables = {name: name.upper() for name in ("singles", "running", "together", "alone", "slow")}
-    made = page([fine, poor], tables, 1.0, 2000)
-    assert "| modules |  | 1 | <= 1.5 | met |" in made
-    assert "| times better |  | nan | >= 2 | **not measured** |" in made
-    assert all(part in made for part in tables.values())
+def test_a_run_fills_the_page(small: Measured) -> None:
+    assert {*parts(small), "took", "pokes"} == places(FOLDER)
 
 
 def test_the_page_that_is_kept_shows_both_figures() -> None:

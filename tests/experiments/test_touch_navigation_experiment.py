@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +11,15 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from experiments.check import Check
-from experiments.touch_navigation import conditions as planned
-from experiments.touch_navigation import study
-from experiments.touch_navigation.__main__ import checks, figures_of, write
-from experiments.touch_navigation.conditions import BUILT, FULL, JUDGED, Condition, Sizes, conditions
-from experiments.touch_navigation.page import differing, parts
-from experiments.touch_navigation.study import BIN, BINS, Found, Outcome, found, run, stamp
+from claims.papers.touch_navigation import conditions as planned
+from claims.papers.touch_navigation import study
+from claims.papers.touch_navigation.conditions import BUILT, FULL, JUDGED, Condition, Sizes, conditions
+from claims.papers.touch_navigation.rows import FOLDER, differing, draw, figures_of, parts
+from claims.papers.touch_navigation.study import BIN, BINS, Found, Outcome, Runs, found, run, stamp
+from claims.row import expected
 from palpate_lab.cli import arena_run
 from palpate_lab.cli.arena_ring import RingSense, RingWear
+from tests.support.templates import places
 
 LATE = float("nan")
 
@@ -78,8 +79,9 @@ def test_robots_runs_times_and_forces_are_counted() -> None:
 
 def test_an_outcome_is_read_as_it_was_written() -> None:
     outcome = made_up(Condition("a", "figure 11", 3, traced=True), 1.5, 0.1 + 0.2)
-    assert Outcome.of_line(outcome.line()) == outcome
-    assert np.isnan(Outcome.of_line(made_up(outcome.condition, LATE).line()).arrived[0])
+    assert Outcome.of(json.loads(json.dumps(asdict(outcome)))) == outcome
+    late = Outcome.of(asdict(outcome) | {"arrived": [None]})
+    assert np.isnan(late.arrived[0])
 
 
 def test_who_is_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,23 +153,22 @@ def test_a_short_run_comes_out_the_same_again(monkeypatch: pytest.MonkeyPatch) -
     assert sum(one.forces) == 0
 
 
-def test_the_page_says_what_was_met_and_what_was_not_run(tmp_path: Path) -> None:
+def test_a_run_fills_the_page_with_what_was_run_and_what_was_not(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     eleven = Found([made_up(Condition("figure 11 ours", "figure 11", 1, traced=True), 90.0, 100.0, 95.0, LATE)])
-    whole = {"ours": seeds((60.0, 70.0, 80.0, 90.0)), "figure 11 ours": eleven}
+    whole = Runs({"ours": seeds((60.0, 70.0, 80.0, 90.0)), "figure 11 ours": eleven})
     whole |= {f"again {k}": Found([made_up(Condition("", "paper", 1), 1.0, digest=f"{k}")]) for k in (1, 2)}
     got = figures_of(whole)
     assert got["robots"] == 100.0
     assert got["figure_11"] == 0.0
     assert got["again"] == differing(whole) == 1.0
     assert np.isnan(got["dense"])
-    assert set(got) == {*got} & set(figures_of({}))
-    write(whole, checks(whole), tmp_path)
-    text = (tmp_path / "README.md").read_text()
+    assert set(got) == set(figures_of(Runs()))
+    rows = expected(FOLDER, got)
+    assert len(rows) == 17
+    assert {row.got for row in rows if row.passed is False} >= {"not measured", "0"}
+    draw(whole, tmp_path)
     assert (tmp_path / "figure_11.png").stat().st_size > 10_000
-    unmet = [check.got for check in checks(whole) if not check.met]
-    assert text.count("**missed**") == np.count_nonzero(np.isfinite(unmet))
-    assert text.count("**not measured**") == np.count_nonzero(np.isnan(unmet))
-    assert all(part in text for part in parts(whole).values())
-    assert "not run" in text
-    assert not Check("", float("nan"), least=1.0).met
+    made = parts(whole)
+    assert set(made) == places(FOLDER)
+    assert "not run" in str(made["many"])

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from evidence.logs_written import (
+from claims.evidence.logs_written import (
     COLUMNS,
     POSE,
     ROS1,

@@ -11,7 +11,7 @@ import pytest
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
-from evidence.logs_written import (
+from claims.evidence.logs_written import (
     POSE,
     WRENCH,
     Session,

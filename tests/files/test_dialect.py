@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from evidence.exports import EXPORTS, PRESSED, TIME, WRENCH
+from claims.evidence.exports import EXPORTS, PRESSED, TIME, WRENCH
 from palpate.cli import main
 from palpate.errors import InputError
 from palpate.files.contacts import read_contacts

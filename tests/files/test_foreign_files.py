@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evidence import robot
-from evidence.exports import TIME, WRENCH
+from claims.evidence import robot
+from claims.evidence.exports import TIME, WRENCH
 from palpate.cli import main
 from palpate.files.logs import read_recording
 from palpate.setup import load_rig
@@ -139,7 +139,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     stamped = [(stamp, "/ft", robot.wrench(stamp, row, "ft")) for stamp, row in zip(STAMPS, WRENCH, strict=True)]
     kind = robot.TYPES["sensor_msgs/msg/JointState"]
     for stamp in STAMPS[::10]:
-        state = kind(robot.stamp_of(stamp, ""), ["turn"], np.zeros(1), np.zeros(0), np.zeros(0))
+        state = kind(robot.header(stamp, ""), ["turn"], np.zeros(1), np.zeros(0), np.zeros(0))
         stamped += [(stamp, "/a/joints", state), (stamp, "/b/joints", state)]
     robot.write_bag(path, iter(stamped), topics)
     return path

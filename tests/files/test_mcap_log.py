@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation, Slerp
 
-from evidence.logs_written import (
+from claims.evidence.logs_written import (
     POSE,
     ROS1,
     ROS2,

@@ -9,13 +9,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from evidence.logs_written import WRENCH, session, write_csv
-from evidence.mcap_records import CHANNEL, MESSAGE, SCHEMA, counted, pack, unpack
-from evidence.mutated import KINDS, bench, try_one
+from claims.evidence.logs_written import WRENCH, session, write_csv
+from claims.evidence.mcap_records import CHANNEL, MESSAGE, SCHEMA, counted, pack, unpack
+from claims.evidence.mutated import KINDS, bench, try_one
 from palpate.errors import InputError
 from palpate.files.logs import read_recording
 
-CASES = 6  # of each kind; `python -m evidence --only bad_input` tries 10,000
+CASES = 6  # of each kind; `make claims ONLY=evidence.mutated` tries 10,000
 
 
 @pytest.fixture(scope="module")

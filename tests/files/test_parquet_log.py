@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from evidence.logs_written import session, write_parquet
+from claims.evidence.logs_written import session, write_parquet
 from palpate.errors import InputError
 from palpate.files.logs import open_log, read_recording
 from palpate.files.logs.layout import LogLayout

@@ -12,9 +12,9 @@ import pytest
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from evidence import robot as bag
-from evidence.logs_written import wrench_stamped, write_mcap
-from evidence.robot import KINDS, OTHER, ROS2, TYPES, WRENCH, Posture, transform, wrench, write_robot
+from claims.evidence import robot as bag
+from claims.evidence.logs_written import wrench_stamped, write_mcap
+from claims.evidence.robot import KINDS, OTHER, ROS2, TYPES, WRENCH, Posture, transform, wrench, write_robot
 from palpate.cli import main
 from palpate.errors import InputError
 from palpate.files.contacts import read_contacts
@@ -263,7 +263,7 @@ def test_joint_states_that_lack_a_joint_are_said(tmp_path: Path, robot: Path) ->
 
     def state(stamp: int, named: list[str], position: list[float]) -> tuple[int, str, Any]:
         nothing = np.zeros(0)
-        return stamp, "/joint_states", TYPES[kind](bag.stamp_of(stamp, ""), named, np.array(position), nothing, nothing)
+        return stamp, "/joint_states", TYPES[kind](bag.header(stamp, ""), named, np.array(position), nothing, nothing)
 
     states = [
         state(0, names, [0.1, 0.2, 0.3]),
@@ -396,7 +396,7 @@ def test_a_pose_of_something_else_is_doubted(
 
 @pytest.fixture(scope="module")
 def walked(robot: Path) -> Path:
-    """The README's commands on the bag; how well they do is in `evidence.files`."""
+    """The README's commands on the bag; how well they do is in `claims.evidence.files`."""
     bag.readme(robot)
     return robot
 

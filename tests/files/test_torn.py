@@ -9,11 +9,11 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
-from evidence.logs_written import STAMPED, WRENCH, session, wrench_stamped, write_mcap
-from evidence.torn import PACKED, cut, read
+from claims.evidence.logs_written import STAMPED, WRENCH, session, wrench_stamped, write_mcap
+from claims.evidence.torn import PACKED, cut, read
 from palpate.files.logs import open_log, read_recording
 
-CUTS = 100  # of each format: 400 in all; `python -m evidence --only torn` tries 3,000
+CUTS = 100  # of each format: 400 in all; `make claims ONLY=evidence.torn` tries 3,000
 
 
 @pytest.mark.parametrize("name", PACKED)

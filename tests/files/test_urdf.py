@@ -1,6 +1,6 @@
 """Links of a URDF as surfaces and as frames: as pinocchio and pytransform3d place them; what is missing is said.
 
-The robots are those of `evidence.made_robots`.
+The robots are those of `claims.evidence.made_robots`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evidence.made_robots import (
+from claims.evidence.made_robots import (
     ARM,
     GRIPPER,
     MESHES,

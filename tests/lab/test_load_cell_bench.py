@@ -7,7 +7,7 @@ import numpy as np
 import polars
 import pytest
 
-from evidence.cell_faults import dead, drifting, saturated, swapped
+from claims.evidence.cell_faults import dead, drifting, saturated, swapped
 from palpate_lab.simulation.cell_array import LAYOUTS, in_line
 from palpate_lab.simulation.load_cell_bench import BENCHES, CUTOFF, RATE, REST, Bench, BenchRun
 from palpate_lab.simulation.load_cell_files import write_bench_log, write_voltage_log

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from evidence.moving import Swing, moving_wrenches
+from claims.evidence.moving import Swing, moving_wrenches
 from palpate_lab.simulation.session import GRAVITY, Load
 
 MOTION = Swing(swing_rate=(0.5, 0.7, 0.9), sway=(0.2, 0.1, 0.15))

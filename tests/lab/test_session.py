@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from mcap.reader import make_reader
 
-from evidence.logs_written import ROS2
+from claims.evidence.logs_written import ROS2
 from palpate.signals.recording import ORIENTATION
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate_lab.simulation.session import ASSEMBLY, NOISE, Session, simulate_session

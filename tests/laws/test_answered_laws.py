@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evidence.laws import largest_steps, ridges
+from claims.evidence.laws import largest_steps, ridges
 from palpate.contact import Locator
 from palpate.surfaces import Mesh
 from palpate_lab.simulation import EllipsoidBody

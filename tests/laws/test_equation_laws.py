@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from scipy.optimize import minimize
 
-from evidence.equations import orders
+from claims.evidence.equations import orders
 from palpate.contact import ROW, Locator, Status
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Ellipsoid, EllipticCylinder, Surface, _equation

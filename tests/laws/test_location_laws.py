@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from evidence.laws import moved, shuffled, unchanged
+from claims.evidence.laws import moved, shuffled, unchanged
 from palpate.contact import Locator
 from palpate.surfaces import Mesh
 from palpate_lab.simulation.contacts import touch_wrenches

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evidence.same import FORMATS, chain_of, differing, estimated, streamed, unlike, written
+from claims.evidence.same import FORMATS, chain_of, differing, estimated, streamed, unlike, written
 from palpate.contact import Contacts, Status
 from palpate.files.logs import columns, read_recording, topic_log
 from palpate.setup import load_rig

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from evidence.mutated import KINDS, bench, spoil
+from claims.evidence.mutated import KINDS, bench, spoil
 from tests.conformance.fields import run
 from tests.conformance.sensors import SENSORS, Files, Sensor
 

@@ -1,4 +1,4 @@
-"""A table of somebody else is read as the plain one is, or refused with the reason: see `evidence.first_minutes`."""
+"""A table of somebody else is read as the plain one is, or refused with the reason; see `evidence.first_minutes`."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evidence.exports import EDITED, EXPORTS, NOTED, POINTS, PRESSED, REFUSED, Export
-from evidence.first_minutes import EDIT, GOOD, LOST, REFUSAL, Outcome, first_minutes, plain_answers
+from claims.evidence.exports import EDITED, EXPORTS, NOTED, POINTS, PRESSED, REFUSED, Export
+from claims.evidence.first_minutes import EDIT, GOOD, LOST, REFUSAL, Outcome, first_minutes, plain_answers
 
 
 @pytest.fixture(scope="module")

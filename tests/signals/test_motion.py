@@ -1,6 +1,6 @@
 """What an accelerated payload adds to a reading is taken off, or widens the covariance by as much; at rest neither.
 
-Truth is `evidence.moving`: positions and angles in closed form, forces by Newton and Euler.
+Truth is `claims.evidence.moving`: positions and angles in closed form, forces by Newton and Euler.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from evidence.moving import Course, Swing, moving_wrenches
+from claims.evidence.moving import Course, Swing, moving_wrenches
 from palpate.errors import InputError
 from palpate.signals import Payload, motion
 from palpate.signals._curvature import WindowSettings, part_of, pose_period

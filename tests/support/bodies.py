@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from evidence.bodies import prism
+from claims.evidence.bodies import prism
 from palpate.surfaces import Mesh, plane
 from palpate_lab.simulation.shapes import Body, BumpySphere, EllipsoidBody, Superquadric
 

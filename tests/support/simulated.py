@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from evidence.moving import Swing
+from claims.evidence.moving import Swing
 from palpate_lab.simulation.contacts import contact_wrenches, directed_forces
 
 __all__ = ["POSE", "Truth", "base_poses", "pressed", "write_table"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from evidence.bodies import prism
+from claims.evidence.bodies import prism
 from palpate import Locator, Pose, Status
 from palpate.errors import GeometryError, InputError
 from palpate.surfaces import Mesh, _rays, plane

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evidence.row import ROOT
+from claims.row import ROOT
 from palpate.errors import InputError
 from palpate.surfaces import _jit
 from palpate.surfaces._arguments import forms, require

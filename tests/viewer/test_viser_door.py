@@ -1,4 +1,4 @@
-"""Pages behind their guard, as their owner has them in a real browser; `evidence.guarded` attacks them."""
+"""Pages behind their guard, as their owner has them in a real browser; `claims.evidence.guarded` attacks them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ pytest.importorskip("viser")
 
 import viser
 
-from evidence.page_client import fetched
+from claims.evidence.page_client import fetched
 from palpate.errors import InputError
 from palpate.surfaces import Sphere
 from palpate.viewer import viser_door

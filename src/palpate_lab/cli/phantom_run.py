@@ -31,7 +31,7 @@ from palpate_lab.simulation.phantom.probes import Probe
 
 FORCE = 7.0  # N, of the paper
 METHODS = ("ours", "paper")
-PAPER_PUSH = (10.0, 282.0)  # kg, N s/m of (7): not in the paper; fitted to its T = 10 s (experiments/moving_phantom)
+PAPER_PUSH = (10.0, 282.0)  # kg, N s/m of (7): not in the paper; fitted to its T = 10 s (claims/papers/moving_phantom)
 PAPER_TURN = 2.6  # rad/s of (8): likewise, to the mean in-plane angle
 STIFFEST = 2500.0  # N/m of the phantom
 SAMPLES = 200  # averaged in each free pose

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import palpate
-from evidence.payload_mistakes import CENTRE, WEIGHT, as_logged, log
+from claims.evidence.payload_mistakes import CENTRE, WEIGHT, as_logged, log
 from palpate.cli import main
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.force_torque._payload_mistakes import AS_IS, MISTAKES, REVERSED, turned

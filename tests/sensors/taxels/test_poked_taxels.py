@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evidence.taxel_limit import priors_of
+from claims.evidence.taxel_limit import priors_of
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces

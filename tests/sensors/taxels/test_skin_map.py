@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from evidence.skin_general import general
-from evidence.skin_hard import box_link, holed, soup
-from evidence.skin_map import HEADING, LINK, ORIGIN, unrolled
-from evidence.skin_shapes import Cone, Elliptic, Sphere, Torus, march, round_mesh, wristlike
+from claims.evidence.skin_general import general
+from claims.evidence.skin_hard import box_link, holed, soup
+from claims.evidence.skin_map import HEADING, LINK, ORIGIN, unrolled
+from claims.evidence.skin_shapes import Cone, Elliptic, Sphere, Torus, march, round_mesh, wristlike
 from palpate.cli import main
 from palpate.errors import GeometryError, InputError
 from palpate.sensors.taxels.skin_map import Planes, Sheet, fit_stretch, map_skin

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.taxels import by_bincount, drawn
+from claims.timings.taxels import by_bincount, drawn
 from palpate.sensors.taxels.poking._accumulate import accumulate
 
 TAXELS = 40

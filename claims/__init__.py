@@ -1,0 +1,1 @@
+"""Every claim with its figure: `python -m claims` measures them."""

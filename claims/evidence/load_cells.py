@@ -1,0 +1,432 @@
+"""Load cells: a fingertip calibrated on a simulated bench, verified on an independent run of it.
+
+The bench (`palpate_lab.simulation.load_cell_bench`) makes voltages by the statics of a frame on springs and, for the
+soft layer, by an elastic foundation; no estimator has a part in it. Positions are 3-D errors of samples loaded by 1 N
+or more, forces those against the equally filtered truth. The zero is taken in the unloaded start of each trajectory.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+import palpate
+from claims.evidence import cell_faults
+from claims.evidence.covariance import CHI2_95, squared_distance
+from claims.row import Row
+from palpate.sensors.load_cells.array import LoadCellArray
+from palpate.sensors.load_cells.calibrate import CalibrationOptions, LoadCellCalibration, identify_load_cells
+from palpate.sensors.load_cells.faults import CellFault
+from palpate.sensors.load_cells.model import VOLTAGE, LoadCells
+from palpate.sensors.load_cells.resolution import WANTED, resolution
+from palpate.sensors.load_cells.zero import Zero, take_zero
+from palpate.spatial.pose import Pose
+from palpate.surfaces import EllipticCylinder, Surface
+from palpate.surfaces.implicit import superquadric
+from palpate_lab.simulation.ball_on_ellipse import pressed_wrench
+from palpate_lab.simulation.cell_array import in_line
+from palpate_lab.simulation.contacts import contact_wrenches
+from palpate_lab.simulation.load_cell_bench import BENCHES, REST, Bench, BenchRun
+
+SURFACE = EllipticCylinder(a=14e-3, b=5e-3, half_length=16e-3, upper=True)
+ALONG_Y = Pose.from_rotation_vector((np.pi / 2, 0.0, 0.0), (0.0, 0.0, 0.0))  # its own z
+UNLOADED = REST - 0.1  # s of each trajectory from which the zero is taken
+LEAST = 1.0  # N
+RIGID, SOFT = BENCHES["rigid"], BENCHES["soft layer"]
+QUIET = replace(RIGID, friction=(0.0, 0.01))
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """Table I, torque, limits, starts, smallest force, faults."""
+    runs = Runs(10 if small else 1)
+    yield from _tables(runs)
+    yield from _torque(runs)
+    yield from _limits(runs, small)
+    yield from _effects(runs, small)
+    yield from _starts(2 if small else 20)
+    yield from _smallest(runs, 2_000 if small else 20_000)
+    yield from _faults(runs, small)
+    yield from _channels(runs, small)
+    yield from _surfaces(runs, small)
+    yield from _sentences()
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Contacts of a run, in its order, and what is wrong with the cells by them."""
+
+    found: palpate.ContactEstimate
+    faults: list[CellFault]
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Runs of benches, every `thin`-th sample: the first calibrates, the second verifies."""
+
+    thin: int
+
+    @cache  # noqa: B019 - lives as long as the program, which asks for the same runs again and again
+    def calibrated(self, bench: Bench, indentation: bool = False) -> LoadCellCalibration:
+        run = bench.run(0, thin=self.thin)
+        return identify_load_cells(run.time, run.voltages, run.force, run.position, SURFACE, indentation=indentation)
+
+    @cache  # noqa: B019 - as above
+    def second(self, bench: Bench) -> BenchRun:
+        return bench.run(1, thin=self.thin)
+
+
+def _recording(run: BenchRun, part: np.ndarray) -> palpate.Recording:
+    return palpate.Recording(run.time[part], {VOLTAGE: run.voltages[part]})
+
+
+def _rest(run: BenchRun, part: np.ndarray) -> np.ndarray:
+    return part & (run.time < run.time[part][0] + UNLOADED)
+
+
+def _fingertip(
+    cells: LoadCells, surface: Surface = SURFACE, method: str = "soft_finger", on: float | None = None
+) -> palpate.WrenchEstimator:
+    locator = palpate.Locator(surface, method, on=on, off=on, indentation=cells.indentation)
+    return palpate.WrenchEstimator(locator, LoadCellArray(cells), live=False)
+
+
+def _answer(cells: LoadCells, run: BenchRun, method: str = "soft_finger", surface: Surface = SURFACE) -> Answer:
+    fingertip, found = _fingertip(cells, surface, method), list[palpate.ContactEstimate]()
+    for number in np.unique(run.trajectory):
+        part = run.trajectory == number
+        fingertip.tare(_recording(run, _rest(run, part)))
+        found.append(fingertip.run(_recording(run, part)).estimate)
+    assert isinstance(fingertip.sensor, LoadCellArray)
+    return Answer(palpate.ContactEstimate.joined(found), fingertip.sensor.faults())
+
+
+def _loaded(run: BenchRun) -> np.ndarray:
+    return np.linalg.norm(run.wrench[:, :3], axis=1) >= LEAST
+
+
+def _errors(answer: Answer, run: BenchRun) -> tuple[np.ndarray, np.ndarray]:
+    """Position [m] and force [N] of the loaded samples that were answered."""
+    use = _loaded(run) & answer.found.answered
+    position = np.linalg.norm(answer.found.point[use] - run.point[use], axis=1)
+    return position, np.linalg.norm(answer.found.force[use] - run.wrench[use, :3], axis=1)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _tables(runs: Runs) -> Iterator[Row]:
+    per_cell = replace(RIGID, per_cell=True)
+    for what, bench, law, targets in (
+        ("rigid, 2 mN of the array", RIGID, False, (45, 220, 5)),
+        ("rigid, 2 mN a cell", per_cell, False, (85, 400, 9)),
+        ("soft layer, its law fitted", SOFT, True, (60, 300, np.inf)),
+        ("soft layer, no law", SOFT, False, None),
+        ("drift of 0.5 mV a run", BENCHES["drift"], False, None),
+    ):
+        run = runs.second(bench)
+        answer = _answer(runs.calibrated(bench, law).cells, run)
+        position, force = _errors(answer, run)
+        share = float(np.mean(answer.found.answered[_loaded(run)]))
+        got = (1e6 * _rms(position), 1e6 * position.max(), 1e3 * _rms(force))
+        text = f"{got[0]:.0f} / {got[1]:.0f} um, {got[2]:.1f} mN; {share:.2%} answered"
+        met = None if targets is None else bool(np.all(np.array(got) <= targets)) and share > 0.999
+        target = (
+            ""
+            if targets is None
+            else f"{targets[0]} / {targets[1]} um" + (f", {targets[2]} mN" if np.isfinite(targets[2]) else "")
+        )
+        yield Row(f"table I, {what}: position RMSE / worst, force RMSE", target, text, met)
+    yield Row("table I, the paper's own", "", "141 / 621 um, 41.5 mN (against a reference of 17 mN noise)")
+
+
+def _torque(runs: Runs) -> Iterator[Row]:
+    cells = runs.calibrated(RIGID).cells
+    twisted = runs.second(replace(RIGID, torsion=5e-3))
+    answer = _answer(cells, twisted)
+    use = _loaded(twisted) & answer.found.answered
+    off = 1e3 * _rms(answer.found.torque[use] - twisted.torque[use])
+    with_torque = 1e6 * _rms(_errors(answer, twisted)[0])
+    without = 1e6 * _rms(_errors(_answer(cells, runs.second(RIGID)), runs.second(RIGID))[0])
+    yield Row("torque about the normal up to 5 N mm", "0.06 N mm RMSE", f"{off:.3f} N mm", off <= 0.06)
+    got = f"{with_torque:.1f} um, {without:.1f} um without torque"
+    yield Row("position under that torque", "no worse than without", got, with_torque <= 1.05 * without)
+    yield Row("calibration with hardly any friction", "refused, or warned", *_said(runs, QUIET))
+
+
+def _said(runs: Runs, bench: Bench) -> tuple[str, bool]:
+    try:
+        notes = runs.calibrated(bench).cells.notes
+    except palpate.NotIdentifiable as refusal:
+        return f"refused: {refusal}", True
+    return "; ".join(notes) or "nothing", any("riction" in text for text in notes)
+
+
+def _limits(runs: Runs, small: bool) -> Iterator[Row]:
+    for what, bench, law in (("rigid", RIGID, False), ("soft layer, its law fitted", SOFT, True)):
+        run, cells = runs.second(bench), runs.calibrated(bench, law).cells
+        for method, torque in (("soft_finger", True), ("wrench_axis", False))[: 1 if small and law else 2]:
+            answer = _answer(cells, run, method)
+            step = max(1, (301 if law else 41) // runs.thin) * (10 if small else 1)
+            use = np.flatnonzero(_loaded(run) & answer.found.answered)[::step]
+            least = np.sqrt(np.mean([_bound(bench, run, int(k), torque) for k in use]))
+            off = answer.found.point[use] - run.point[use]
+            ratio = _rms(np.linalg.norm(off, axis=1)) / least
+            more = np.flatnonzero(_loaded(run) & answer.found.answered)[:: max(1, 11 // runs.thin)]
+            inside = np.mean(squared_distance(answer.found[more], run.point[more]) <= CHI2_95)
+            name = f"{what}, {method}"
+            got = f"{ratio:.3f} ({1e6 * ratio * least:.1f} um, bound {1e6 * least:.1f} um; {len(use):,} samples)"
+            yield Row(f"{name}: RMSE of position over the Cramer-Rao bound", "1.25", got, ratio <= 1.25)
+            yield Row(f"{name}: truth in the 95 % ellipse", "93 to 97 %", f"{inside:.1%}", 0.93 <= inside <= 0.97)
+
+
+def _bound(bench: Bench, run: BenchRun, k: int, torque: bool) -> float:
+    """Trace of the Cramer-Rao bound of the point [m^2] of a sample: of the simulation's voltages, by differences."""
+    forward, spread = bench.cells().forward(), bench.channel_noise()
+    x, y = run.point[k, :2]
+    state = np.array([x, y, *run.wrench[k, :3], run.torque[k]])
+    steps = np.array([1e-7, 1e-7, 1e-5, 1e-5, 1e-5, 1e-8])
+
+    def made(values: np.ndarray) -> np.ndarray:
+        point, normal = (each[0] for each in bench.ellipse.foot(values[:1], values[1:2]))
+        wrench = (
+            _soft(bench, values, normal)
+            if bench.layer
+            else contact_wrenches(point[None], normal[None], values[None, 2:5], values[None, 5])[0]
+        )
+        return forward @ wrench / spread
+
+    unknown = 6 if torque else 5
+    slopes = np.stack(
+        [(made(state + d) - made(state - d)) / (2 * d[i]) for i, d in enumerate(np.diag(steps))][:unknown], axis=1
+    )
+    least = np.linalg.inv(slopes.T @ slopes)[:2, :2]
+    ahead, _ = bench.ellipse.foot(np.array([x + 1e-7, x, x - 1e-7]), np.array([y, y + 1e-7, y]))
+    along = np.stack([(ahead[0] - ahead[2]) / 2e-7, [0.0, 1.0, 0.0]], axis=1)
+    return float(np.trace(along @ least @ along.T))
+
+
+def _soft(bench: Bench, values: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """The elastic foundation's wrench whose force is the one of the state, with a torque about the normal beside it."""
+    force = values[2:5]
+    pressing = -float(force @ normal)
+    side = force + pressing * normal
+    mu = float(np.linalg.norm(side)) / pressing
+    motion = side / max(float(np.linalg.norm(side)), 1e-12) if mu > 1e-9 else np.array([0.0, 1.0, 0.0])
+    depth = np.sqrt(pressing / (np.pi * float(bench.layer or 1.0) * bench.radius))
+    wrench = np.zeros(6)
+    for _ in range(4):
+        wrench = pressed_wrench(
+            bench.ellipse,
+            bench.radius,
+            float(bench.layer or 1.0),
+            values[:1],
+            np.array([depth]),
+            np.array([mu]),
+            motion[None],
+        )[0]
+        depth *= np.sqrt(pressing / -float(wrench[:3] @ normal))
+    arm = wrench[3:]
+    lever = _lever(wrench[:3], arm)  # where the line of action passes; the small rest of the force goes there too
+    aside = np.array([0.0, values[1], 0.0])
+    moment = np.cross(lever + aside, force) + values[5] * normal
+    return np.concatenate([force, moment])
+
+
+def _lever(force: np.ndarray, moment: np.ndarray) -> np.ndarray:
+    return np.cross(force, moment) / (force @ force)
+
+
+def _effects(runs: Runs, small: bool) -> Iterator[Row]:
+    base = _rms(_errors(_answer(runs.calibrated(RIGID).cells, runs.second(RIGID)), runs.second(RIGID))[0])
+    effects = (
+        ("none", RIGID, False, RIGID),
+        ("soft layer, its law fitted", SOFT, True, SOFT),
+        ("soft layer, no law", SOFT, False, SOFT),
+        ("drift of 0.5 mV while verified only", RIGID, False, replace(RIGID, drift=0.5e-3)),
+        ("drift of 0.5 mV in both runs", BENCHES["drift"], False, BENCHES["drift"]),
+        ("torque up to 5 N mm while calibrated, not told", replace(RIGID, torsion=5e-3), False, RIGID),
+        ("reference noise 170 mN", replace(RIGID, reference_noise=0.17), False, RIGID),
+    )
+    for what, bench, law, second in effects[: 2 if small else None]:
+        run = runs.second(second)
+        position = _errors(_answer(runs.calibrated(bench, law).cells, run), run)[0]
+        got = f"{1e6 * _rms(position):.0f} / {1e6 * position.max():.0f} um, {_rms(position) / base:.2f} of without"
+        yield Row(f"one systematic effect: {what}", "", got)
+
+
+def _starts(count: int) -> Iterator[Row]:
+    """Sensitivities drawn anew, cells 2 mm off: a map from voltages to wrenches to start from."""
+    run, rng = RIGID.run(0, thin=10), np.random.default_rng(41)
+    array = RIGID.cells()
+    points, costs, failed, led = list[np.ndarray](), list[float](), 0, 0
+    spots, normals = RIGID.ellipse.foot(*np.meshgrid(np.linspace(-9e-3, 9e-3, 7), np.linspace(-12e-3, 12e-3, 7)))
+    wrenches = (
+        contact_wrenches(spots.reshape(-1, 3), normals.reshape(-1, 3), -1.5 * normals.reshape(-1, 3), np.zeros(49))
+        @ array.forward().T
+    )
+    for _ in range(count):
+        gains = rng.uniform(2.0, 30.0, (4, 1, 1)) * (np.eye(3) + 0.2 * rng.standard_normal((4, 3, 3)))
+        places = array.position + 2e-3 * rng.standard_normal((4, 3)) / 3**0.5
+        maps = [np.concatenate([gain, np.cross(place, gain.T).T]) for gain, place in zip(gains, places, strict=True)]
+        try:
+            found = identify_load_cells(
+                *(run.time, run.voltages, run.force, run.position, SURFACE),
+                options=CalibrationOptions(start=np.concatenate(maps, axis=1)),
+            )
+        except palpate.PalpateError:
+            failed += 1
+            continue
+        sensor = LoadCellArray(found.cells, zero=Zero(np.zeros(12)))
+        fingertip = palpate.WrenchEstimator(palpate.Locator(SURFACE), sensor)
+        led += any("was not used" in note for note in found.cells.notes)
+        points.append(fingertip.run(palpate.Recording(np.zeros(49), {VOLTAGE: wrenches})).point)
+        costs.append(found.fit.cost)
+    spread = float(np.linalg.norm(np.ptp(points, axis=0), axis=1).max())
+    relative = float(np.ptp(costs) / np.min(costs))
+    got = f"{1e9 * spread:.3g} nm, cost to {relative:.1e}; {count - failed} of {count} settle, " + (
+        f"{count - failed - led} by themselves and {led} by the linear start"
+    )
+    met = failed == 0 and spread <= 1e-6 and relative <= 1e-6
+    what = f"{count} starts, sensitivities 2 to 30 N/V drawn, cells 2 mm off: predicted contacts, cost"
+    yield Row(what, "within 1 um, 1e-6", got, met)
+
+
+def _smallest(runs: Runs, trials: int) -> Iterator[Row]:
+    """The force at which the RMSE of many touches, each just tared, is 2 mm; found by halving."""
+    array, cells = RIGID.cells(), runs.calibrated(RIGID).cells
+    spread, rng = RIGID.channel_noise(), np.random.default_rng(43)
+    run = runs.second(RIGID)
+    share = take_zero(cells, run.voltages[_rest(run, run.trajectory == 0)]).share
+    sensor = LoadCellArray(cells, zero=Zero(np.zeros(12), share))
+    fingertip = palpate.WrenchEstimator(palpate.Locator(SURFACE, on=0.0, off=0.0), sensor)
+    time = np.arange(trials) / 1000
+    noise = spread * rng.standard_normal((trials, 12)) * np.sqrt(1.0 + share)
+    for x, y in ((0.0, 0.0), (6e-3, 8e-3), (-9e-3, -10e-3)):
+        point, normal = RIGID.ellipse.foot(np.array(x), np.array(y))
+        predicted = float(resolution(cells, point[None], normal[None], tare=1.0 / share).smallest(WANTED)[0])
+
+        def error(force: float, point: np.ndarray = point, normal: np.ndarray = normal) -> float:
+            clean = array.forward() @ contact_wrenches(point[None], normal[None], -force * normal[None], np.zeros(1))[0]
+            found = fingertip.run(palpate.Recording(time, {VOLTAGE: clean + noise}))
+            return _rms(np.linalg.norm(found.point - point, axis=1))
+
+        low, high = 0.3 * predicted, 3.0 * predicted
+        for _ in range(12):
+            middle = np.sqrt(low * high)
+            low, high = (middle, high) if error(middle) > WANTED else (low, middle)
+        ratio = predicted / high
+        got = f"{1e3 * predicted:.1f} mN predicted, {1e3 * high:.1f} mN measured: {ratio - 1:+.0%}"
+        what = f"smallest force for 2 mm at x = {1e3 * x:.0f}, y = {1e3 * y:.0f} mm"
+        yield Row(what, "within 15 %", got, abs(ratio - 1) <= 0.15)
+
+
+def _faults(runs: Runs, small: bool) -> Iterator[Row]:
+    run, cells = runs.second(RIGID), runs.calibrated(RIGID).cells
+    sound = _rms(_errors(_answer(cells, run), run)[0])
+    for kind, make, most in (
+        ("dead", lambda cell: cell_faults.dead(run, cell), 1.6),
+        ("saturated, range not stated", lambda cell: cell_faults.saturated(run, cell, 0.06), None),
+        ("drifting by 1 mV/s", lambda cell: cell_faults.drifting(run, cell, 1e-3), None),
+    ):
+        for cell in range(1 if small else 4):
+            bad = make(cell)
+            answer = _answer(cells, bad)
+            ratio = _rms(_errors(answer, bad)[0]) / sound
+            named = answer.faults
+            right = [fault.kind for fault in named] == [kind.split(",")[0].split(" ")[0]] and named[0].cells == (cell,)
+            share = float(np.mean(answer.found.answered[_loaded(run)]))
+            got = f"{ratio:.2f}, {share:.1%} answered; {'; '.join(fault.text for fault in named) or 'nothing named'}"
+            met = right and share > 0.99 and (most is None or ratio <= most)
+            target = "named" + (f", {most}" if most else ", goes on")
+            yield Row(f"cell {cell + 1} {kind}: error over the sound one", target, got, met)
+    for one, other in [(0, 1)] if small else [(0, 1), (0, 2), (1, 3), (2, 3)]:
+        bad = cell_faults.swapped(run, one, other)
+        answer = _answer(cells, bad)
+        named = answer.faults
+        share = float(np.mean(answer.found.answered[_loaded(run)]))
+        got = f"{share:.1%} answered; {'; '.join(fault.text for fault in named)}"
+        met = [fault.kind for fault in named] == ["swapped"] and named[0].cells == (one, other)
+        yield Row(f"cells {one + 1} and {other + 1} exchanged", "named, and says that it cannot", got, met)
+
+
+def _channels(runs: Runs, small: bool) -> Iterator[Row]:
+    """One channel at a time; vertical ones share one redundancy, so that any of them may be the one."""
+    run, cells = runs.second(RIGID), runs.calibrated(RIGID).cells
+    for kind in ("drifting by 1 mV/s", "dead", "saturated, range not stated"):
+        for axis in "z" if small else "xyz":
+            inside, worst, named = list[float](), 0.0, 0
+            channels = range("xyz".index(axis), 12, 3)
+            for channel in channels:
+                bad = _channel_fault(run, kind, channel)
+                answer = _answer(cells, bad)
+                use = _loaded(bad) & answer.found.answered
+                off = answer.found.point[use] - bad.point[use]
+                inside.append(float(np.mean(squared_distance(answer.found[use], bad.point[use]) <= CHI2_95)))
+                worst = max(worst, float(np.linalg.norm(off, axis=1).max()))
+                named += not answer.faults or channel in answer.faults[0].channels
+            got = f"{min(inside):.1%} at least, worst error {1e3 * worst:.2f} mm; {named} of {len(channels)} named"
+            met = min(inside) >= 0.9 and named == len(channels)
+            what = f"one channel {axis} {kind}: truth in the 95 % ellipse, the channel among those named"
+            yield Row(what, "90 %, all", got, met)
+
+
+def _channel_fault(run: BenchRun, kind: str, channel: int) -> BenchRun:
+    volts = run.voltages.copy()
+    if kind == "dead":
+        volts[:, channel] = 0.01
+    elif kind.startswith("drifting"):
+        volts[:, channel] += 1e-3 * (run.time - run.time[np.searchsorted(run.trajectory, run.trajectory)])
+    else:
+        limit = 0.5 * np.abs(volts[:, channel]).max()
+        volts[:, channel] = np.clip(volts[:, channel], -limit, limit)
+    return replace(run, voltages=volts)
+
+
+def _surfaces(runs: Runs, small: bool) -> Iterator[Row]:
+    """The same logs on other descriptions of the same surface, as a user has it who has no elliptic cylinder."""
+    fine = SURFACE.mesh(20_000)
+    others: list[tuple[str, Surface]] = [(f"mesh of {len(fine.faces):,} facets", fine)]
+    if not small:  # the tests of contacts try it; within 3 um of the surface where the ball goes
+        others.insert(0, ("superquadric", superquadric((14e-3, 5e-3, 24e-3), (0.2, 1.0), pose=ALONG_Y)))
+    for what, bench, law in (("rigid", RIGID, False), ("soft layer, its law fitted", SOFT, True)):
+        run, cells = runs.second(bench), runs.calibrated(bench, law).cells
+        least = _rms(_errors(_answer(cells, run), run)[0])
+        for name, surface in others:
+            answer = _answer(cells, run, surface=surface)
+            ratio = _rms(_errors(answer, run)[0]) / least
+            share = float(np.mean(answer.found.answered[_loaded(run)]))
+            got = f"{ratio:.3f} ({1e6 * ratio * least:.1f} um; {share:.1%} answered)"
+            met = ratio <= 1.2 and share > 0.99
+            yield Row(f"{what}, on a {name}: RMSE over the elliptic cylinder's", "1.2", got, met)
+
+
+def _sentences() -> Iterator[Row]:
+    line, run = replace(RIGID, layout=in_line(3), twist=1.0), RIGID.run(0, thin=10)
+    lined = line.run(0, thin=10)
+    late = run.time > 3.5
+    one = run.trajectory == 0
+    wrong = run.voltages.copy()
+    wrong[:, 5] *= 1e3
+    still = run.voltages.copy()
+    still[:, 3:6] = 0.0
+    for what, given, places in (
+        ("three cells in line, places stated", (lined, slice(None), lined.voltages), line.cells().position),
+        ("three cells in line, places not stated", (lined, slice(None), lined.voltages), None),
+        ("no unloaded start", (run, late & one, run.voltages), None),
+        ("too few directions: one path, hardly any friction", (QUIET.run(0, thin=10), slice(0, 1200), None), None),
+        ("a column in mV", (run, slice(None), wrong), None),
+        ("a dead cell on the bench", (run, slice(None), still), None),
+    ):
+        log, part, volts = given
+        volts = log.voltages if volts is None else volts
+        try:
+            identify_load_cells(
+                *(log.time[part], volts[part], log.force[part], log.position[part], SURFACE),
+                options=CalibrationOptions(positions=places),
+            )
+            got, met = "accepted", False
+        except palpate.PalpateError as refusal:
+            got, met = str(refusal), True
+        yield Row(f"calibration, {what}", "a sentence", got, met)

@@ -1,0 +1,79 @@
+"""The page of all claims, made from `figures.json`, and a page a paper, made from its template."""
+
+import json
+import tomllib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from claims.machine import machine
+from claims.row import ROOT, Row
+
+FIGURES, PAGE = ROOT / "claims" / "figures.json", ROOT / "docs" / "evidence.md"
+VERDICTS = {"met": "met", "**missed**": "missed", "reported": "reported", "skipped": "skipped"}
+THEMES: dict[str, dict[str, str]] = tomllib.loads((ROOT / "claims" / "themes.toml").read_text(encoding="utf-8"))
+Kept = dict[str, dict[str, Any]]
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], align: str = "---") -> str:
+    """Return a table in Markdown; `align` of all columns but the first."""
+    lines = [header, ["---", *[align] * (len(header) - 1)], *rows]
+    cells = [[cell.replace("|", r"\|").replace("\n", " ") for cell in line] for line in lines]
+    return "\n".join("| " + " | ".join(line) + " |" for line in cells)
+
+
+def asked(rows: Sequence[Row], *others: str) -> str:
+    """Return the table of what a paper's expected.toml asks for, with a column for what each of `others` has."""
+    lines = [[row.what, *row.theirs, row.got, row.target, row.verdict if row.target else ""] for row in rows]
+    return table(("figure", *others, "got", "asked", ""), lines)
+
+
+def fill(folder: Path, page: str = "README.md", **parts: object) -> None:
+    """Write a folder's page: its page.template with each {part}, and the {machine}, in place."""
+    lines = "\n".join(f"- {line}" for line in machine())
+    text = (folder / "page.template").read_text(encoding="utf-8").format(**parts, machine=lines)
+    (folder / page).write_text(text, encoding="utf-8")
+
+
+def renew(theme: str, rows: Sequence[Row], measured: str) -> None:
+    """Keep what was measured of a theme in figures.json, and write the page of all themes."""
+    kept: Kept = json.loads(FIGURES.read_text(encoding="utf-8"))
+    kept[theme] = {"measured": measured, "rows": [list(vars(row).values()) for row in rows]}
+    FIGURES.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    PAGE.write_text(page(kept), encoding="utf-8")
+
+
+def page(kept: Kept, themes: Mapping[str, Mapping[str, str]] = THEMES) -> str:
+    """Return the page: what was missed, then a theme a line, by sensor, each with its folded table."""
+    found = {name: [Row(*row) for row in one["rows"]] for name, one in kept.items()}
+    titles = {name: title for group in themes.values() for name, title in group.items()}
+    shown = {name: found[name] for name in titles if name in found}
+    missed = [
+        f"- {titles[name]}: {row.what}. Target {row.target}; got {row.got}"
+        for name, rows in shown.items()
+        for row in rows
+        if row.passed is False
+    ]
+    groups = list[str]()
+    for group, members in themes.items():
+        folded = [_folded(name, titles[name], shown[name], kept[name]["measured"]) for name in members if name in shown]
+        groups += [f"## {group}", *folded] if folded else []
+    template = (ROOT / "claims" / "page.template").read_text(encoding="utf-8")
+    counts = _counts([row for rows in shown.values() for row in rows])
+    return template.format(counts=counts, missed="\n".join(missed), groups="\n\n".join(groups))
+
+
+def _folded(name: str, title: str, rows: Sequence[Row], measured: str) -> str:
+    others = max((len(row.theirs) for row in rows), default=0)
+    header = ("row", *(["theirs"] * others), "target", "got", "")
+    lines = [
+        [row.what, *row.theirs, *[""] * (others - len(row.theirs)), row.target, row.got, row.verdict] for row in rows
+    ]
+    head = f"<details>\n<summary>{title}: {_counts(rows)}</summary>"
+    return f"{head}\n\n`make claims ONLY={name}`; {measured}\n\n{table(header, lines)}\n\n</details>"
+
+
+def _counts(rows: Sequence[Row]) -> str:
+    counts = Counter(row.verdict for row in rows)
+    return ", ".join(f"{counts[verdict]} {word}" for verdict, word in VERDICTS.items() if counts[verdict])

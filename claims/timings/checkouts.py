@@ -1,0 +1,99 @@
+"""Compare `locate`, and each sensor in loops and batches, with numba or with another checkout: PALPATE_BESIDE=DIR.
+
+Both sides run in turns, a process each. The marker ring is left out: there is no small film of it in the project.
+"""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from itertools import cycle, islice
+from math import ceil
+from pathlib import Path
+from statistics import median
+
+from claims.row import Row
+
+ROOT = Path(__file__).parents[2]
+ROUNDS = 41
+MOST = 1.05  # times
+SENSORS = ("six-axis", "load_cells", "skin", "skin_and_wrench")
+LASTS = 0.1  # s of CPU that a round takes at least: of rounds of 5 ms, two equal sides differed by 36 %
+CALLS = {
+    "one `palpate.locate`": "palpate.locate(wrench, mesh)",
+    "one live sample, six-axis (`update_into`)": "estimator.update_into(0.0, wrench, row)",
+    "10,000 wrenches by `Locator.run`": "locator.run(many, sequential=False)",
+    **{f"{name}: 100 samples by `update_into`": f"loop({name!r})" for name in SENSORS},
+    **{f"{name}: 100 samples by `run`": f"sides[{name!r}][0].run(sides[{name!r}][1])" for name in SENSORS},
+}
+SIDE = """
+import sys, time
+import numpy as np, palpate
+from palpate_lab.simulation.shapes import Ellipsoid
+from tests.same.play import samples
+
+def made(name):
+    rig = palpate.load_rig(f"tests/v03/{name}/rig.toml")
+    with palpate.open_log(f"tests/v03/{name}/log.csv", rig) as log:
+        block = next(iter(log))
+    estimator = rig.estimator(rate=100.0)
+    estimator.tare(block.picked(slice(20)))
+    recording = block.picked(slice(100))
+    return estimator, recording, list(samples(estimator.channels, recording)), estimator.empty()
+
+def loop(name):
+    estimator, _, given, out = sides[name]
+    estimator.reset()
+    for time, reading, *more in given:
+        estimator.update_into(time, reading, out, *more)
+
+sides = {name: made(name) for name in SENSORS}
+mesh = palpate.Mesh.from_arrays(*Ellipsoid((0.010, 0.007, 0.005)).mesh(20_000))
+locator = palpate.Locator(mesh, noise=[0.02] * 3 + [0.001] * 3)
+estimator = palpate.WrenchEstimator(locator, palpate.ForceTorque([0.02] * 3 + [0.001] * 3))
+wrench, row = np.array([0.5, 0.0, -5.0, 0.0, 0.001, 0.001]), estimator.empty()
+many = np.random.default_rng(0).normal(size=(10_000, 6)) * [5, 5, 5, 0.02, 0.02, 0.02]
+for line in sys.stdin:
+    count, call = line.rstrip().split(" ", 1)
+    run = eval("lambda: " + call)
+    run()
+    begin = time.process_time()
+    for _ in range(int(count)):
+        run()
+    print(time.process_time() - begin, flush=True)
+""".replace("SENSORS", str(SENSORS))
+
+
+def rows(small: bool) -> Iterator[Row]:
+    there = os.environ.get("PALPATE_BESIDE")
+    what = "the other checkout's" if there else "numba's"
+    sides = [_started(ROOT, "1"), _started(Path(there or ROOT).resolve(), "1" if there else "0")]
+    try:
+        for name, call in CALLS.items():
+            count = ceil(LASTS / min(_round(side, 3, call) / 3 for side in sides))
+            turns = islice(cycle((1, -1)), 3 if small else ROUNDS)  # each side is first in every other round
+            times = [[_round(side, count, call) for side in sides[::turn]][::turn] for turn in turns]
+            ratio = median(here / other for here, other in times)
+            here, other = (1e6 * median(each) / count for each in zip(*times, strict=True))
+            got = f"{ratio:.3f} times ({here:.1f} us, {other:.1f} there; {len(times)} rounds in turns, CPU)"
+            yield Row(name, f"<= 1.05 times {what}", got, None if small else ratio <= MOST)
+    finally:
+        for side in sides:
+            side.kill()
+            side.communicate()
+
+
+def _started(tree: Path, native: str) -> subprocess.Popen[str]:
+    pipe = subprocess.PIPE
+    surroundings = {**os.environ, "PYTHONPATH": f"{tree / 'src'}{os.pathsep}{ROOT}", "PALPATE_NATIVE": native}
+    return subprocess.Popen(
+        [sys.executable, "-c", SIDE], stdin=pipe, stdout=pipe, env=surroundings, text=True, cwd=ROOT
+    )
+
+
+def _round(side: subprocess.Popen[str], count: int, call: str) -> float:
+    if side.stdin is None or side.stdout is None:
+        raise RuntimeError("no pipes")
+    side.stdin.write(f"{count} {call}\n")
+    side.stdin.flush()
+    return float(side.stdout.readline())

@@ -1,0 +1,62 @@
+"""Load cells: the calibration, and from voltages to contacts, one by one from Python and in blocks."""
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+import palpate
+from claims.evidence.load_cells import SURFACE, UNLOADED
+from claims.row import Row
+from palpate.sensors.load_cells.array import LoadCellArray
+from palpate.sensors.load_cells.calibrate import LoadCellCalibration, identify_load_cells
+from palpate.sensors.load_cells.model import VOLTAGE
+from palpate_lab.simulation.load_cell_bench import BENCHES, BenchRun
+
+ROUNDS = 9
+CALIBRATION, LIVE, BLOCKS = 5.0, 8.0, 250_000  # s, us, contacts a second
+
+
+def rows(small: bool) -> Iterator[Row]:
+    for name in ("rigid", "soft layer"):
+        bench = BENCHES[name]
+        run = bench.run(0, thin=10 if small else 1)
+        begin = time.perf_counter()
+        found = _calibrated(run, soft=name != "rigid")
+        took = time.perf_counter() - begin
+        if name == "rigid":
+            what = f"calibration of eight trajectories, {len(run):,} samples"
+            yield Row(what, f"{CALIBRATION:g} s", f"{took:.1f} s", took <= CALIBRATION)
+        yield from _speed(name, run, found)
+
+
+def _calibrated(run: BenchRun, *, soft: bool) -> LoadCellCalibration:
+    return identify_load_cells(run.time, run.voltages, run.force, run.position, SURFACE, indentation=soft)
+
+
+def _speed(name: str, run: BenchRun, found: LoadCellCalibration) -> Iterator[Row]:
+    """Of loaded samples, whose contacts all have a covariance."""
+    cells = found.cells
+    tip = palpate.WrenchEstimator(palpate.Locator(SURFACE, indentation=cells.indentation), LoadCellArray(cells))
+    first = run.trajectory == 0
+    rest = first & (run.time < run.time[first][0] + UNLOADED)
+    tip.tare(palpate.Recording(run.time[rest], {VOLTAGE: run.voltages[rest]}))
+    loaded = np.linalg.norm(run.wrench[:, :3], axis=1) >= 1.0
+    volts, stamps = np.ascontiguousarray(run.voltages[loaded][:8000]), run.time[loaded][:8000]
+    block, row, each, rates = palpate.Recording(stamps, {VOLTAGE: volts}), tip.empty(), list[float](), list[float]()
+    for _ in range(ROUNDS):
+        for k in range(len(volts)):
+            begin = time.perf_counter_ns()
+            tip.update_into(stamps[k], volts[k], row)
+            each.append(1e-3 * (time.perf_counter_ns() - begin))
+        begin = time.perf_counter()
+        tip.run(block)
+        rates.append(len(volts) / (time.perf_counter() - begin))
+    middle, high = np.percentile(each, [50, 99])
+    got = f"p50 {middle:.2f} us, p99 {high:.2f} us"
+    judged = name == "rigid"  # no figure was asked for of the other, which is iterated
+    what = f"voltages to contact, one by one from Python, {name}"
+    yield Row(what, f"<= {LIVE:g} us p50" * judged, got, middle <= LIVE if judged else None)
+    what = f"voltages to contact with covariance, in blocks on one core, {name}"
+    target, rate = f">= {BLOCKS:,}/s" * judged, float(np.median(rates))
+    yield Row(what, target, f"{rate:,.0f}/s", rate >= BLOCKS if judged else None)

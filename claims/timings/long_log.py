@@ -1,0 +1,63 @@
+"""One long log by `palpate estimate`, in one process and with others that read and write and threads that locate.
+
+Wall time means something on a machine that does nothing else, so the load stands beside it.
+"""
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from claims.evidence.long_logs import write_log
+from claims.row import Row
+from claims.timings.many_logs import Time, timed
+from claims.timings.processes import prepare
+from palpate_lab.simulation import simulate_session
+
+SAMPLES, LEAST = 10_000_000, 1.7  # times as quick
+SHORTER = (60_000, 120_000, 240_000, 480_000)
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """A body of 20k facets, wrenches and poses at 1 kHz, MCAP; small judges nothing."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        session = simulate_session(facets=2_000 if small else 20_000)
+        prepare(session, folder)
+        for samples in (2_000,) if small else SHORTER:
+            write_log(folder / "long.mcap", session, samples)
+            got = _compared(folder).said + f"; {(folder / 'long.mcap').stat().st_size / 1e6:.0f} MB"
+            yield Row(f"one log of {samples:,} samples: from what size on do other processes pay?", "", got)
+        samples = 2_000 if small else SAMPLES
+        write_log(folder / "long.mcap", session, samples)
+        found = _compared(folder)
+    what = f"one log of {samples:,} samples, read and written by processes of their own, located in two threads"
+    met = None if small else found.same and found.ratio >= LEAST
+    yield Row(what, f">= {LEAST}x on two cores, same bits", found.said, met)
+
+
+@dataclass(frozen=True)
+class _Compared:
+    ratio: float
+    same: bool
+    said: str
+
+
+def _compared(folder: Path) -> _Compared:
+    """The log of a folder, in one process and with two workers."""
+    found = dict[int, list[Time]]({1: [], 2: []})
+    for workers in (1, 2, 1, 2):  # in turns
+        command = ("estimate", str(folder / "long.mcap"), "--rig", str(folder / "rig.toml"))
+        output = str(folder / f"long{workers}.mcap")
+        _, took = timed(sys.executable, "-m", "palpate", *command, "-o", output, "--workers", str(workers))
+        found[workers].append(took)
+    same = (folder / "long1.mcap").read_bytes() == (folder / "long2.mcap").read_bytes()
+    one, two = (min(each.wall for each in found[workers]) for workers in (1, 2))
+    cpu = min(each.cpu for each in found[2]) / min(each.cpu for each in found[1])
+    said = (
+        f"{one / two:.2f}x: {one:.1f} s, {two:.1f} s; CPU {cpu:.2f}x; {'the same' if same else 'OTHER'} bits; "
+        f"load {os.getloadavg()[0]:.1f}"
+    )
+    return _Compared(one / two, same, said)

@@ -1,0 +1,91 @@
+"""Speed and memory of `palpate estimate` as a whole process, on logs of a million samples and more.
+
+It depends on the machine and on what else runs there; ratios between formats count.
+"""
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from claims.evidence.long_logs import write_log
+from claims.row import Row
+from palpate_lab.simulation import simulate_session, write_session
+from palpate_lab.simulation.session import Session
+
+MEBI = 1 << 10  # KiB, as the kernel counts
+# The kernel counts what a process was before it became the command: so a small one starts it, not this large one.
+WATCH = """\
+import os, subprocess, sys
+command = subprocess.Popen(sys.argv[1:])
+_, status, usage = os.wait4(command.pid, 0)
+print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss, file=sys.stderr)
+sys.stderr.flush()
+os._exit(os.waitstatus_to_exitcode(status))
+"""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A whole process: samples a second from start to end, without the start, and its peak of memory [MiB]."""
+
+    whole: float
+    prepared: float
+    peak: float
+
+    def __str__(self) -> str:
+        return f"{self.whole:,.0f} a second, start included ({self.prepared:,.0f} without), {self.peak:.0f} MiB at most"
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """A body of 20k facets, wrenches and poses at 1 kHz, payload, filter, full answers; small judges nothing."""
+    many, most = (2_000, 4_000) if small else (1_000_000, 10_000_000)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        session = simulate_session(facets=2_000 if small else 20_000)
+        prepare(session, folder)
+        for source, result, least in (
+            ("mcap", "mcap", 100_000),
+            ("mcap", "parquet", 100_000),
+            ("parquet", "parquet", None),
+            ("csv", "csv", None),
+        ):
+            run = _run(session, folder, source, result, many)
+            target = "" if least is None else f">= {least:,} a second"
+            met = None if small or least is None else run.prepared >= least
+            yield Row(f"{source} in, {result} out, {many:,} samples", target, str(run), met)
+        run = _run(session, folder, "mcap", "mcap", most)
+        yield Row(f"mcap in, mcap out, {most:,} samples", "<= 400 MB", str(run), None if small else run.peak <= 400)
+
+
+def prepare(session: Session, folder: Path) -> None:
+    write_session(session, folder)
+    watched(
+        "calibrate", "payload", folder / "free_motion.csv", "--rig", folder / "rig.toml", "-o", folder / "payload.toml"
+    )
+
+
+def _run(session: Session, folder: Path, source: str, result: str, samples: int) -> Run:
+    log, output = folder / f"log.{source}", folder / f"contacts.{result}"
+    write_log(log, session, samples)
+    begin = time.perf_counter()
+    printed, _, peak = watched("estimate", log, "--rig", folder / "rig.toml", "-o", output)
+    took = time.perf_counter() - begin
+    [timing] = [line for line in printed.splitlines() if line.strip().startswith("time")]
+    prepared = float(timing.split(";")[1].split()[0].replace(",", ""))
+    log.unlink()
+    output.unlink()
+    return Run(samples / took, prepared, peak)
+
+
+def watched(*words: str | Path) -> tuple[str, float, float]:
+    """What a command prints, the processor time that it takes, its start included [s], and its peak of memory [MiB]."""
+    command = [sys.executable, "-m", "palpate", *map(str, words)]
+    done = subprocess.run([sys.executable, "-c", WATCH, *command], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}: {done.stderr}")
+    processor, peak = map(float, done.stderr.splitlines()[-1].split())
+    return done.stdout, processor, peak / MEBI

@@ -1,1 +1,0 @@
-"""Published experiments, run again: one folder a paper, theirs beside ours."""
