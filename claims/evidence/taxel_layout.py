@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from claims.row import Row, shared, skipped
 from claims.evidence.taxel_limit import priors_of
+from claims.row import Row, shared, skipped
 from palpate.cli import main
 from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxels.place_formats import read_taxel_places

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 import palpate
-from evidence.payload_imu import BALL, MASS, NOISE, PLACE, G, Rests, mistakes, squared_distance, touches
+from claims.evidence.payload_imu import BALL, MASS, NOISE, PLACE, G, Rests, mistakes, squared_distance, touches
 from palpate.cli import main
 from palpate.contact.estimate import ROW
 from palpate.signals import Imu, Payload
