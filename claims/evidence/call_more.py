@@ -83,6 +83,7 @@ def _surfaces() -> None:
 def _calibrations(rng: np.random.Generator) -> None:
     from palpate.calibration.drift import identify_drift
     from palpate.optical.fisheye import Fisheye
+    from palpate.sensors.force_torque.calibrate_imu import identify_payload_with_imu
     from palpate.sensors.marker_ring.calibrate_camera import fit_lens
     from palpate.sensors.taxels.calibrate import identify_resistive
     from palpate.sensors.taxels.poking.pokes import Pokes
@@ -95,6 +96,10 @@ def _calibrations(rng: np.random.Generator) -> None:
     walk = np.cumsum(rng.normal(0.0, 1e-3, (len(time), 2)), axis=0)
     fit = identify_drift(time, walk + rng.normal(0.0, 0.01, walk.shape))
     fit.spread(np.array([True, False, True]))
+    up = rng.normal(size=(16, 3))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    load = np.hstack([-8.0 * up, np.cross([0.01, 0.0, 0.04], -8.0 * up)]) + rng.normal(0.0, 1e-3, (16, 6))
+    identify_payload_with_imu(load, 9.80665 * up + rng.normal(0.0, 0.01, (16, 3)))
     pushed, turns = rng.normal(size=(10, 6)), np.tile(np.eye(3), (10, 1, 1))
     made = Pokes.from_table(
         pushed, turns, np.zeros((10, 3)), np.zeros(10, np.int64), rng.normal(size=(10, 4)), noise=np.eye(6)
