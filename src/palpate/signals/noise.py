@@ -107,9 +107,9 @@ def estimate_noise(readings: Float[np.ndarray, "n k"], *, moving: bool = False) 
     """Return the `Noise` of one reading in the quiet parts of a log, as white; None for under ten finite samples.
 
     The log is cut into windows of 32 samples, each less its own straight line. Quiet are the quietest tenth of them,
-    and those of at most 2.5 times the mean variance of the quiet ones. If windows of 8 samples have less than a third
-    of that deviation and many lie at one level, presses follow each other within 32 samples, and the short windows
-    count. With a resolution q, the deviation is q / sqrt(12) or more.
+    and those of at most 2.5 times the mean variance of the quiet ones. If windows of 8 samples have a deviation 1.5
+    times smaller and many lie at one level, presses follow each other within 32 samples, and the short windows count.
+    With a resolution q, the deviation is q / sqrt(12) or more.
 
     Args:
         readings: (n, k) of k channels, as logged.
@@ -197,7 +197,6 @@ def log_noise(
         InputError: arrays of other shapes.
     """
     usable = np.isfinite(wrenches).all(axis=1)
-    found: Noise | None = None
     where, moving = "where it rests", False
     if quaternions is not None and np.isfinite(angles := _angles(quaternions, 1)).any() and len(time) > SHORT:
         still = _still(time, quaternions)
