@@ -28,8 +28,8 @@ class Events(Value):
     Attributes:
         start: (k,) [s] of the first answered sample.
         end: (k,) [s] of the last.
-        point: (k, 3) [m] of a sample: of those in `paths` with at least 0.8 of the largest force the nearest to the
-            mean of all points there, weighted by one over the trace of their covariances.
+        point: (k, 3) [m] of a sample near the mean of the touch's strong part: of the points in `paths` whose 0.1 s
+            reach 0.8 of the largest force, the nearest to their mean, weighted by one over the trace of the covariance.
         covariance: (k, 3, 3) [m^2] of that point.
         normal: (k, 3) outward unit normal there.
         peak_force: (k,) [N] largest length of the force.
@@ -39,7 +39,7 @@ class Events(Value):
         samples: (k,) number of answered samples.
         ambiguous: (k,) share of them whose status is AMBIGUOUS.
         identity: (k,) of the contact; 0 if a sensor has one at a time.
-        paths: k arrays (m, 4): time [s] and point [m] of the sample with the largest force in each 0.1 s of a touch.
+        paths: k arrays (m, 4): time [s] and point [m] of the sample nearest to the mean of each 0.1 s of a touch.
         features: name -> (k,) value that the sensor adds, in the sample with the largest force; NaN if it has none.
 
     Raises:

@@ -48,16 +48,17 @@ class _Span:
     row = 3  # of the first, among all rows
     first = slice(4, 8)  # point of the first sample and the trace of its covariance; inf: may be anywhere
     last = slice(8, 12)
-    peak = 12  # the largest force; the following columns are of its sample
-    time = 13
-    point = slice(14, 17)
-    normal = slice(17, 20)
-    covariance = slice(20, 29)
-    length = 29
+    peak = 12  # the largest force, and its time
+    at = 13
+    time = 14  # of the sample that stands for the place of all, with its columns
+    point = slice(15, 18)
+    normal = slice(18, 21)
+    covariance = slice(21, 30)
+    length = 30
 
 
-_OF_PLACE = slice(_Span.point.start, _Span.length)
-_OF_LAST, _OF_PEAK, _OF_PATH = np.r_[_Span.end, _Span.last], slice(_Span.peak, None), np.r_[_Span.time, _Span.point]
+_OF_LAST, _OF_PEAK = np.r_[_Span.end, _Span.last], np.r_[_Span.peak, _Span.at]
+_OF_PLACE, _OF_PATH = slice(_Span.time, _Span.length), slice(_Span.time, _Span.point.stop)
 
 
 class _Sum:
@@ -89,6 +90,7 @@ class TouchFinder:
         self._last = np.empty(0)
         self._steps: list[float] = []
         self._rows, self._features = 0, dict[str, None]()
+        self._open = np.empty((0, _Span.length)), np.empty((0, _Sum.plain.stop))  # samples of the last window
         self._windows: list[tuple[np.ndarray, np.ndarray]] = []
 
     def add(self, contacts: Contacts) -> None:
@@ -103,21 +105,30 @@ class TouchFinder:
         numbers = np.concatenate([estimate.point, estimate.normal, estimate.force], axis=1)
         rows = np.flatnonzero(known & estimate.answered & ~(np.abs(numbers) > LARGEST).any(axis=1))
         if len(rows):
-            rows = rows[np.argsort(contacts.identity[rows], kind="stable")]
             spans, sums = _samples(contacts[rows], tuple(self._features))
             spans[:, _Span.row] = self._rows + rows
-            firsts = _firsts(_changes(spans) | _parted(spans[:-1], spans[1:], self._gap, self._speed), len(spans))
-            self._windows.append((_merged(spans, firsts), _added(sums, firsts)))
+            spans, sums = _joined([self._open[0], spans]), np.concatenate([self._open[1], sums])
+            done = np.floor(spans[:, _Span.start] / WINDOW) != np.floor(self._last[0] / WINDOW)
+            self._windows.append(self._windows_of(spans[done], sums[done]))
+            self._open = spans[~done], sums[~done]
         self._rows += len(time)
+
+    def _windows_of(
+        self, spans: Float[np.ndarray, "n s"], sums: Float[np.ndarray, "n w"]
+    ) -> tuple[Float[np.ndarray, "k s"], Float[np.ndarray, "k w"]]:
+        """Return the columns and sums of the windows of samples, each placed at the sample nearest to its mean."""
+        order = np.argsort(spans[:, _Span.identity], kind="stable")
+        spans, sums = spans[order], sums[order]
+        firsts = _firsts(_changes(spans) | _parted(spans[:-1], spans[1:], self._gap, self._speed), len(spans))
+        added = _added(sums, firsts)
+        group = _groups(firsts, len(spans))
+        away = np.sum((spans[:, _Span.point] - _place(added)[group]) ** 2, axis=1)
+        return _merged(spans, firsts, np.lexsort((away, group))[firsts]), added
 
     def touches(self) -> Events:
         """Return the touches of all samples so far as `Events`."""
-        spans = np.full((sum(len(spans) for spans, _ in self._windows), _Span.length + len(self._features)), np.nan)
-        row = 0
-        for part, _ in self._windows:  # earlier ones may lack features
-            spans[row : row + len(part), : part.shape[1]] = part
-            row += len(part)
-        sums = np.concatenate([np.empty((0, _Sum.plain.stop)), *(sums for _, sums in self._windows)])
+        parts = [*self._windows, self._windows_of(*self._open)]
+        spans, sums = _joined([spans for spans, _ in parts]), np.concatenate([sums for _, sums in parts])
         order = np.argsort(spans[:, _Span.identity], kind="stable")
         spans, sums = spans[order], sums[order]
         gap = max(self._gap, 1.5 * float(np.median(self._steps)) if self._steps else 0.0)
@@ -131,9 +142,7 @@ class TouchFinder:
         firsts = _firsts(np.diff(touch[order]) != 0, len(spans))
         slid, way = _reach(sums, firsts), spans[:, _OF_PATH]
         paths: list[np.ndarray] = [way[first:end] for first, end in pairwise([*firsts.tolist(), len(way)])]
-        there = spans[_middles(spans, sums, firsts)][:, _OF_PLACE]
-        spans, sums = _merged(spans, firsts), _added(sums, firsts)
-        spans[:, _OF_PLACE] = there
+        spans, sums = _merged(spans, firsts, _middles(spans, sums, firsts)), _added(sums, firsts)
         order = np.argsort(spans[:, _Span.row])
         long = order[(spans[:, _Span.end] - spans[:, _Span.start] >= self._shortest)[order]]
         return _events(spans[long], sums[long], slid[long], [paths[int(k)] for k in long], tuple(self._features))
@@ -142,6 +151,21 @@ class TouchFinder:
 def _firsts(ends: Bool[np.ndarray, " m"], count: int) -> Int[np.ndarray, " k"]:
     """Return the first row of each group of `count` rows; `ends` masks the rows after which a group ends."""
     return np.flatnonzero(np.concatenate([[True], ends])[:count])
+
+
+def _groups(firsts: Int[np.ndarray, " k"], count: int) -> Int[np.ndarray, " n"]:
+    """Return the number of each row's group."""
+    return np.repeat(np.arange(len(firsts)), np.diff(firsts, append=count))
+
+
+def _joined(parts: Sequence[Float[np.ndarray, "_ _"]]) -> Float[np.ndarray, "n s"]:
+    """Return rows one after the other; the features that earlier ones lack are NaN."""
+    joined = np.full((sum(map(len, parts)), max(part.shape[1] for part in parts)), np.nan)
+    row = 0
+    for part in parts:
+        joined[row : row + len(part), : part.shape[1]] = part
+        row += len(part)
+    return joined
 
 
 def _changes(spans: Float[np.ndarray, "n s"]) -> Bool[np.ndarray, " m"]:
@@ -183,21 +207,24 @@ def _samples(
     spread = np.where(known[:, None], covariance, np.nan)
     times, unknown = [contacts.time] * 2, np.full(count, np.nan)
     added = [contacts.features.get(name, unknown) for name in features]
-    at_peak = [strength, contacts.time, point, estimate.normal, spread, *added]
-    spans = np.column_stack([*times, contacts.identity, np.zeros(count), end, end, *at_peak])  # as in `_Span`
+    peak, place = [strength, contacts.time], [contacts.time, point, estimate.normal, spread]
+    spans = np.column_stack([*times, contacts.identity, np.zeros(count), end, end, *peak, *place, *added])  # as `_Span`
     return spans, np.column_stack([np.ones(count), ambiguous, strength, weight, weight[:, None] * point, point])
 
 
-def _merged(spans: Float[np.ndarray, "n s"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k s"]:
-    """Return the columns of each group of samples or windows."""
+def _merged(
+    spans: Float[np.ndarray, "n s"], firsts: Int[np.ndarray, " k"], places: Int[np.ndarray, " k"] | None = None
+) -> Float[np.ndarray, "k s"]:
+    """Return the columns of groups of rows, which are samples or windows; `places`: where each is, or the strongest."""
     if not len(firsts):
         return spans
-    group = np.repeat(np.arange(len(firsts)), np.diff(np.append(firsts, len(spans))))
-    order = np.lexsort((-spans[:, _Span.peak], group))  # the strongest of each group comes where the group begins
-    lasts = np.append(firsts[1:], len(spans)) - 1
+    order = np.lexsort((-spans[:, _Span.peak], _groups(firsts, len(spans))))
+    strongest, lasts = order[firsts], np.append(firsts[1:], len(spans)) - 1
     merged = spans[firsts]
     merged[:, _OF_LAST] = spans[lasts][:, _OF_LAST]
-    merged[:, _OF_PEAK] = spans[order[firsts]][:, _OF_PEAK]
+    merged[:, _OF_PEAK] = spans[strongest][:, _OF_PEAK]
+    merged[:, _Span.length :] = spans[strongest, _Span.length :]
+    merged[:, _OF_PLACE] = spans[strongest if places is None else places, _OF_PLACE]
     return merged
 
 
@@ -215,7 +242,7 @@ def _place(sums: Float[np.ndarray, "n w"]) -> Float[np.ndarray, "n 3"]:
 def _middles(
     spans: Float[np.ndarray, "n s"], sums: Float[np.ndarray, "n w"], firsts: Int[np.ndarray, " k"]
 ) -> Int[np.ndarray, " k"]:
-    """Return the window of each touch whose strongest sample is nearest to the mean point of its strong windows."""
+    """Return the window of each touch whose place is nearest to the mean point of its strong windows."""
     middles = np.zeros(len(firsts), dtype=np.int64)
     for k, (first, end) in enumerate(pairwise([*firsts.tolist(), len(spans)])):
         peaks = spans[first:end, _Span.peak]
@@ -252,7 +279,7 @@ def _events(
         covariance=spans[:, _Span.covariance].reshape(-1, 3, 3),
         normal=spans[:, _Span.normal],
         peak_force=spans[:, _Span.peak],
-        peak_time=spans[:, _Span.time],
+        peak_time=spans[:, _Span.at],
         mean_force=sums[:, _Sum.force] / count,
         slid=slid,
         samples=count.astype(np.int64),
