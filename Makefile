@@ -32,8 +32,9 @@ demo: $(READY) ## the whole chain on a made-up session, into demo/
 browser: ## chromium, from Debian's packages where there is none: the tests of the page open it
 	@command -v chromium > /dev/null || { apt-get update -qq && apt-get install -qq -y --no-install-recommends chromium; }
 
+# Three workers keep two cores at work while a test waits.
 test: native ## the tests; those of the page skip without chromium
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist worksteal
 
 check: $(READY) ## style, types, import directions
 	$(BIN)/ruff check
