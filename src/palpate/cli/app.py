@@ -74,7 +74,7 @@ _CALIBRATIONS = {  # name -> module, class, and the first paragraph of its docst
     "registration": (
         "palpate.sensors.taxels.poking.registration_command",
         "CalibrateRegistration",
-        "Find the surface's pose among places of taxels, and write it into the rig.",
+        "Find the surface's pose among places of taxels.",
     ),
     "taxels": (_POKING, "CalibrateTaxels", "Find where each taxel sits, from the wrenches of pokes."),
 }

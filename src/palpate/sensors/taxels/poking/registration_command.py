@@ -21,7 +21,7 @@ POOR = 0.05  # rms over the extent of the places: the surface of another link
 
 @dataclass(frozen=True)
 class CalibrateRegistration(Calibration):
-    """Find the surface's pose among places of taxels, and write it into the rig.
+    """Find the surface's pose among places of taxels.
 
     The places lie as near to the [surface] as a rigid motion brings them. Of several poses that fit as well, the one
     nearest to the rig's pose is written. Comments in the rig stay.
