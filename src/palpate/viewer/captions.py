@@ -188,7 +188,7 @@ def touch_list(scene: Scene, time: float) -> str:
             f"<td>{seconds:.2f}</td><td>{found.peak_force[k]:.2f}</td><td>{place}</td></tr>"
         )
     more = f"<div>and {len(found) - LISTED:,} more</div>" if len(found) > LISTED else ""
-    head = "".join(f"<th>{name}</th>" for name in ("touch", "at [s]", "peak [N]", "mean x y z [mm]"))
+    head = "".join(f"<th>{name}</th>" for name in ("touch", "at [s]", "peak [N]", "x y z [mm]"))
     return (
         "<style>.palpate-touches { margin: .2em .8em .6em; max-height: 10.5em; overflow-y: auto; font-size: .8em; }"
         ".palpate-touches table { width: calc(100% - .8em); text-align: right; border-collapse: collapse; }"
