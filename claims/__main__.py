@@ -38,8 +38,8 @@ def measure(name: str, small: bool) -> bool:
     for row in rows_of(name, small):
         rows.append(row)
         took = time.perf_counter() - begin
-        said = f"{took:6.1f} s  {row.verdict.strip('*'):8}  {name}: {row.what}: {row.got}"
-        print(said, file=sys.stderr, flush=True)
+        line = f"{took:6.1f} s  {row.verdict.strip('*'):8}  {name}: {row.what}: {row.got}"
+        print(line, file=sys.stderr, flush=True)
     if small:
         print(table(("row", "target", "got", ""), [(row.what, row.target, row.got, row.verdict) for row in rows]))
     else:

@@ -1,4 +1,4 @@
-"""Commands in this process, as a user types them, and what they say."""
+"""Commands in this process, as a user types them, and what they print."""
 
 import contextlib
 import io
@@ -11,28 +11,28 @@ from palpate.cli import main
 
 
 class Done(NamedTuple):
-    """What a process would have left; `said` has both streams in their order."""
+    """Exit code and text of a command; `output` has both streams in the order of their lines."""
 
     returncode: int
     stdout: str
     stderr: str
-    said: str
+    output: str
 
 
 class _Both(io.StringIO):
-    def __init__(self, said: io.StringIO) -> None:
+    def __init__(self, output: io.StringIO) -> None:
         super().__init__()
-        self._said = said
+        self._output = output
 
     def write(self, text: str) -> int:
-        self._said.write(text)
+        self._output.write(text)
         return super().write(text)
 
 
 def heard(call: Callable[[], int | None]) -> Done:
     """Call something that returns an exit code; what it lets through is a traceback, as a user sees it."""
-    said = io.StringIO()
-    out, err = _Both(said), _Both(said)
+    output = io.StringIO()
+    out, err = _Both(output), _Both(output)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
             code = call() or 0
@@ -41,7 +41,7 @@ def heard(call: Callable[[], int | None]) -> Done:
         except Exception:
             traceback.print_exc()
             code = 1
-    return Done(code, out.getvalue(), err.getvalue(), said.getvalue())
+    return Done(code, out.getvalue(), err.getvalue(), output.getvalue())
 
 
 def cli(*words: str | Path) -> Done:
@@ -50,8 +50,8 @@ def cli(*words: str | Path) -> Done:
 
 
 def must(*words: str | Path) -> str:
-    """Run `palpate` with words that must succeed, and return what it says."""
+    """Run `palpate` with words that must succeed, and return what it prints."""
     done = cli(*words)
     if done.returncode:
-        raise RuntimeError(done.said)
-    return done.said
+        raise RuntimeError(done.output)
+    return done.output

@@ -52,8 +52,9 @@ class Row:
         bounds = {"at_least": ">= ", "at_most": "<= "}
         target = ", ".join(sign + shown[name] for name, sign in bounds.items() if name in want)
         met = got >= want.get("at_least", -math.inf) and got <= want.get("at_most", math.inf)
-        said = "not measured" if math.isnan(got) else f"{scale * got:.4g}"
-        return cls(what or want["what"], target, said, met if target else None, tuple(shown.get(o, "") for o in others))
+        figure = "not measured" if math.isnan(got) else f"{scale * got:.4g}"
+        theirs = tuple(shown.get(other, "") for other in others)
+        return cls(what or want["what"], target, figure, met if target else None, theirs)
 
     @property
     def verdict(self) -> str:

@@ -11,8 +11,6 @@ from claims.row import Row
 NEED_SHARED = {"marker_images", "pad", "probes"}
 KNOWN = {  # missed, and written so in docs/evidence.md; or so near to the limit there that fewer samples may miss it
     "two weights: from the force-weighted mean of the single plateaus",
-    "a hundred poses (payload): squared difference of the two halves' results over its covariance, per number",
-    "taxel_force, bare: squared difference of the two halves' results over its covariance, per number",
     "Ultrasonix_L14-5_38, crease 30, PN truth with geometric normals, 26,362 facets: true point among the candidates",
 }
 

@@ -5,6 +5,7 @@ and the walk goes on behind it.
 """
 
 import json
+import os
 import subprocess
 import sys
 from collections import Counter
@@ -83,7 +84,9 @@ def _part(walk: _Walk, count: int, first: int, folder: Path) -> int | None:
     """One process, until all calls are made (None) or one of them ends it: where to go on."""
     command = [sys.executable, "-m", "claims.evidence.call_walk", str(count), str(SEED), str(first), str(folder)]
     call: dict[str, object] | None = None
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+    own = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    # in a folder of its own: some calls write files
+    with subprocess.Popen(command, cwd=folder.parent, env=own, stdout=subprocess.PIPE, text=True) as process:
         for line in process.stdout or ():
             if not line.startswith("{"):  # of a library that prints
                 continue

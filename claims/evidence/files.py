@@ -121,7 +121,7 @@ def _real(folder: Path) -> Iterator[Row]:
         yield from skipped("real tables: what `rig new` takes them for", "")
         return
     for each in REAL:
-        said = cli("rig", "new", where / "data" / each.name, "-o", folder / "rig.toml", "--force").said
+        said = cli("rig", "new", where / "data" / each.name, "-o", folder / "rig.toml", "--force").output
         said = said.replace(f"{where / 'data'}/", "")
         yield Row(f"{each.name}; a person says: {each.person}", "", _short(said), None)
 

@@ -49,7 +49,7 @@ def first_minutes(export: Export, folder: Path, plain: np.ndarray) -> Outcome:
     log.write_bytes(export.data)
     rig.parent.mkdir()
     done = cli("rig", "new", log, "-o", rig, *export.options)
-    code, said = done.returncode, done.said
+    code, said = done.returncode, done.output
     if code:
         known = export.refused and export.refused in said and not rig.exists()
         return Outcome(REFUSAL, "" if known else f"refused with: {said}")
@@ -59,7 +59,7 @@ def first_minutes(export: Export, folder: Path, plain: np.ndarray) -> Outcome:
     if export.edit is not None:
         verdict = EDIT
         rig.write_text(text.replace(*export.edit))
-    looked = heard(lambda: inspect(log)).said  # as the command, without the time that parsing its line takes
+    looked = heard(lambda: inspect(log)).output  # as the command, without the time that parsing its line takes
     wrong = [f"not said: {word}" for word in export.says if word not in (looked if export in NOTED else said)]
     wrong += ["not said what it is taken for"] * ("taken for" not in looked)
     wrong += ["the line to change is not in the rig"] * (export in EDITED and rig.read_text() == text)

@@ -5,13 +5,11 @@ that a turning arm holds; what is logged follows from it by the formulas in `_lo
 rig new` and `palpate estimate`, where the rig states what is usual of that maker.
 """
 
-import contextlib
-import io
 import json
 import re
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,11 +17,8 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation, Slerp
 
+from claims.command import cli
 from claims.row import Row
-from palpate.cli import main
-from palpate.cli.estimate import estimate
-from palpate.cli.rig_options import RigOptions
-from palpate.errors import InputError
 from palpate.files.contacts import read_contacts
 
 PRESSES, LENGTH, GAP, RATE = 12, 25, 15, 100.0  # rows of a press and of the pause before it, Hz
@@ -320,11 +315,11 @@ def tried(table: Table, folder: Path) -> Outcome:
     rows_ = np.column_stack(list(columns.values()))
     np.savetxt(log, rows_, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
     _shape(table.body).apply_scale(1e3).export(mesh)
-    code, made = _heard(lambda: main(["rig", "new", str(log), str(mesh), "-o", str(rig), "--force"]))
+    code, _, _, made = cli("rig", "new", log, mesh, "-o", rig, "--force")
     if code:
         return _judged(table, "refused", made)
     rig.write_text(_stated(tomllib.loads(rig.read_text()), states))
-    code, said = _heard(lambda: estimate(log, output=found, setup=RigOptions(rig=rig)))
+    code, _, _, said = cli("estimate", log, "--rig", rig, "-o", found)
     if code not in (0, 4):
         return _judged(table, "refused", said)
     warned = "".join(re.findall(r"warning: .*\n(?:    .*\n)*", said))
@@ -362,19 +357,6 @@ def _toml(value: object) -> str:
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
     return json.dumps(value)
-
-
-def _heard(call: Callable[[], object]) -> tuple[int, str]:
-    heard, code = io.StringIO(), 0
-    with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(heard):
-        try:
-            code = call() or 0
-        except SystemExit as end:
-            code = int(end.code or 0)
-        except InputError as problem:
-            code = 1
-            print(problem)
-    return int(code) if isinstance(code, int) else 0, heard.getvalue()
 
 
 def rows(small: bool) -> Iterator[Row]:

@@ -28,21 +28,21 @@ def rows(small: bool) -> Iterator[Row]:
         prepare(session, folder)
         for samples in (2_000,) if small else SHORTER:
             write_log(folder / "long.mcap", session, samples)
-            got = _compared(folder).said + f"; {(folder / 'long.mcap').stat().st_size / 1e6:.0f} MB"
+            got = _compared(folder).figure + f"; {(folder / 'long.mcap').stat().st_size / 1e6:.0f} MB"
             yield Row(f"one log of {samples:,} samples: from what size on do other processes pay?", "", got)
         samples = 2_000 if small else SAMPLES
         write_log(folder / "long.mcap", session, samples)
         found = _compared(folder)
     what = f"one log of {samples:,} samples, read and written by processes of their own, located in two threads"
     met = None if small else found.same and found.ratio >= LEAST
-    yield Row(what, f">= {LEAST}x on two cores, same bits", found.said, met)
+    yield Row(what, f">= {LEAST}x on two cores, same bits", found.figure, met)
 
 
 @dataclass(frozen=True)
 class _Compared:
     ratio: float
     same: bool
-    said: str
+    figure: str
 
 
 def _compared(folder: Path) -> _Compared:
@@ -56,8 +56,8 @@ def _compared(folder: Path) -> _Compared:
     same = (folder / "long1.mcap").read_bytes() == (folder / "long2.mcap").read_bytes()
     one, two = (min(each.wall for each in found[workers]) for workers in (1, 2))
     cpu = min(each.cpu for each in found[2]) / min(each.cpu for each in found[1])
-    said = (
+    figure = (
         f"{one / two:.2f}x: {one:.1f} s, {two:.1f} s; CPU {cpu:.2f}x; {'the same' if same else 'OTHER'} bits; "
         f"load {os.getloadavg()[0]:.1f}"
     )
-    return _Compared(one / two, same, said)
+    return _Compared(one / two, same, figure)

@@ -179,9 +179,8 @@ def _judged(
     free: Float[np.ndarray, "6 k"] = np.linalg.solve(root.T, vectors[:, values > ELSEWHERE**2])
     lever = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
     sizes = np.repeat([1.0 / lever, 1.0], 3)  # rad and m by which places move alike
-    turned: Float[np.ndarray, "6 k"] = (
-        np.kron(np.eye(2), pose.rotation) @ free / sizes[:, None]
-    )  # in the surface's axes
+    own_axes = np.kron(np.eye(2), pose.rotation)  # those of the surface
+    turned: Float[np.ndarray, "6 k"] = own_axes @ free / sizes[:, None]
     uncertain = name_motions(np.linalg.qr(turned)[0], 1.0 / lever, 1.0, pose.translation)
     return back, gaps, covariance, float(np.sqrt(values.sum())), uncertain, left
 
