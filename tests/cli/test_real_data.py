@@ -44,6 +44,7 @@ def test_the_real_pad(shared: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     (tmp_path / "rig.toml").write_text(PAD)
     contacts = tmp_path / "contacts.csv"
     assert main(["estimate", str(log), "--rig", str(tmp_path / "rig.toml"), "-o", str(contacts)]) == 0
+    assert "warning" not in "".join(capsys.readouterr())
     table = pl.read_csv(log)
     truth = table.select("opti_x", "opti_y").to_numpy()
     pressed = np.abs(table["ft_wrench_force_z"].to_numpy()) > 1.5
@@ -82,10 +83,13 @@ def hundred(shared: Path, tmp_path: Path) -> Path:
     return tmp_path / "log.csv"
 
 
-def test_the_real_payload_in_the_base_frame(hundred: Path, tmp_path: Path) -> None:
+def test_the_real_payload_in_the_base_frame(
+    hundred: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """1.2396 kg and the figures beside it, computed by hand from the same files."""
     call = ["calibrate", "payload", str(hundred), "-o", str(tmp_path / "payload.toml"), "--base-frame"]
     assert main(call) == 0
+    assert "warning" not in "".join(capsys.readouterr())
     payload = read_model(tmp_path / "payload.toml", Payload)
     assert payload.mass == pytest.approx(1.2396, abs=5e-4)
     assert payload.force_bias == pytest.approx([-3.468, -4.577, -16.719], abs=0.01)

@@ -205,7 +205,7 @@ def _build(setup: Setup) -> BuiltEstimator:
         }
     made.settings["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
     noted = [] if stated or seen is None or head is None else [_noise_note(seen, where, head)]
-    made.notes[:0] = [*noted, *_payload_said(payload, setup.estimate.tare)]
+    made.notes[:0] = [*noted, *([] if payload is not None else [_no_payload(table.acts_on, setup.estimate.tare)])]
     if sensor.noise is None:
         made.warnings.append(
             f"the noise is not known, so there are no covariances: {where}; state noise in the rig's [force_torque] "
@@ -234,12 +234,11 @@ def _noise_note(seen: Noise, where: str, head: Recording) -> str:
     return f"noise taken from {size} of the log {where}: {force:.3g} N, {torque:.3g} N m"
 
 
-def _payload_said(payload: Payload | None, tare: float | None) -> list[str]:
-    if payload is not None:
-        return []
-    tared = "the tare holds only while the sensor keeps its orientation"
+def _no_payload(acts_on: str, tare: float | None) -> str:
+    tared = "the tare of the wrenches holds only while the sensor keeps its orientation"
     untared = "wrenches are taken as they are, so they must be tared"
-    return [f"no payload model: {untared if tare is None else tared}"]
+    sign = f'their sign is that of acts_on = "{acts_on}", which a touch at a known place checks'
+    return f"no payload model: {untared if tare is None else tared}; {sign}"
 
 
 def _motion(setup: Setup, head: Recording | None) -> Motion | None:
