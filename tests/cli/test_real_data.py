@@ -83,9 +83,7 @@ def hundred(shared: Path, tmp_path: Path) -> Path:
     return tmp_path / "log.csv"
 
 
-def test_the_real_payload_in_the_base_frame(
-    hundred: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_real_payload_in_the_base_frame(hundred: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """1.2396 kg and the figures beside it, computed by hand from the same files."""
     call = ["calibrate", "payload", str(hundred), "-o", str(tmp_path / "payload.toml"), "--base-frame"]
     assert main(call) == 0

@@ -59,7 +59,7 @@ _POKING = "palpate.sensors.taxels.poking.commands"
 _SKIN_MAP = "palpate.sensors.taxels.skin_map.commands"
 _TAXELS = "palpate.sensors.taxels.commands"
 _CALIBRATIONS = {  # name -> module, class, and the first paragraph of its docstring
-    "camera": (_MARKER_RING, "CalibrateCamera", "Calibrate a fisheye lens from pictures of a chessboard."),
+    "camera": (_MARKER_RING, "CalibrateCamera", "Calibrate a fisheye lens from pictures of a board."),
     "clock": (_FORCE_TORQUE, "CalibrateClock", "Find the clock offset of the poses, and write it into the rig."),
     "drift": (".calibrate_drift", "CalibrateDrift", "Find how the bias drifts, and write it into the rig."),
     "intensity": (_TAXELS, "CalibrateIntensity", "Fit the curve from a taxel's reading to its force."),

@@ -41,27 +41,38 @@ def _apart(camera: Fisheye) -> float:
     return float(204 * np.arccos(np.clip(cosine, -1, 1)).max())
 
 
-def test_a_lens_from_drawn_boards() -> None:
+@pytest.mark.parametrize(
+    ("pattern", "board"), [("chessboard", (9, 6)), ("circles", (8, 5)), ("asymmetric-circles", (4, 7))]
+)
+def test_a_lens_from_drawn_boards(pattern: str, board: tuple[int, int]) -> None:
     rng = np.random.default_rng(1)
-    pictures = [_drawn_board(pose, 0.012) for pose in _boards(5, rng)]
-    fit = calibrate_board([*pictures, np.zeros((480, 640, 3), np.uint8)], (9, 6), 0.012)
-    assert 3 <= len(fit.used) <= 5
+    pictures = [_drawn_board(pose, 0.012, pattern, board) for pose in _boards(5 if pattern == "chessboard" else 8, rng)]
+    fit = calibrate_board([*pictures, np.zeros((480, 640, 3), np.uint8)], board, 0.012, pattern)
+    assert 3 <= len(fit.used) <= 8
     assert fit.residual <= 0.25
     assert _apart(fit.camera) <= 3.0  # a turn of the camera and a shift of its middle look alike
     with pytest.raises(InputError, match="0 of 1 pictures"):
-        calibrate_board([np.zeros((480, 640, 3), np.uint8)], (9, 6), 0.01)
+        calibrate_board([np.zeros((480, 640, 3), np.uint8)], board, 0.01, pattern)
 
 
-def _drawn_board(pose: Pose, square: float) -> np.ndarray:
+def _drawn_board(pose: Pose, square: float, pattern: str, board: tuple[int, int]) -> np.ndarray:
     """Every pixel's ray meets the board's plane."""
     rows, columns = np.mgrid[0:480, 0:640]
     rays = LENS.rays(np.stack([columns, rows], axis=-1).astype(np.float64))
     back = pose.inverse()
     origin, ray = back.translation, back.rotate(rays)
-    place = origin[:2] - origin[2] / ray[..., 2:] * ray[..., :2]
-    cell = np.floor(place / square).astype(int)
-    inside = ((cell >= -1) & (cell < (9, 6))).all(axis=-1)
-    grey = np.where(inside & (cell.sum(axis=-1) % 2 == 0), 30, 220).astype(np.uint8)
+    place = (origin[:2] - origin[2] / ray[..., 2:] * ray[..., :2]) / square
+    if pattern == "chessboard":
+        cell = np.floor(place).astype(int)
+        dark = ((cell >= -1) & (cell < board)).all(axis=-1) & (cell.sum(axis=-1) % 2 == 0)
+    else:
+        near = np.round(place)
+        dark = (np.linalg.norm(place - near, axis=-1) < 0.3) & (near >= 0).all(axis=-1)
+        if pattern == "circles":
+            dark &= (near < board).all(axis=-1)
+        else:  # columns of every other row are shifted by one
+            dark &= (near[..., 1] < board[1]) & (near[..., 0] < 2 * board[0]) & (near.sum(axis=-1) % 2 == 0)
+    grey = np.where(dark, 30, 220).astype(np.uint8)
     return cv2.cvtColor(cv2.GaussianBlur(grey, (0, 0), 1.0), cv2.COLOR_GRAY2BGR)
 
 

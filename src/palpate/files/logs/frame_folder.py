@@ -39,6 +39,9 @@ class FrameFolder(ImageLog):
 
     Times are a column of `times.csv` in it, or else of `truth.csv`, if it has as many rows; else k / rate.
 
+    Attributes:
+        files: the images' files, in order.
+
     Raises:
         OSError: the folder cannot be read.
         InputError: the layout is invalid.
@@ -46,8 +49,8 @@ class FrameFolder(ImageLog):
 
     def __init__(self, path: Path, layout: LogLayout) -> None:
         files = (file for file in path.iterdir() if file.suffix.lower() in FRAMES and not file.name.startswith("."))
-        self._files = sorted(filter(Path.is_file, files), key=natural)
-        super().__init__(path, sum(file.stat().st_size for file in self._files), layout)
+        self.files = sorted(filter(Path.is_file, files), key=natural)
+        super().__init__(path, sum(file.stat().st_size for file in self.files), layout)
 
     def contents(self) -> LogContents:
         """Return the number and the formats of the images, and the size of the first readable one.
@@ -56,12 +59,12 @@ class FrameFolder(ImageLog):
             InputError: OpenCV is not installed.
         """
         cv2, size = opencv(), (0, 0, 0)
-        for file in self._files:
+        for file in self.files:
             if (image := decoded(cv2, _bytes(file), as_stored=True)) is not None:
                 size = (*image.shape[:2], image.shape[2] if image.ndim == 3 else 1)
                 break
-        suffixes = ", ".join(dict.fromkeys(file.suffix[1:].lower() for file in self._files))
-        return LogContents(self.path, {}, images=Images(size, len(self._files), None, suffixes))
+        suffixes = ", ".join(dict.fromkeys(file.suffix[1:].lower() for file in self.files))
+        return LogContents(self.path, {}, images=Images(size, len(self.files), None, suffixes))
 
     def blocks(self) -> Iterator[Recording]:
         """Yield the images as recordings.
@@ -73,13 +76,13 @@ class FrameFolder(ImageLog):
         yield from self._recordings(self._read(cv2, self._times()))
 
     def _read(self, cv2: Any, times: Float[np.ndarray, " n"]) -> Iterator[Frame]:
-        for time, file in zip(times.tolist(), self._files, strict=True):
+        for time, file in zip(times.tolist(), self.files, strict=True):
             raw = _bytes(file)
             self.position += len(raw)
             yield time, decoded(cv2, raw), file.name
 
     def _times(self) -> Float[np.ndarray, " n"]:
-        count = len(self._files)
+        count = len(self.files)
         for name in TIMES:
             if not (self.path / name).is_file():
                 continue

@@ -1,10 +1,10 @@
-"""Calibrate the camera of a marker ring: its lens from pictures of a chessboard, its pose from the ring."""
+"""Calibrate the camera of a marker ring: its lens from pictures of a board, its pose from the ring."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -17,6 +17,7 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
+Pattern = Literal["chessboard", "circles", "asymmetric-circles"]
 _FACING = np.diag([1.0, -1.0, -1.0])  # x_c = x, y_c = -y, z_c = -z
 _FEWEST_BOARDS = 3
 _FAR, _FAR_PIXELS = 4.0, 1.0  # times the usual rms of a picture, and px: one with a larger rms is omitted
@@ -46,51 +47,74 @@ class BoardFit:
 
 
 @takes_arrays
-def calibrate_board(images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[int, int], square: float) -> BoardFit:
-    """Fit a lens to pictures of a chessboard; return a `BoardFit`.
+def calibrate_board(
+    images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[int, int], square: float, pattern: Pattern = "chessboard"
+) -> BoardFit:
+    """Fit a lens to pictures of a chessboard or of a grid of circles; return a `BoardFit`.
 
     Args:
         images: (h, w, 3) uint8 of one size; those that do not show the complete board are skipped.
-        board: inner corners, columns and rows.
-        square: side of a square [m].
+        board: inner corners or circles, columns and rows.
+        square: side of a square, distance of neighbouring circles, or of a circle from the next row of asymmetric
+            circles [m].
+        pattern: of the board, as OpenCV draws them.
 
     Raises:
-        InputError: fewer than three pictures show the board, they do not determine a lens, or OpenCV is missing.
+        InputError: the pattern is unknown, fewer than three pictures show the board, they do not determine a lens, or
+            OpenCV is missing.
     """
     cv2 = opencv()
+    if pattern not in get_args(Pattern):
+        raise InputError(f"must be one of {', '.join(get_args(Pattern))}, not {pattern!r}.", where="pattern")
     corners, shown, size = list[np.ndarray](), list[int](), (0, 0)
     for number, image in enumerate(images):
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         size = grey.shape[::-1]
-        found, pixels = cv2.findChessboardCornersSB(grey, board)
+        found, pixels = _found(grey, board, pattern)
         if found:
             corners.append(pixels.reshape(-1, 2).astype(np.float64))
             shown.append(number)
     if len(corners) < _FEWEST_BOARDS:
-        hint = f"Take at least {_FEWEST_BOARDS} pictures that show all {board[0]} x {board[1]} inner corners."
+        what = "inner corners" if pattern == "chessboard" else "circles"
+        hint = f"Take at least {_FEWEST_BOARDS} pictures that show all {board[0]} x {board[1]} {what}."
         raise InputError(f"only {len(corners)} of {len(images)} pictures show the complete board.", hint=hint)
-    fit = fit_lens(corners, board, square, size)
+    fit = fit_lens(corners, board, square, size, pattern)
     return replace(fit, used=tuple(shown[k] for k in fit.used), far=tuple(shown[k] for k in fit.far))
+
+
+def _found(grey: np.ndarray, board: tuple[int, int], pattern: Pattern) -> tuple[bool, np.ndarray]:
+    """Return whether a picture shows the complete board, and its corners or circles [px], row by row."""
+    cv2 = opencv()
+    if pattern == "chessboard":
+        return cv2.findChessboardCornersSB(grey, board)
+    grid = cv2.CALIB_CB_SYMMETRIC_GRID if pattern == "circles" else cv2.CALIB_CB_ASYMMETRIC_GRID
+    return cv2.findCirclesGrid(grey, board, flags=grid | cv2.CALIB_CB_CLUSTERING)
 
 
 @takes_arrays
 def fit_lens(
-    corners: Sequence[Float[np.ndarray, "c 2"]], board: tuple[int, int], square: float, size: tuple[int, int]
+    corners: Sequence[Float[np.ndarray, "c 2"]],
+    board: tuple[int, int],
+    square: float,
+    size: tuple[int, int],
+    pattern: Pattern = "chessboard",
 ) -> BoardFit:
-    """Fit a lens to the inner corners of a chessboard in several pictures; return a `BoardFit`.
+    """Fit a lens to the inner corners or circles of a board in several pictures; return a `BoardFit`.
 
     Pictures whose corners lie far from the fit are omitted.
 
     Args:
         corners: (c, 2) [px] for each picture, row by row of the board.
-        board: number of inner corners, columns and rows.
-        square: side of a square [m].
+        board: number of inner corners or circles, columns and rows.
+        square: side of a square, or distance of circles [m], as for `calibrate_board`.
+        pattern: of the board.
         size: width and height of the pictures [px].
 
     Raises:
         InputError: the corners do not determine a lens; OpenCV is missing.
     """
     columns, rows = np.meshgrid(np.arange(board[0]), np.arange(board[1]))
+    columns = 2 * columns + rows % 2 if pattern == "asymmetric-circles" else columns
     grid = square * np.stack([columns, rows, 0 * rows], axis=-1).reshape(1, -1, 3).astype(np.float64)
     seen = [np.asarray(each, dtype=np.float64).reshape(1, -1, 2) for each in corners]
     used, lens = list(range(len(seen))), _Lens.fitted(grid, seen, size)

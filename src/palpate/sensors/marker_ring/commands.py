@@ -16,11 +16,12 @@ from palpate.console.console import progress
 from palpate.console.options import FileOption, Log, Output, RigFile, require_positive
 from palpate.errors import InputError
 from palpate.files.logs import open_log
+from palpate.files.logs.frame_folder import FrameFolder
 from palpate.files.logs.layout import ImageChannel, LogLayout
 from palpate.files.models import read_model
 from palpate.files.tables.table import read_table
 from palpate.sensors.marker_ring.calibrate import RingTruth, calibrate_marker_ring
-from palpate.sensors.marker_ring.calibrate_camera import calibrate_board
+from palpate.sensors.marker_ring.calibrate_camera import Pattern, calibrate_board
 from palpate.sensors.marker_ring.files import of_camera, of_marker_ring
 from palpate.sensors.marker_ring.model import MarkerRing
 from palpate.sensors.marker_ring.section import MarkerRingSection
@@ -120,21 +121,24 @@ def _truth(path: Path) -> RingTruth:
 
 @dataclass(frozen=True)
 class CalibrateCamera(Calibration):
-    """Calibrate a fisheye lens from pictures of a chessboard.
+    """Calibrate a fisheye lens from pictures of a board.
 
-    Calibrate a fisheye lens from pictures of a chessboard, held at all angles and to the edges of the picture.
+    Calibrate a fisheye lens from pictures of a chessboard or a grid of circles, held at all angles and to the edges of
+    the picture.
 
     Args:
         log: folder of pictures, or a video.
         output: camera.toml to write.
-        board: inner corners of the board, columns and rows.
-        square: side of one of its squares [m].
+        board: inner corners or circles of the board, columns and rows.
+        square: side of one of its squares, or distance of its circles (of asymmetric ones: from row to row) [m].
+        pattern: what is drawn on the board.
     """
 
     log: Log
     output: Output
     board: Annotated[str, arg(metavar="CxR")] = "9x6"
     square: Annotated[float, arg(metavar="METRES")] = 0.01
+    pattern: Pattern = "chessboard"
 
     def identify(self) -> CalibrationResult:
         """Find the board in the pictures and fit the lens to its corners; return a `CalibrationResult` with it.
@@ -150,7 +154,7 @@ class CalibrateCamera(Calibration):
             raise InputError(what, where="--board", hint=hint)
         require_positive(self.square if np.isfinite(self.square) else np.nan, "--square")
         pictures, count = _pictures(self.log)
-        fit = calibrate_board([frame for _, frame in pictures], (int(columns), int(rows)), self.square)
+        fit = calibrate_board([frame for _, frame in pictures], (int(columns), int(rows)), self.square, self.pattern)
         hidden = len(pictures) - len(fit.used) - len(fit.far)
         return CalibrationResult(
             [
@@ -164,19 +168,20 @@ class CalibrateCamera(Calibration):
                 *([f"{hidden} of {len(pictures)} pictures do not show the complete board"] if hidden else []),
                 *fit.validation.notes,
             ],
-            warnings=[f"picture {pictures[k][0]} contradicts the others and is not used" for k in fit.far],
+            warnings=[f"picture {pictures[k][0]} does not fit the others and is not used" for k in fit.far],
             next=[f'name it in the rig: camera = "{self.output.name}" under [marker_ring]'],
         )
 
 
-def _pictures(path: Path) -> tuple[list[tuple[int, np.ndarray]], int]:
-    """Return at most 40 pictures, evenly spread, with their numbers from 1, and the number of all pictures."""
+def _pictures(path: Path) -> tuple[list[tuple[str, np.ndarray]], int]:
+    """Return at most 40 pictures, evenly spread, with their files' names or numbers from 1, and the number of all."""
     log = open_log(path, LogLayout(wrench=None, images=ImageChannel()))
-    kept, stride, count = list[tuple[int, np.ndarray]](), 1, 0
+    names = [file.name for file in log.files] if isinstance(log, FrameFolder) else []
+    kept, stride, count = list[tuple[str, np.ndarray]](), 1, 0
     for block in log.blocks():
         for frame in block.channels[IMAGE]:
             if count % stride == 0:
-                kept.append((count + 1, frame))
+                kept.append((names[count] if names else str(count + 1), frame))
             count += 1
             if len(kept) > 2 * _MOST:
                 kept, stride = kept[::2], 2 * stride

@@ -12,10 +12,9 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.files.logs import LogContents, image_size
 from palpate.files.logs.layout import ImageChannel, LogLayout
-from palpate.files.models import load_toml, read_model
-from palpate.files.schema import parse
-from palpate.optical.fisheye import Fisheye
+from palpate.files.models import read_model
 from palpate.sensors.marker_ring.estimator import RingEstimator
+from palpate.sensors.marker_ring.lens_file import read_lens
 from palpate.sensors.marker_ring.locator import RingSettings
 from palpate.sensors.marker_ring.model import MarkerRing, RingBody
 from palpate.setup import guess
@@ -36,7 +35,7 @@ radius = 0.055                       # m, of the skin's outer surface at the mar
 thickness = 0.004                    # m, of the skin
 markers = 24                         # round the ring
 # rings = [0.0, 0.01]                # m, heights of several rings of as many markers, towards the camera; first 0
-# camera = "camera.toml"             # lens: fx, fy, cx, cy, k1, k2, k3, k4, width, height of a fisheye calibration
+# camera = "camera.toml"             # lens: of palpate calibrate camera, or a fisheye's YAML of ROS or OpenCV
 {where}# tare = 1.0                         # s: the log starts so long untouched
 
 """
@@ -119,7 +118,7 @@ class MarkerRingSection(SensorSection):
                 hint="Measure the ring and write radius (of the outer surface, m), thickness (of the skin, m) and "
                 "markers (their number).",
             )
-        camera = None if table.camera is None else _camera(self.link.folder / table.camera)
+        camera = None if table.camera is None else read_lens(self.link.folder / table.camera)
         return RingBody(table.radius, table.thickness, table.markers, camera, table.height, rings=table.rings)
 
     def surface(self) -> Surface:
@@ -130,12 +129,6 @@ class MarkerRingSection(SensorSection):
         """
         radius, upright = self.ring.radius, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
         return Cylinder(radius, 0.6 * radius).transformed(Pose(upright, np.zeros(3)))  # its own axis is y
-
-
-def _camera(path: Path) -> Fisheye:
-    """Return the lens of a model file, or of a table with the same keys."""
-    table = load_toml(path)
-    return read_model(path, Fisheye) if "kind" in table else parse(table, Fisheye, file=str(path))
 
 
 def _layout(setup: Setup) -> LogLayout:
