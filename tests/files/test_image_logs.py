@@ -216,11 +216,14 @@ def test_a_folder_is_its_frames_in_the_natural_order_of_their_names(tmp_path: Pa
 
 
 @pytest.mark.parametrize("name", ["times.csv", "truth.csv"])
+@pytest.mark.parametrize("columns", [1, 2])
 @pytest.mark.parametrize("rows", [6, 5])
-def test_the_times_of_a_folder_are_those_of_a_table_with_as_many_rows(tmp_path: Path, name: str, rows: int) -> None:
+def test_the_times_of_a_folder_are_those_of_a_table_with_as_many_rows(
+    tmp_path: Path, name: str, columns: int, rows: int
+) -> None:
     folder, time = write_frames(tmp_path / "frames", [f"{k}.jpg" for k in range(6)]), np.cumsum(np.arange(rows)) + 7.5
-    lines = [f"{each},{k}" for k, each in enumerate(time)]
-    (folder / name).write_text("\n".join(["time,depth", *lines]) + "\n")
+    lines = ["time,depth", *(f"{each},{k}" for k, each in enumerate(time))]
+    (folder / name).write_text("".join(",".join(line.split(",")[:columns]) + "\n" for line in lines))
     recording = read_recording(folder, LogLayout(wrench=None, images=ImageChannel(), rate=10.0))
     assert recording.time.tolist() == (time.tolist() if rows == 6 else pytest.approx(np.arange(6) / 10.0))
     assert any(f"{name} has 5 rows for 6 frames" in note for note in recording.notes) == (rows == 5)

@@ -20,6 +20,7 @@ from palpate.files.contacts import read_contacts
 from palpate.files.ground_truth import read_ground_truth
 from palpate.files.models import read_provenance
 from palpate.files.tables.table import read_table
+from palpate.sensors.marker_ring.evaluate_command import TRUTH, evaluate_ring
 from palpate.sensors.taxels.poking.evaluate_command import evaluate_taxels, is_taxel_file
 from palpate.viewer.report import percent
 
@@ -46,7 +47,8 @@ def evaluate(
         contacts: written by `palpate estimate`, of any sensor; or places of taxels (`palpate calibrate taxels`, iCub's
             positions, CSV).
         truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches: start,end,px,py,pz[,label];
-            for taxels: any file of their positions.
+            for a marker ring also [time,]angle_deg,force_n[,depth_mm][,shear_n]; for taxels: any file of their
+            positions.
         tolerance: seconds by which the nearest true time may differ.
         rig: rig of the body, for a wrench or a wand.
         wand: mesh of the tracked wand.
@@ -64,7 +66,8 @@ def evaluate(
         evaluate_taxels(contacts, truth, output)
         return
     found = read_contacts(contacts)
-    names = set(read_table(truth).names)
+    rows = read_table(truth)
+    names = set(rows.names)
     if set(WRENCH) <= names or set(WAND) <= names:
         if rig is None:
             raise InputError("comparing with a wrench or a wand needs the body of a rig.", hint="Add --rig FILE.")
@@ -75,6 +78,9 @@ def evaluate(
         if given is not None:
             hint = "For other truths, palpate estimate LOG --report FILE --truth FILE writes a page of the errors."
             raise InputError("works only where the truth is a wrench or a wand.", where=f"--{option}", hint=hint)
+    if set(TRUTH) <= names and "px" not in names:
+        evaluate_ring(contacts, found, rows, tolerance)
+        return
     known = read_ground_truth(truth)
     report = compare(found, known, tolerance=tolerance)
     if not report.matched:

@@ -36,7 +36,8 @@ def open_folder(path: Path) -> MessageFile:
     if parts:
         return _Parts(path, [McapFile(part) for part in parts])
     if path / "metadata.yaml" not in files:
-        raise InputError("is a folder without metadata.yaml, so it is not a ROS 2 bag.", where=str(path))
+        what = "is a folder without metadata.yaml, so it is not a ROS 2 bag."
+        raise InputError(what, where=str(path), hint="Name the log's file in it, such as its video.")
     return BagFile(path)
 
 

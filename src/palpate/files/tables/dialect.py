@@ -136,12 +136,14 @@ def _is_row(names: Sequence[str]) -> bool:
 
 
 def _header_only(lines: list[str], filled: list[int], path: Path) -> Dialect:
-    """Return the dialect of a line of names without rows."""
+    """Return the dialect of a line of names without rows, or of one name above numbers."""
     if not filled:
         raise InputError("the file is empty.", where=str(path))
     head = lines[filled[0]]
     delimiter = max(_DELIMITERS[:4], key=_bare(head).count)
     if delimiter not in _bare(head):
+        if not _is_number(head) and len(filled) > 1 and all(_is_number(lines[k]) for k in filled[1:]):
+            return Dialect(",", ".", (head.strip(),), first=filled[0] + 1, header=filled[0])
         raise InputError("has only one column.", where=str(path), hint="Separate columns by , or ; or tab or spaces.")
     names = _fields(head, delimiter, path, filled[0])
     return Dialect(delimiter, ".", tuple(names), first=filled[0] + 1, header=filled[0])
