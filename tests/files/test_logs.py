@@ -124,7 +124,7 @@ def test_axes_that_cannot_be_meant_are_refused(axes: tuple[str, ...], left_hande
         (f"{HEADER}\n", "a header, but no rows"),
         ("0,1,2,3,4,5,6\n1,1,2,3,4,5,6", "no column 'time'.*Available: 'column_1'"),
         ("1\n2\n3", "only one column"),
-        ("time|fx\n1|2\n2|3", "only one column"),
+        ("time:fx\n1:2\n2:3", "only one column"),
         ("time\n1\n2", "no column 'fx'"),
         ("time,fx,fy,fz,tx,ty\n0,1,2,3,4,5", "no column 'tz'"),
         ("time,Fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6", "'fx'.*Did you mean 'Fx'"),
