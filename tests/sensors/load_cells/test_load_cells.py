@@ -159,6 +159,23 @@ def test_each_fault_of_each_cell_is_named(kind: str, cell: int) -> None:
     assert [(fault.kind, fault.cells) for fault in found] == [(kind, (cell,))]
 
 
+@pytest.mark.parametrize("level", ["last", "zero", "noise"])
+def test_a_channel_that_dies_during_the_log_is_dead_from_then_on(level: str) -> None:
+    rng, time = np.random.default_rng(31), 5.0 + np.arange(4000) / 100
+    for channel in range(12):
+        readings, died = sliding(), int(rng.integers(1000, 3000))
+        readings[:100] = NOISE * rng.normal(size=(100, 12))  # it begins at rest
+        others = {"last": readings[died, channel], "zero": -0.003, "noise": NOISE * rng.normal(size=4000 - died)}
+        readings[died:, channel] = others[level]
+        (fault,) = find_faults(made(), readings, time=time)
+        if fault.kind == "unclear":  # one redundancy is shared by all vertical channels
+            assert channel in fault.channels
+            continue
+        assert (fault.kind, fault.cells, fault.channels) == ("dead", (channel // 3,), (channel,))
+        since = float(fault.text.split(" from ")[1].split(" s ")[0])
+        assert since == pytest.approx(time[died], abs=0.05), channel
+
+
 @pytest.mark.parametrize(("since", "until", "kind"), [(2500, 4000, "stuck"), (0, 0, "saturated")])
 def test_of_three_cells_one_at_one_voltage_is_named(since: int, until: int, kind: str) -> None:
     """To the end of the log, or while the load is beyond it."""

@@ -147,7 +147,7 @@ class LoadCellArray:
             InputError: the log has no voltages, or not three per cell.
         """
         voltages = self._voltages(recording)
-        self._keep(voltages)
+        self._keep(recording.time, voltages)
         return self._weighed(recording.time, voltages)
 
     def single(
@@ -179,7 +179,7 @@ class LoadCellArray:
         self.live_inputs[:] = values
         self._live += 1
         if self._live % LIVE == 0:
-            self._keep(self.live_inputs[None])
+            self._keep(np.array([time], dtype=np.float64), self.live_inputs[None])
 
     @takes_arrays
     def inputs(
@@ -197,7 +197,7 @@ class LoadCellArray:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, readings.shape[1:]))
         before, self._live = self._live, self._live + len(readings)
         if before // LIVE != self._live // LIVE:
-            self._keep(readings[-1:])
+            self._keep(time[-1:], readings[-1:])
         return np.array(readings, dtype=np.float64).ravel()
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
@@ -332,8 +332,8 @@ class LoadCellArray:
 
     def faults(self) -> list[CellFault]:
         """Return a list of at most one `CellFault`, from a part of the readings so far; [] where the cells agree."""
-        kept = np.concatenate(self._kept) if self._kept else np.empty((0, *self._shape))
-        return find_faults(self.cells, kept, self.sound, self.names)
+        kept = np.concatenate(self._kept) if self._kept else np.empty((0, 1 + len(self.live_inputs)))
+        return find_faults(self.cells, kept[:, 1:], self.sound, self.names, kept[:, 0])
 
     def _seen_from(self, placement: Placement) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
         """Return the noise's covariances in the surface's frame and the map to that of E w."""
@@ -387,12 +387,13 @@ class LoadCellArray:
         yield from waiting
         waiting.clear()
 
-    def _keep(self, voltages: Float[np.ndarray, "n m"]) -> None:
+    def _keep(self, time: Float[np.ndarray, " n"], voltages: Float[np.ndarray, "n m"]) -> None:
         first = -self._seen % self._stride
         self._seen += len(voltages)
         if first >= len(voltages):
             return
-        self._kept.append(voltages[first :: self._stride] - self._channels[:, 0])
+        rows = np.column_stack([time, voltages - self._channels[:, 0]])
+        self._kept.append(rows[first :: self._stride])
         self._held += len(self._kept[-1])
         while self._held > 2 * KEPT:  # every second one of those kept stays
             self._kept = [np.concatenate(self._kept)[::2]]

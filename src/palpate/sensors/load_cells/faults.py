@@ -15,6 +15,9 @@ from palpate.spatial.arguments import takes_arrays
 RARE = 0.002  # share of samples that may contradict
 AGREE = 0.9  # share of the contradicting samples that a cause must explain
 STILL = 0.02  # of the predicted movement: a cell that moves less is dead
+QUIET, MOST = 4.0, 0.9  # times the noise: less than this is most of the changes of a channel that has died
+LOADED = 10.0  # times the noise, by which it must have been loaded before and after
+SAME = 7.0  # median deviations within which a channel that died keeps its level
 CLIPPED = 0.1  # share of samples that repeat the one before exactly
 SAME_GAIN = 0.1  # by which the gain of a drifting cell may differ
 LAGS = 100  # parts of a log over which a cell's movement is measured
@@ -48,6 +51,7 @@ def find_faults(
     readings: Float[np.ndarray, "n m"],
     sound: Bool[np.ndarray, " some"] | None = None,
     names: tuple[str, ...] = (),
+    time: Float[np.ndarray, " n"] | None = None,
 ) -> list[CellFault]:
     """Return a list of one `CellFault` where the cells of a log contradict each other, else [].
 
@@ -60,13 +64,15 @@ def find_faults(
         readings: (n, 3 k) [V] less the zero; rows that are not finite are omitted.
         sound: (k,) cells or (3 k,) channels to judge; None: all.
         names: names of the channels, for messages.
+        time: (n,) [s] of the readings, for the message on a channel that dies during the log; None: not known.
 
     Raises:
         InputError: arrays of other shapes.
         NotIdentifiable: the channels to judge do not determine a wrench.
     """
     kept = cells.channels(sound)
-    usable = readings[np.isfinite(readings).all(axis=1)]
+    finite = np.isfinite(readings).all(axis=1)
+    usable, when = readings[finite], None if time is None else time[finite]
     if not len(usable):
         return []
     made = explanations(cells, kept)
@@ -76,7 +82,7 @@ def find_faults(
     if share <= RARE:
         return []
     whole = np.asarray(kept.reshape(-1, 3).any(axis=1))
-    cause = _explained(made, usable, bad, fits, names) or _swapped(cells, usable[bad], whole, share)
+    cause = _explained(made, usable, bad, fits, names, when) or _swapped(cells, usable[bad], whole, share)
     if cause is None and int(whole.sum()) == 3:
         cause = _still(cells, usable, whole, share)
     said = (
@@ -87,7 +93,12 @@ def find_faults(
 
 
 def _explained(
-    made: Explanations, usable: np.ndarray, bad: np.ndarray, fits: np.ndarray, names: tuple[str, ...]
+    made: Explanations,
+    usable: np.ndarray,
+    bad: np.ndarray,
+    fits: np.ndarray,
+    names: tuple[str, ...],
+    when: np.ndarray | None,
 ) -> CellFault | None:
     """Return the fault of the channel or cell without which the others agree, or of all candidates."""
     share = np.mean(fits[bad], axis=0)
@@ -104,7 +115,7 @@ def _explained(
     if len(candidates) > 1:
         return _unclear(made, candidates, float(bad.mean()))
     seen, due = _beside(made, usable, candidates[0])
-    return _named(made, candidates[0], seen, due, bad, names)
+    return _died(made, candidates[0], seen, due, bad, when) or _named(made, candidates[0], seen, due, bad, names)
 
 
 def _beside(made: Explanations, usable: np.ndarray, which: int) -> tuple[np.ndarray, np.ndarray]:
@@ -144,6 +155,29 @@ def _label(made: Explanations, which: int) -> str:
     count = made.cells.cells
     name = f"cell {made.cell(which) + 1}"
     return name if which < count else f"channel {'xyz'[(which - count) % 3]} of {name}"
+
+
+def _died(
+    made: Explanations, which: int, seen: np.ndarray, due: np.ndarray, bad: np.ndarray, when: np.ndarray | None
+) -> CellFault | None:
+    """Return the fault of a cell or channel that answered to load at first, and later only has its noise."""
+    channels = np.flatnonzero(made.channels(which))
+    noise = np.sqrt(np.diag(made.cells.noise))[channels]
+    begin = int(np.argmax(bad))
+    before, after = slice(begin), slice(begin, None)
+    loaded = [np.any(due[part].std(axis=0) > LOADED * noise) for part in (before, after) if len(bad[part])]
+    still = np.maximum(QUIET * noise, STILL * _moves(due[after]).max())
+    if len(loaded) < 2 or not all(loaded) or np.any(_moves(seen[after], MOST) > still):
+        return None
+    first = seen[after][:LAGS]
+    level, scatter = np.median(first, axis=0), np.median(np.abs(first - np.median(first, axis=0)), axis=0)
+    if np.any(_repeats(seen[after], AGREE) & (np.abs(level) > np.abs(seen[before]).max(axis=0))):
+        return None  # a voltage that it never had, without noise: it is stuck
+    moving = np.flatnonzero(np.any(np.abs(seen[before] - level) > SAME * scatter, axis=1))
+    since = "" if when is None else f" from {when[moving[-1] + 1 if len(moving) else 0]:.4g} s on"
+    rest = f"the other {'cells' if len(channels) > 1 else 'channels'} go on without it, with wider covariances"
+    said = f"{_label(made, which)} is dead{since}: it does not answer to load; {rest}"
+    return CellFault((made.cell(which),), "dead", float(bad.mean()), said, tuple(channels.tolist()))
 
 
 def _named(
@@ -192,12 +226,12 @@ def _clipped(seen: np.ndarray, due: np.ndarray, bad: Bool[np.ndarray, " n"]) -> 
     return bool(np.count_nonzero(held & beyond) > 0.5 * np.count_nonzero(held))
 
 
-def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
-    """Return the median change (c,) of each channel over a hundredth of the log."""
+def _moves(values: np.ndarray, share: float = 0.5) -> Float[np.ndarray, " c"]:
+    """Return the change (c,) of each channel over a hundredth of the log, the median or another quantile."""
     lag = max(1, len(values) // LAGS)
     if len(values) <= lag:
         return np.zeros(int(values.shape[1]))
-    return np.asarray(np.median(np.abs(values[lag:] - values[:-lag]), axis=0), dtype=np.float64)
+    return np.asarray(np.quantile(np.abs(values[lag:] - values[:-lag]), share, axis=0), dtype=np.float64)
 
 
 def _steady(off: np.ndarray, due: np.ndarray) -> bool:
