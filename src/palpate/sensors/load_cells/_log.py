@@ -20,7 +20,7 @@ MEDIAN_STEP = 0.954  # median of |difference of two normals|, in their standard 
 LEAST_REST = 0.2  # s
 LATEST_REST = 1.0  # s into the log: latest start of the first rest
 SETTLING = 0.03  # s at the end of a rest where a touch begins that are omitted too
-LEAVES = 4.0  # standard deviations of the smoothed voltages
+MARGIN = 1.0  # standard deviations of the smoothed voltages by which a touch leaves what as many may reach
 FEWEST = 200  # blocks
 GAP = 5.0  # steps of the median length that separate two runs
 
@@ -124,6 +124,7 @@ def _rests_of(log: BenchLog, run: slice) -> Iterator[UnloadedStretch]:
         if (last - first) * log.step < LEAST_REST:
             continue
         begin, end = _still(log.voltages[first:last], log)
+        begin = 0 if first == run.start else begin  # nothing touched before
         if (end - begin) * log.step >= LEAST_REST:
             rows = slice(first + begin, first + end)
             yield UnloadedStretch(
@@ -145,7 +146,8 @@ def _still(voltages: Float[np.ndarray, "n m"], log: BenchLog) -> tuple[int, int]
     rows = np.arange(count, dtype=np.float64)
     line = np.polynomial.polynomial.polyfit(rows[middle], smooth[middle], 1)  # it may drift
     off = np.abs(smooth - line[0] - rows[:, None] * line[1])
-    away = off > LEAVES * np.sqrt(np.mean(off[middle] ** 2, axis=0)) + 1e-12 * np.abs(line[0])
+    leaves = MARGIN + np.sqrt(2.0 * np.log(max(1.0, smooth.size / width)))
+    away = off > leaves * np.sqrt(np.mean(off[middle] ** 2, axis=0)) + 1e-12 * np.abs(line[0])
     left = np.flatnonzero(away.any(axis=1))
     before, after = left[left < count // 2], left[left >= count // 2]
     inset = width // 2 + round(SETTLING / log.step)
@@ -163,7 +165,11 @@ def _smooth(values: Float[np.ndarray, "n k"], width: int) -> Float[np.ndarray, "
 
 
 def rest_noise(log: BenchLog, found: list[UnloadedStretch]) -> tuple[Float[np.ndarray, "m m"], float, float]:
-    """Return a reading's covariance (m, m) [V^2], its correlation time [samples], and the reference's deviation [N]."""
+    """Return a reading's covariance (m, m) [V^2], its correlation time [samples], and the reference's deviation [N].
+
+    Correlations that a few readings may show by chance are shrunk [Chen 2010, (23)], and the covariance is wider by its
+    own uncertainty: weights that follow chance would promise more than the readings hold.
+    """
     left = list[np.ndarray]()
     for rest in found:
         voltages = log.voltages[rest.rows]
@@ -173,7 +179,19 @@ def rest_noise(log: BenchLog, found: list[UnloadedStretch]) -> tuple[Float[np.nd
     pushed = np.concatenate([log.forces[rest.rows] - rest.force for rest in found])
     times = [float(correlation_time(each).mean()) for each in left]
     usual = float(np.average(times, weights=[len(each) for each in left]))
-    return np.cov(np.concatenate(left).T), usual, float(pushed.std())
+    every, count = np.concatenate(left), sum(map(len, left)) / max(usual, 1.0)
+    covariance = np.atleast_2d(np.cov(every.T))
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))  # a dead channel has none
+    product = np.outer(scale, scale)
+    return _shrunk(covariance / product, count) * product, usual, float(pushed.std())
+
+
+def _shrunk(correlations: Float[np.ndarray, "m m"], count: float) -> Float[np.ndarray, "m m"]:
+    """Return correlations of `count` independent samples, shrunk towards none and widened."""
+    m, square = len(correlations), float(np.sum(correlations**2))
+    chance = (1.0 - 2.0 / m) * square + m**2
+    share = min(1.0, chance / ((count + 1.0 - 2.0 / m) * max(square - m, 1e-12)))
+    return ((1.0 - share) * correlations + share * np.eye(m)) * count / max(count - 2.0, 1.0)
 
 
 def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Blocks:
