@@ -126,6 +126,38 @@ def test_two_touches_three_spacings_apart_are_two() -> None:
         assert apart.min(axis=0).max() < 0.4 * SPACING
 
 
+def _unrolled(length: np.ndarray, around: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points and normals of a cylinder about z from its unrolled plane."""
+    out = np.stack([np.cos(around / RADIUS), np.sin(around / RADIUS), 0.0 * around], axis=-1)
+    return RADIUS * out + length[..., None] * [0.0, 0.0, 1.0], out
+
+
+@pytest.mark.parametrize("width", [0.6, 0.75])
+def test_touches_whose_skirts_connect_around_a_link_are_each_at_their_place(width: float) -> None:
+    """Taxels 17 mm apart around 30 mm, touches 47 mm apart: in one tangent plane 30 % of them are 2 mm off or more."""
+    rng, pitch = np.random.default_rng(4), 2.0 * np.pi * RADIUS / 11
+    length, around = (each.ravel() for each in np.meshgrid(pitch * np.arange(-6, 7), pitch * np.arange(11.0)))
+    points, normals = _unrolled(length, around)
+    none = np.zeros(len(points), dtype=bool)
+    health = Health(np.zeros(len(points)), np.full(len(points), NOISE), none, none)
+    estimator = TaxelEstimator(TaxelBody.anywhere(points, normals), health=health)
+    part = pitch * (np.arange(6) - 2.5) / 6
+    for k in range(40):
+        one, turn = rng.uniform((-0.05, 0.0), (0.05, 0.19)), rng.uniform(0.0, 2.0 * np.pi)
+        pair = np.stack([one, one + 0.047 * np.array([np.cos(turn), np.sin(turn)])])
+        loads = NOISE * rng.standard_normal(len(points))
+        for place in pair:
+            along = length[:, None] + part - place[0]
+            across = (around[:, None] + part - place[1] + np.pi * RADIUS) % (2.0 * np.pi * RADIUS) - np.pi * RADIUS
+            one_way, other = (np.exp(-0.5 * (each / (width * pitch)) ** 2).sum(axis=1) for each in (along, across))
+            loads += 3.0 * one_way * other / (2.0 * np.pi * (6.0 * width) ** 2)
+        found = estimator.update(10.0 * k, loads)
+        assert len(found) == 2
+        apart = np.linalg.norm(found.point[:, None] - _unrolled(*pair.T)[0], axis=-1)
+        assert apart.min(axis=0).max() < 1e-3
+        assert apart.min(axis=1).max() < 1e-3
+
+
 def test_a_rigid_motion_moves_the_answer() -> None:
     pose = Pose.from_rotation_vector([0.4, -1.1, 0.7], [0.2, -0.1, 0.4])
     loads = _pressed(TAXELS[37], 3.0)[0] + _pressed(-TAXELS[90], 2.0)[0]

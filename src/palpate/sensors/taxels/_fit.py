@@ -133,7 +133,7 @@ def lift(cells, end, own, used, inside, origin, at, row, column, place, here, wa
     for c in range(3):
         a, b = (c + 1) % 3, (c + 2) % 3
         aside[c] = n[a] * along[b] - n[b] * along[a]
-    _bend(cells, end, normals, n, along, aside, at, bend)
+    _bend(cells, end, own, normals, n, along, aside, at, bend)
     height = 0.0
     for i in range(end):
         k = cells[i]
@@ -162,8 +162,11 @@ def lift(cells, end, own, used, inside, origin, at, row, column, place, here, wa
 
 
 @inner
-def _bend(cells, end, normals, n, along, aside, at, bend):
-    """Add the turn (2, 2) [rad] of the normal over one spacing along both axes to `bend`, which is 0 before."""
+def _bend(cells, end, own, normals, n, along, aside, at, bend):
+    """Add the turn (2, 2) [rad] of the normal over one spacing along both axes to `bend`, which is 0 before.
+
+    Each cell counts by its share `own` of the touch.
+    """
     xx, xy, yy = _RIDGE, 0.0, _RIDGE
     for i in range(end):
         k = cells[i]
@@ -174,12 +177,12 @@ def _bend(cells, end, normals, n, along, aside, at, bend):
             upright += normals[k, c] * n[c]
         sine = np.sqrt(ahead * ahead + across * across)
         scale = np.arctan2(sine, upright) / sine if sine > 0.0 else 1.0
-        xx += at[0, k] * at[0, k]
-        xy += at[0, k] * at[1, k]
-        yy += at[1, k] * at[1, k]
+        xx += own[i] * at[0, k] * at[0, k]
+        xy += own[i] * at[0, k] * at[1, k]
+        yy += own[i] * at[1, k] * at[1, k]
         for c in range(2):
-            bend[0, c] += scale * ahead * at[c, k]
-            bend[1, c] += scale * across * at[c, k]
+            bend[0, c] += own[i] * scale * ahead * at[c, k]
+            bend[1, c] += own[i] * scale * across * at[c, k]
     det = xx * yy - xy * xy
     for a in range(2):
         one, other = bend[a, 0], bend[a, 1]

@@ -234,30 +234,57 @@ def _split(cells, count, name, force, spread, neighbours, between, sure, share, 
 
 
 @inner
-def _mixture(cells, count, force, at, parent, parts):
-    """Fit round Gaussians to an area's force; write parts (p, 5): place, variance, weight, peak; return p."""
+def _charts(cells, count, end, origin, place, at, parent, parts):
+    """Find the peaks of an area's basins; return the places (q, 2, end) of its cells, one chart or one for each peak.
+
+    One chart serves a sheet, and an area with one peak. On a curved body each peak has its own, as a chart is true
+    about its origin alone.
+    """
     number = 0
     for i in range(count):
         k = cells[i]
         if parent[k] == k and number < PARTS:
-            parts[number, 0], parts[number, 1] = at[0, k], at[1, k]
-            parts[number, 2], parts[number, 3], parts[number, 4] = 0.5, force[k], k
+            parts[number, 4] = k
             number += 1
+    own = len(place[2]) == 0
+    charts = np.empty((number if own else 1, 2, end))
+    for q in range(len(charts)):
+        if own:
+            _chart(cells, end, int(parts[q, 4]) if number > 1 else origin, place, at)
+        for i in range(end):
+            charts[q, 0, i], charts[q, 1, i] = at[0, cells[i]], at[1, cells[i]]
+    return number, charts
+
+
+@inner
+def _mixture(cells, count, end, force, charts, parent, parts, number, shares):
+    """Fit round Gaussians to an area's force; write parts (p, 5): place, variance, weight, peak; and shares (end, p).
+
+    Each part's place is in its own chart.
+    """
+    for i in range(count):
+        k = cells[i]
+        for p in range(number):
+            if parts[p, 4] == k:
+                q = min(p, len(charts) - 1)
+                parts[p, 0], parts[p, 1], parts[p, 2], parts[p, 3] = charts[q, 0, i], charts[q, 1, i], 0.5, force[k]
+    if number == 1:
+        shares[:end, 0] = 1.0
+        return
     sums = np.empty((PARTS, 4))
-    share = np.empty(PARTS)
-    for step in range(_ROUNDS if number > 1 else 0):
+    for step in range(_ROUNDS):
         sums[:] = 0.0
         for i in range(count):
             k = cells[i]
             weight = max(force[k], 0.0)
-            row, column = at[0, k], at[1, k]
             if step == 0:  # begin with the basins
                 for p in range(number):
-                    share[p] = 1.0 if parent[k] == int(parts[p, 4]) else 0.0
+                    shares[i, p] = 1.0 if parent[k] == int(parts[p, 4]) else 0.0
             else:
-                _shares(row, column, parts, number, share)
+                _shares(charts, i, parts, number, shares[i])
             for p in range(number):
-                own = weight * share[p]
+                q = min(p, len(charts) - 1)
+                own, row, column = weight * shares[i, p], charts[q, 0, i], charts[q, 1, i]
                 sums[p, 0] += own
                 sums[p, 1] += own * row
                 sums[p, 2] += own * column
@@ -267,15 +294,17 @@ def _mixture(cells, count, force, at, parent, parts):
                 row, column = sums[p, 1] / sums[p, 0], sums[p, 2] / sums[p, 0]
                 parts[p, 0], parts[p, 1], parts[p, 3] = row, column, sums[p, 0]
                 parts[p, 2] = max(0.5 * (sums[p, 3] / sums[p, 0] - row * row - column * column), _NARROW)
-    return number
+    for i in range(end):
+        _shares(charts, i, parts, number, shares[i])
 
 
 @inner
-def _shares(row, column, parts, number, share):
-    """Write the share of a cell that belongs to each contact."""
+def _shares(charts, i, parts, number, share):
+    """Write the share of an area's i-th cell that belongs to each contact."""
     least = np.inf
     for p in range(number):
-        square = ((row - parts[p, 0]) ** 2 + (column - parts[p, 1]) ** 2) / parts[p, 2]
+        q = min(p, len(charts) - 1)
+        square = ((charts[q, 0, i] - parts[p, 0]) ** 2 + (charts[q, 1, i] - parts[p, 1]) ** 2) / parts[p, 2]
         share[p] = 0.5 * square - np.log(parts[p, 3] / parts[p, 2])
         least = min(least, share[p])
     total = 0.0
@@ -437,21 +466,17 @@ def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
 
 
 @inner
-def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, place, origin, out):
+def _measure(cells, count, end, shares, raw, value, numbers, sign, place, origin, out):
     """Write one contact of an area: sums over its share of each cell, with the centroid over the sum of forces."""
     force, error, used = numbers[FORCE], numbers[ERROR], numbers[USED]
     own, limit, at = numbers[OWN], numbers[LIMIT], numbers[AT:]
     vectors, sizes, grid, ring, covariances = place
     normals, areas = vectors[1], sizes[0]
-    share = np.empty(PARTS)
-    share[0] = 1.0
     total, row, column, push, covered, peak, held, full = 0.0, 0.0, 0.0, np.zeros(3), 0.0, 0.0, 0.0, False
     inside, pressed = 0.0, 0.0
     for i in range(end):
         k = cells[i]
-        if number > 1:
-            _shares(at[0, k], at[1, k], parts, number, share)
-        own[i] = share[part]
+        own[i] = shares[i]
         total += own[i] * force[k]
         for c in range(3):
             push[c] -= own[i] * force[k] * normals[k, c]
@@ -607,12 +632,16 @@ def _contacts(raw, value, scale, drift, place, table, curves, settings, numbers,
         end = _rim(name, count, live, neighbours, steps, label, at, cells)
         _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
         _split(cells, count, name, force, spread, neighbours, between, sure, share, label, parent)
-        if len(place[2]) == 0:
-            _chart(cells, end, origin, place, at)
-        parts_found = _mixture(cells, count, force, at, parent, parts)
-        for part in range(parts_found):
-            if found < most and _measure(cells, count, end, part, parts_found, parts, raw, value, numbers, sign,
-                                         place, origin, out[found]):  # fmt: skip
+        number, charts = _charts(cells, count, end, origin, place, at, parent, parts)
+        shares = np.empty((end, number))
+        _mixture(cells, count, end, force, charts, parent, parts, number, shares)
+        for part in range(number):
+            if len(charts) > 1:
+                origin = int(parts[part, 4])
+                for i in range(end):
+                    at[0, cells[i]], at[1, cells[i]] = charts[part, 0, i], charts[part, 1, i]
+            if found < most and _measure(cells, count, end, shares[:, part], raw, value, numbers, sign, place, origin,
+                                         out[found]):  # fmt: skip
                 found += 1
     for k in range(len(raw)):
         if label[k] == 0 and live[k]:
