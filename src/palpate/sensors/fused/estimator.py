@@ -273,8 +273,8 @@ class FusedEstimator(ContactEstimator):
         new, unseen = (np.array(each) for each in zip(*found.values(), strict=True))
         new[:, after + UNEXPLAINED] = fused.p[more]
         rows = np.insert(rows, ends, new, axis=0)[kept]
-        contacts = np.insert(contacts[within[touching]], np.cumsum(pressed[more]), unseen, axis=0)
-        fused = self.fused.fuse_frames(contacts, pressed[more] + 1, wrenches[more], covariances[more])
+        given = (contacts[within[touching]], pressed[more], unseen, wrenches[more], covariances[more])
+        fused = self._unseen.fused(*given)
         self._noted |= dict.fromkeys(fused.notes)
         pushed = np.insert(touching & within, ends, True)[kept]
         _write(fused, rows, pushed, after)

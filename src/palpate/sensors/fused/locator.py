@@ -24,6 +24,7 @@ from palpate.surfaces.surface import Surface
 
 __all__ = ["Fused", "FusedLocator", "FusionSettings"]
 
+WAYS = 16  # places that stand for all where an unseen contact may be
 _BINDS = 1e-6  # slack over 1 N plus the normal force below which a cone binds
 
 
@@ -354,6 +355,13 @@ class FusedLocator:
         point, normal = unseen.points[place], unseen.normals[place]
         spread = self._width**2 * (np.eye(3) - np.outer(normal, normal))
         return np.concatenate([point, normal, [PUSHES.mean(), PUSHES.std()], spread.ravel()])
+
+    def unseen_rows(self, unseen: Unseen) -> Float[np.ndarray, "w 17"]:
+        """Return `WAYS` rows (w, 17) as by `unseen_row`, of places that are equally likely."""
+        shares: Float[np.ndarray, " c"] = np.cumsum(unseen.belief)
+        evenly: Float[np.ndarray, " w"] = shares[-1] * (np.arange(WAYS) + 0.5) / WAYS
+        places: Int[np.ndarray, " w"] = np.searchsorted(shares, evenly)
+        return np.stack([self.unseen_row(unseen, place) for place in places.tolist()])
 
     @cached_property
     def _places(self) -> Float[np.ndarray, "c 8"]:
