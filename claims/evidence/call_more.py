@@ -192,6 +192,7 @@ def fused_calls(seen: Seen) -> None:
     """Samples of the estimator of a skin and a force/torque sensor, and of its locator, as the commands left them."""
     from palpate.sensors.fused.cones import within_cones
     from palpate.sensors.fused.estimator import FusedEstimator
+    from palpate.sensors.fused.lasting_unseen import fuse_with_unseen
     from palpate.sensors.fused.locator import FusedLocator
 
     within_cones(np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([1]), [np.eye(3)], 0.5)
@@ -205,3 +206,5 @@ def fused_calls(seen: Seen) -> None:
     touch = (np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1), np.ones(1), np.eye(3)[None])
     wrench = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
     locator.fuse(*touch, wrench[None], np.eye(6)[None])
+    row = locator.rows(*touch)
+    fuse_with_unseen(locator, row, np.array([1]), np.tile(row, (1, 2, 1)), wrench[None], np.eye(6)[None])

@@ -7,6 +7,7 @@ import numpy as np
 
 from claims.papers.fused_contacts.bench import Body, Conditions, Touch, box, forearm, touch
 from claims.papers.fused_contacts.theirs import IDynTree
+from palpate.sensors.fused.lasting_unseen import fuse_with_unseen
 from palpate.sensors.fused.locator import Fused, FusedLocator, FusionSettings
 from palpate_lab.peers.skin_peers import minimum_norm
 
@@ -50,7 +51,10 @@ class Alarms:
 
 @dataclass(frozen=True)
 class Places:
-    """One unseen contact: share that the 95 % region holds, its share of the area, errors of place [m] and forces."""
+    """One unseen contact: share that the 95 % region holds, its share of the area, errors of place [m] and forces.
+
+    `inside` is the share of the seen contacts' 95 % ellipsoids of force that hold it.
+    """
 
     count: int
     force: float
@@ -59,6 +63,7 @@ class Places:
     off: np.ndarray
     seen: np.ndarray
     unseen: np.ndarray
+    inside: float
 
 
 def _settings(now: Conditions) -> FusionSettings:
@@ -113,23 +118,35 @@ def places(kind: str, count: int, force: float, now: Conditions, sizes: Sizes, s
     """Where an unseen contact of `force` [N] is found beside `count` that are seen."""
     rng = np.random.default_rng([seed, count, 2])
     rows = list[tuple[bool, float, float]]()
-    seen, unseen = list[np.ndarray](), list[float]()
+    seen, unseen, inside = list[np.ndarray](), list[float](), list[bool]()
     for _ in range(sizes.searched):
         body = BODIES[kind](rng)
         locator = FusedLocator(body.mesh(), _settings(now))
         for _ in range(sizes.searches):
             made = touch(body, count, rng, now, force)
-            found = locator.fuse(*made.seen(count))
-            ranked = locator.unseen(found)
+            contacts, wrench = locator.rows(*made.seen(count)[:5]), made.seen(count)[5:]
+            found = locator.fuse_frames(contacts, np.array([count]), *wrench)
+            ranked = locator.unseen_by(found.whitened[0], found.factors[0])
             apart = np.linalg.norm(ranked.points - made.places[-1], axis=1)
             off = float(apart[0])
             apart[ranked.normals @ made.normals[-1] < 0.5] = np.inf  # round an edge: another contact, however near
             rows.append((bool(ranked.region[apart.argmin()]), float(ranked.region.mean()), off))
-            both = locator.neighbours(found, ranked)
-            wrong = np.linalg.norm(both.force - made.forces, axis=1)
+            both = fuse_with_unseen(locator, contacts, np.array([count]), locator.unseen_rows(ranked)[None], *wrench)
+            off = both.force - made.forces
+            spreads = both.spread[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+            square = np.einsum("ni,ni->n", off, np.linalg.solve(spreads, off[..., None])[..., 0])
+            inside += (square[:-1] <= _HELD).tolist()
+            wrong = np.linalg.norm(off, axis=1)
             seen.append(wrong[:-1])
             unseen.append(float(wrong[-1]))
     held, area, distance = (np.array(each) for each in zip(*rows, strict=True))
     return Places(
-        count, force, float(held.mean()), float(area.mean()), distance, np.concatenate(seen), np.array(unseen)
+        count,
+        force,
+        float(held.mean()),
+        float(area.mean()),
+        distance,
+        np.concatenate(seen),
+        np.array(unseen),
+        float(np.mean(inside)),
     )

@@ -18,7 +18,7 @@ from claims.papers.fused_contacts import bench
 from palpate.errors import InputError
 from palpate.sensors.fused import _kernels as _fused
 from palpate.sensors.fused import cones as fused_cones
-from palpate.sensors.fused.lasting_unseen import LastingUnseen
+from palpate.sensors.fused.lasting_unseen import fuse_with_unseen
 from palpate.sensors.fused.locator import Fused, FusedLocator, FusionSettings
 from palpate.sensors.fused.unseen import PUSHES, candidates
 from palpate.spatial.pose import Pose
@@ -396,9 +396,11 @@ def test_an_unseen_contact_is_found_where_it_is() -> None:
     assert unseen.belief[unseen.region].sum() >= 0.95
     apart = np.linalg.norm(unseen.points - place, axis=1)
     assert unseen.region[apart.argmin()]
-    both = locator.neighbours(found, unseen, int(apart.argmin()))
-    off = both.force[-1] - force
-    assert off @ np.linalg.solve(both.covariance[-3:, -3:], off) < 16.3  # 99.9 % of a Gaussian in three axes
+    skin = locator.rows(made.points, made.normals, made.forces, made.deviations, made.spreads)
+    wrench = (made.wrenches + more, made.covariances)
+    both = fuse_with_unseen(locator, skin, np.array([len(skin)]), locator.unseen_rows(unseen)[None], *wrench)
+    off, spread = both.force[-1] - force, both.spread[-1][[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    assert off @ np.linalg.solve(spread, off) < 16.3  # 99.9 % of a Gaussian in three axes
     assert (both.force[-1] @ normal) < 0.0
     assert both.p[0] > found.p[0]
 
@@ -408,7 +410,6 @@ def test_forces_beside_an_unseen_contact_carry_all_the_places_where_it_may_be() 
     rng, held = np.random.default_rng(8), list[bool]()
     body = bench.forearm(rng)
     locator = FusedLocator(body.mesh())
-    lasting = LastingUnseen(locator, 0, 0)
     for k in range(120):
         touch, counts = bench.touch(body, 1 + k % 2, rng, bench.Conditions(), 8.0), np.array([1 + k % 2])
         contacts = locator.rows(*touch.seen(1 + k % 2)[:5])
@@ -416,7 +417,7 @@ def test_forces_beside_an_unseen_contact_carry_all_the_places_where_it_may_be() 
         if not alone.alarm[0]:
             continue
         places = locator.unseen_rows(locator.unseen_by(alone.whitened[0], alone.factors[0]))[None]
-        found = lasting.fused(contacts, counts, places, touch.wrench[None], touch.covariance[None])
+        found = fuse_with_unseen(locator, contacts, counts, places, touch.wrench[None], touch.covariance[None])
         np.testing.assert_allclose(found.force.sum(axis=0), touch.forces.sum(axis=0), atol=0.5)
         for off, spread in zip(found.force - touch.forces, found.spread, strict=True):
             whole = spread[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]

@@ -16,7 +16,7 @@ from palpate.contact.locate import Locator
 from palpate.contact.surface_wrenches import Piece, SurfaceWrenches, Wrenches
 from palpate.errors import InputError
 from palpate.sensors.fused.agreement import Agreement
-from palpate.sensors.fused.lasting_unseen import LastingUnseen
+from palpate.sensors.fused.lasting_unseen import LastingUnseen, fuse_with_unseen
 from palpate.sensors.fused.locator import FusedFrames, FusedLocator
 from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.signals.drift import Drift
@@ -274,7 +274,7 @@ class FusedEstimator(ContactEstimator):
         new[:, after + UNEXPLAINED] = fused.p[more]
         rows = np.insert(rows, ends, new, axis=0)[kept]
         given = (contacts[within[touching]], pressed[more], unseen, wrenches[more], covariances[more])
-        fused = self._unseen.fused(*given)
+        fused = fuse_with_unseen(self.fused, *given)
         self._noted |= dict.fromkeys(fused.notes)
         pushed = np.insert(touching & within, ends, True)[kept]
         _write(fused, rows, pushed, after)

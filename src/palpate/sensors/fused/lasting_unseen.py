@@ -6,7 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import ROW, Status
+from palpate.errors import InputError
 from palpate.sensors.fused.locator import FusedFrames, FusedLocator
+from palpate.spatial.arguments import takes_arrays
 
 LOOKS = 0.1  # s between two searches for the place of an unseen contact, which take milliseconds
 PERSISTS = 0.05  # s that a wrench must be unexplained before it is a contact: a touch that begins is felt first
@@ -58,38 +60,6 @@ class LastingUnseen:
                 found[k] = self._place
         return found
 
-    def fused(
-        self,
-        contacts: Float[np.ndarray, "m 17"],
-        counts: Int[np.ndarray, " n"],
-        unseen: Float[np.ndarray, "n p 17"],
-        wrenches: Float[np.ndarray, "n 6"],
-        covariances: Float[np.ndarray, "n 6 6"],
-    ) -> FusedFrames:
-        """Return the forces of n frames with one more contact each, the last, at any of p places, as `FusedFrames`.
-
-        Forces, shares and covariances are those of the mixture of all places; p and alarm are those of the first.
-
-        Args:
-            contacts: (m, 17) rows of `fused`, frame by frame.
-            counts: (n,) number of contacts in each frame.
-            unseen: (n, p, 17) rows from `found`.
-            wrenches: (n, 6) [N, N m].
-            covariances: (n, 6, 6) of the wrenches' noise.
-        """
-        ends, ways = np.cumsum(counts), unseen.shape[1]
-        every = np.concatenate([np.insert(contacts, ends, unseen[:, way], axis=0) for way in range(ways)])
-        frames = (np.concatenate([each] * ways) for each in (counts + 1, wrenches, covariances))
-        found = self._locator.fuse_frames(every, *frames)
-        parts = (found.force, found.spread, found.share, found.bound)
-        force, spread, share, bound = (each.reshape(ways, -1, *each.shape[1:]) for each in parts)
-        mean, (rows, columns) = _mean(force), np.triu_indices(3)
-        away = force - mean
-        between = _mean(away[..., rows] * away[..., columns]) * ways / max(ways - 1, 1)
-        first = {name: getattr(found, name)[: len(counts)] for name in ("p", "alarm", "whitened", "factors")}
-        mixed = {"force": mean, "spread": _mean(spread) + between, "share": _mean(share), "bound": _mean(bound) > 0.5}
-        return found._replace(**mixed, **first)
-
     def _persists(self, time: float, alarm: bool) -> bool:
         if not alarm:
             self.reset()
@@ -109,6 +79,46 @@ class LastingUnseen:
         row[ROW.status] = Status.CONTACT if several == 1 else Status.AMBIGUOUS
         row[self._belief], row[-1] = believed, 0.0
         return row, self._locator.unseen_rows(places)
+
+
+@takes_arrays
+def fuse_with_unseen(
+    locator: FusedLocator,
+    contacts: Float[np.ndarray, "m 17"],
+    counts: Int[np.ndarray, " n"],
+    unseen: Float[np.ndarray, "n p 17"],
+    wrenches: Float[np.ndarray, "n 6"],
+    covariances: Float[np.ndarray, "n 6 6"],
+) -> FusedFrames:
+    """Return the forces of n frames with one more contact each, the last, at any of p places, as `FusedFrames`.
+
+    Forces, shares and covariances are those of the mixture of all places; p and alarm are those of the first.
+
+    Args:
+        locator: of the seen contacts.
+        contacts: (m, 17) rows of `FusedLocator.rows`, frame by frame.
+        counts: (n,) number of contacts in each frame.
+        unseen: (n, p, 17) rows of `FusedLocator.unseen_rows`.
+        wrenches: (n, 6) [N, N m].
+        covariances: (n, 6, 6) of the wrenches' noise.
+
+    Raises:
+        InputError: a count is negative, or the counts do not add up to m; or arrays of other shapes.
+    """
+    if counts.min(initial=0) < 0 or counts.sum() != len(contacts):
+        raise InputError(f"counts must not be negative, and must add up to the {len(contacts)} contacts.")
+    ends, ways = np.cumsum(counts), unseen.shape[1]
+    every = np.concatenate([np.insert(contacts, ends, unseen[:, way], axis=0) for way in range(ways)])
+    frames = (np.concatenate([each] * ways) for each in (counts + 1, wrenches, covariances))
+    found = locator.fuse_frames(every, *frames)
+    parts = (found.force, found.spread, found.share, found.bound)
+    force, spread, share, bound = (each.reshape(ways, -1, *each.shape[1:]) for each in parts)
+    mean, (rows, columns) = _mean(force), np.triu_indices(3)
+    away = force - mean
+    between = _mean(away[..., rows] * away[..., columns]) * ways / max(ways - 1, 1)
+    first = {name: getattr(found, name)[: len(counts)] for name in ("p", "alarm", "whitened", "factors")}
+    mixed = {"force": mean, "spread": _mean(spread) + between, "share": _mean(share), "bound": _mean(bound) > 0.5}
+    return found._replace(**mixed, **first)
 
 
 def _mean(ways: np.ndarray) -> np.ndarray:

@@ -335,33 +335,18 @@ class FusedLocator:
         _kernels.explained(self._places, whitened, factor, self.settings.tangential, PUSHES, out)
         return ranked(self._places, out, self._width)
 
-    def neighbours(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
-        """Return as `Fused` the forces of the contacts of `fused` and, last, of one at index `place` of `unseen`.
-
-        Raises:
-            InputError: `unseen` has no place of this index.
-        """
-        given = fused.given
-        carries = np.concatenate([given.carries, np.ones((len(given.wrenches), 1), np.bool_)], axis=1)
-        contacts = np.concatenate([given.contacts, self.unseen_row(unseen, place)[None]])
-        return self._fused(contacts, given.wrenches.copy(), given.covariances.copy(), carries)
-
-    def unseen_row(self, unseen: Unseen, place: int = 0) -> Float[np.ndarray, "17"]:
-        """Return an unseen contact at an index of `unseen` as a row (17,) of `rows`: force 5.8 N, deviation 6.0 N.
-
-        Raises:
-            InputError: `unseen` has no place of this index.
-        """
-        point, normal = unseen.points[place], unseen.normals[place]
-        spread = self._width**2 * (np.eye(3) - np.outer(normal, normal))
-        return np.concatenate([point, normal, [PUSHES.mean(), PUSHES.std()], spread.ravel()])
-
     def unseen_rows(self, unseen: Unseen) -> Float[np.ndarray, "w 17"]:
-        """Return `WAYS` rows (w, 17) as by `unseen_row`, of places that are equally likely."""
+        """Return an unseen contact as rows (w, 17) of `rows`, one for each of `WAYS` places that are equally likely.
+
+        Its force is 5.8 N with a deviation of 6.0 N.
+        """
         shares: Float[np.ndarray, " c"] = np.cumsum(unseen.belief)
         evenly: Float[np.ndarray, " w"] = shares[-1] * (np.arange(WAYS) + 0.5) / WAYS
         places: Int[np.ndarray, " w"] = np.searchsorted(shares, evenly)
-        return np.stack([self.unseen_row(unseen, place) for place in places.tolist()])
+        normals = unseen.normals[places]
+        spreads = self._width**2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
+        pushes = np.tile([PUSHES.mean(), PUSHES.std()], (len(places), 1))
+        return np.concatenate([unseen.points[places], normals, pushes, spreads.reshape(-1, 9)], axis=1)
 
     @cached_property
     def _places(self) -> Float[np.ndarray, "c 8"]:
