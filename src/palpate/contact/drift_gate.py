@@ -139,7 +139,7 @@ class DriftGate:
     def reset(self) -> None:
         """Forget all windows, waiting or withheld, but not `jumps`."""
         self._pending, self._odd, self._recent = deque[_Kept](), deque[_Kept](), deque[_Kept]()
-        self._before: Float[np.ndarray, "m m"] | None = None  # covariance of the bias when it was last followed
+        self._before: Float[np.ndarray, "n n"] | None = None  # covariance of the state when it was last followed
         self._ended, self._fast, self._told = -np.inf, False, False
 
     def judge(
@@ -187,12 +187,14 @@ class DriftGate:
             return True
         apart = one.off - np.array(others).sum(axis=0) / len(others)
         wandered = np.diag(self.filter.drift.walk**2 * (one.window.time - self._pending[0].window.time))
-        return _square(apart, noise * (1.0 + 1.0 / len(others)) + wandered) <= self._single
+        turned = one.window.regressor - np.mean([each.window.regressor for each in self._pending], axis=0)
+        changed = noise * (1.0 + 1.0 / len(others)) + wandered + self.filter.spread_by(turned)
+        return _square(apart, changed) <= self._single
 
     def _came_back(self, one: _Kept, noise: Float[np.ndarray, "m m"]) -> bool:
         """Return whether a touch has ended, and is not merely hidden by the uncertainty that has grown."""
         assert self._before is not None
-        if _square(one.off, self._before + noise) <= self._returned:
+        if _square(one.off, self.filter.spread(self._before, one.window.regressor) + noise) <= self._returned:
             return True
         moved = max(_square(each.off - one.off, noise) for each in self._recent)
         return moved >= _square(one.off, noise)
@@ -220,7 +222,7 @@ class DriftGate:
         unused = [each.number for each in self._pending]
         self._pending.clear()
         if self._before is None:
-            self._before = one.spread
+            self._before = self.filter.predicted(one.window.time)[1]
         self._odd.append(one)
         self._fast = self._fast or self._speed(one, SPAN)[0] > 1.0
         changed, jump = self._jumped(one)

@@ -70,11 +70,13 @@ class DriftTracker:
                 f"must be stated for {len(begin.zero)} channels, as the sensor has, not for {len(drift.walk)}.",
                 where="drift",
             )
-        self._weighs = sensor.coefficients if drift.weight > 0 else 0
+        weighs = sensor.coefficients.copy()
+        weighs[:1] = np.maximum(weighs[:1], drift.weight)
+        self._weighs = len(weighs)
         self._warms = bool(drift.thermal.any() or drift.thermal_deviation.any())
         self.sensor, self.drift, self.smooth = sensor, drift, smooth
         slopes = drift.thermal_deviation if self._warms else np.empty(0)
-        self.filter = ZeroFilter(drift, np.concatenate([np.full(self._weighs, drift.weight), slopes]))
+        self.filter = ZeroFilter(drift, np.concatenate([weighs, slopes]))
         self.gate = DriftGate(self.filter, sensor, shape, alone)
         self._record = ZeroRecord(sensor)
         self.count = 0
@@ -271,8 +273,7 @@ class DriftTracker:
 
     def _regressor(self, weights: Float[np.ndarray, "m q"], warmer: float) -> Float[np.ndarray, "m k"]:
         """Return slopes (m, k) of a window by each coefficient: weight of the payload, slope of each channel."""
-        hangs = weights[:, : self._weighs]
-        return np.concatenate([hangs, warmer * np.eye(len(weights))], axis=1) if self._warms else hangs
+        return np.concatenate([weights, warmer * np.eye(len(weights))], axis=1) if self._warms else weights
 
     def _warmed(self, state: ZeroState, kelvin: float) -> ZeroState:
         """Return the bias at a temperature, with the uncertainty of the slopes."""

@@ -46,7 +46,7 @@ class ZeroState(NamedTuple):
 
     Attributes:
         zero: (m,) in the channels' units.
-        coefficient: (q,), such as the payload's weight [N] beyond the one that is compensated.
+        coefficient: (q,), such as the payload's weight [N] beyond the one that is compensated, and its first moment.
         covariance: (m + q, m + q) of both.
     """
 
@@ -65,8 +65,8 @@ class FollowedSensor(Protocol):
     """Number that changes with every tare."""
 
     @property
-    def coefficients(self) -> int:
-        """Number q of coefficients followed in addition to the m channels: 1 where the payload weighs, else 0."""
+    def coefficients(self) -> Float[np.ndarray, " q"]:
+        """Prior standard deviations (q,) of what is followed with the m channels: the payload's weight [N] first."""
         ...
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n k"]:
@@ -217,11 +217,22 @@ class ZeroFilter:
             InputError: the regressors do not have shape (m, q).
         """
         state, covariance = self.predicted(time)
+        m, k = self.channels, self.known
+        return state[:m] + regressor @ state[m:k], self.spread(covariance, regressor)
+
+    def spread(self, covariance: Float[np.ndarray, "n n"], regressor: Float[np.ndarray, "m q"]) -> np.ndarray:
+        """Return the covariance (m, m) of a window's mean without noise, by that of the state (n, n).
+
+        Raises:
+            InputError: the regressors do not have shape (m, q).
+        """
         seen = self._seen(regressor)
-        if not regressor.shape[1]:
-            m = self.channels
-            return state[:m], covariance[:m, :m]
-        return seen @ state, seen @ covariance @ seen.T
+        return seen @ covariance @ seen.T
+
+    def spread_by(self, regressor: Float[np.ndarray, "m q"]) -> Float[np.ndarray, "m m"]:
+        """Return the covariance (m, m) of coefficients that act by a change of regressors (m, q)."""
+        m, k = self.channels, self.known
+        return regressor @ self.covariance[m:k, m:k] @ regressor.T
 
     def advance(self, time: float, number: int = 0) -> FilterStep:
         """Move the filter to a window's time [s] without using the window; return the `FilterStep`."""
