@@ -63,11 +63,8 @@ class FollowedSensor(Protocol):
     """Inputs of one live sample."""
     zeros_taken: int
     """Number that changes with every tare."""
-
-    @property
-    def coefficients(self) -> Float[np.ndarray, " q"]:
-        """Prior standard deviations (q,) of what is followed with the m channels: the payload's weight [N] first."""
-        ...
+    coefficients: Float[np.ndarray, " q"]
+    """Prior standard deviations of what is followed with the m channels: weight [N] and first moment of a payload."""
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n k"]:
         """Return the rows (n, k) of a recording that `free` needs."""
@@ -226,8 +223,8 @@ class ZeroFilter:
         Raises:
             InputError: the regressors do not have shape (m, q).
         """
-        seen = self._seen(regressor)
-        return seen @ covariance @ seen.T
+        seen, m = self._seen(regressor), self.channels
+        return seen @ covariance @ seen.T if regressor.shape[1] else covariance[:m, :m]
 
     def spread_by(self, regressor: Float[np.ndarray, "m q"]) -> Float[np.ndarray, "m m"]:
         """Return the covariance (m, m) of coefficients that act by a change of regressors (m, q)."""

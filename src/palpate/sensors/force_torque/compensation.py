@@ -27,7 +27,7 @@ from palpate.spatial.pose_track import sound_quaternions
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
 ITSELF = Placement(Pose.identity())
 SATURATED = 6  # contact.Status.SATURATED, which this layer does not import
-REPEATS = 0.01, 0.3e-3  # of the weight, and m of the centre: twice what both halves of a real log of poses differ by
+REPEATS = 0.02, 0.5e-3  # of the weight, and m of the centre: what a hose, a screw or a gain does to a payload
 SURE = 5.0  # times its standard deviation: a smaller tare is no touch
 
 
@@ -97,6 +97,7 @@ class Compensation:
         self._load: Float[np.ndarray, "11"] = np.concatenate(
             [load.weight, load.center_of_mass, slope, [load.mass, sensor.lever**-2]]
         )
+        self.coefficients, self._heavier = _heavier(load, self._down)
         self._gains = np.repeat([1.0, sensor.lever**2], 3)
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
         self._doubts = square_root(load.covariance if self._imu is None else np.zeros((12, 12)))
@@ -290,18 +291,6 @@ class Compensation:
         """Forget when the log began: the age of the zero counts from the tare, or else from the next sample."""
         self._since = self._tared
 
-    @property
-    def coefficients(self) -> Float[np.ndarray, " q"]:
-        """Prior standard deviations of the payload's weight [N] and first moment (3) [N m]; () without weight.
-
-        They are those of its calibration, and at least `REPEATS`, to which real calibrations repeat.
-        """
-        if self.payload is None or not self._newtons:
-            return np.zeros(0)
-        spread = self.payload.covariance
-        variances = [self._down @ spread[:3, :3] @ self._down, *(self._newtons**2 * np.diag(spread)[6:9])]
-        return np.maximum(np.sqrt(variances), self._newtons * np.repeat(REPEATS, [1, 3]))
-
     def kept(self, recording: Recording) -> Float[np.ndarray, "n 19"]:
         """Return (n, 19): readings (6) [N, N m], rotations by rows (9), accelerations (3), their deviation [m/s^2].
 
@@ -416,17 +405,8 @@ class Compensation:
         return ()
 
     def _hung(self, turn: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n 6 q"]:
-        """Return the wrenches of one more newton of weight and of one more newton metre of each first moment.
-
-        With u = A w/|w|, where `turn` is A, they are (u, c x u) and (0, e x u) for each axis e.
-        """
-        force = turn @ self._down
-        made = np.zeros((*force.shape[:-1], 6, 4 if self._newtons else 0))
-        if not self._newtons:
-            return made
-        made[..., :3, 0], made[..., 3:, 0] = force, np.cross(self._stated[3:6], force)
-        made[..., 3:, 1:] = -skew(force)
-        return made
+        """Return the wrench of one more newton of weight, and of each first moment; `turn` is `place`'s A."""
+        return (turn @ self._down @ self._heavier.reshape(-1, 3).T).reshape(*turn.shape[:-2], *self._heavier.shape[:2])
 
     def _unknown(self, factor: Float[np.ndarray, "r p"], *, followed: bool = False) -> Float[np.ndarray, "r p"]:
         """Return a factor of the payload's covariance without its biases, which are in the zero.
@@ -571,6 +551,24 @@ class Compensation:
 
     def __repr__(self) -> str:
         return f"Compensation({self.sensor!r}, {self.payload!r})"
+
+
+def _heavier(
+    load: Payload, down: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "6 q 3"]]:
+    """Return prior standard deviations of the weight [N] and first moment [N m], and how they act; () without weight.
+
+    With one of them larger by 1, and with u the direction of the weight in the sensor's frame, the payload's wrench is
+    larger by (u, c x u) for the weight, and by (0, e x u) for the first moment along each axis e: (6, q, 3) times u.
+    """
+    if not down.any():
+        return np.zeros(0), np.zeros((6, 0, 3))
+    newtons, spread = float(np.linalg.norm(load.weight)), load.covariance
+    stated = np.sqrt([down @ spread[:3, :3] @ down, *(newtons**2 * np.diag(spread)[6:9])])
+    acts = np.zeros((6, 4, 3))
+    acts[:3, 0], acts[3:, 0] = np.eye(3), skew(load.center_of_mass)
+    acts[3:, 1:] = skew(np.eye(3)).swapaxes(0, 1)
+    return np.maximum(stated, newtons * np.repeat(REPEATS, [1, 3])), acts
 
 
 def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:
