@@ -176,20 +176,17 @@ class DriftTracker:
         middle = (self._window + 0.5) * WINDOW
         if not usable.any():
             self._waiting[number] = ZeroWindow(middle, *self._nothing())
-            lost = Decided([*self.gate.finish(), number], [], None, withheld=True, changed=False)
-            self._settle(lost, middle, ZeroStatus.LOST)
+            self._settle(Decided([*self.gate.finish(), number], [], None, ZeroStatus.LOST), middle)
             return
         noise, stays = self.sensor.window_noise(kept, usable)
         regressor = self._regressor(free.regressor[usable].mean(axis=0), warmer)
         window = ZeroWindow(float(time[usable].mean()), free.value[usable].mean(axis=0), regressor, noise, stays)
         self._waiting[number] = window
         if window.time <= self._tared:  # the tare has it already
-            self._settle(Decided([number], [], None, withheld=False, changed=False), middle, ZeroStatus.FREE)
+            self._settle(Decided([number], [], None, ZeroStatus.FREE), middle)
             return
         strength = self._strength(window, free, usable, noise * np.count_nonzero(usable))
-        decided = self.gate.judge(number, window, strength, free.full, touched)
-        status = ZeroStatus.CHANGED if decided.changed else ZeroStatus.HELD if decided.withheld else ZeroStatus.FREE
-        self._settle(decided, middle, status)
+        self._settle(self.gate.judge(number, window, strength, free.full, touched), middle)
 
     def restart(self) -> None:
         """Decide on the windows so far, and begin anew after another tare of the sensor."""
@@ -293,16 +290,16 @@ class DriftTracker:
         square = np.einsum("ni,ni->n", forces, np.linalg.solve(covariance[:3, :3], forces.T).T)
         return float(np.sqrt(square.max()))
 
-    def _settle(self, decided: Decided, time: float, status: ZeroStatus) -> None:
-        """Pass decided windows to the filter, or past it; record a status."""
-        self._statuses.append((time, status, self._kelvin))
+    def _settle(self, decided: Decided, time: float) -> None:
+        """Pass decided windows to the filter, or past it; record the status of the window at `time` [s]."""
+        self._statuses.append((time, decided.status, self._kelvin))
         self._pass(decided.unused)
         if decided.jump is not None:
             self.filter.widen(np.outer(decided.jump, decided.jump))
         for number in decided.used:
             self._keep(self.filter.update(self._waiting.pop(number), number))
         if not self.smooth:
-            self._record.add(time, self.at(time), status)
+            self._record.add(time, self.at(time), decided.status)
             self._statuses.clear()
 
     def _pass(self, numbers: list[int]) -> None:

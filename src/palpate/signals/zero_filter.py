@@ -20,9 +20,10 @@ class ZeroStatus(IntEnum):
     """Use of a window by the filter of the zero."""
 
     FREE = 0  # nothing touched: used, or waiting to be
-    HELD = 1  # touched, or it may be
-    CHANGED = 2  # held, though no contact of the body explains it
+    HELD = 1  # withheld: touched
+    CHANGED = 2  # withheld, though no contact of the body explains it
     LOST = 3  # no reading could be used
+    FAINT = 4  # withheld: it changed by more than bias, noise and payload explain, and by less than a touch
 
 
 @takes_arrays

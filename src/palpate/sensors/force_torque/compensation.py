@@ -28,6 +28,7 @@ EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains 
 ITSELF = Placement(Pose.identity())
 SATURATED = 6  # contact.Status.SATURATED, which this layer does not import
 REPEATS = 0.02, 0.5e-3  # of the weight, and m of the centre: what a hose, a screw or a gain does to a payload
+LEARNT = 0.8  # of the prior standard deviation of the payload's weight: below it, the weight was learnt
 SURE = 5.0  # times its standard deviation: a smaller tare is no touch
 
 
@@ -397,12 +398,29 @@ class Compensation:
         self._unsure = np.concatenate([self._unknown(self._doubts, followed=True), more])
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the motion, a sentence each; () without a payload or a `Motion`."""
-        return () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
+        """Return notes on the motion and on the payload's error where it is followed, a tuple of sentences."""
+        moved = () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
+        found, much = self._payload_error()
+        return (*moved, found) if found and not much else moved
 
     def warnings(self) -> tuple[str, ...]:
-        """Return (): there are no warnings."""
-        return ()
+        """Return a sentence, in a tuple, if the payload is further off than its calibration allows; else ()."""
+        found, much = self._payload_error()
+        return (f"{found}: run `palpate calibrate payload` again",) if much else ()
+
+    def _payload_error(self) -> tuple[str, bool]:
+        """Return a sentence on the error of the payload that is followed, "" until it is learnt, and whether it is much."""
+        if self._followed is None or not self._newtons:
+            return "", False
+        off, sure = self._followed.coefficient, np.sqrt(np.diag(self._followed.covariance)[6:])
+        if sure[0] > LEARNT * self.coefficients[0]:
+            return "", False
+        away, known = (1e3 * float(np.linalg.norm(part[1:])) / self._newtons for part in (off, sure))
+        return (
+            f"the payload weighs {off[0]:+.2g} N ({off[0] / self._newtons:+.1%}) more than stated, known to "
+            f"{sure[0]:.1g} N, and its centre is {away:.2g} mm off, known to {known:.1g} mm",
+            bool(np.any(np.abs(off) > np.maximum(self.coefficients, 3.0 * sure))),
+        )
 
     def _hung(self, turn: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n 6 q"]:
         """Return the wrench of one more newton of weight, and of each first moment; `turn` is `place`'s A."""
