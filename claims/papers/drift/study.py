@@ -171,7 +171,7 @@ def jumps(
 
 
 def payload(wrong: float, trials: int, walk: float = 3.5e-3, seed: int = 4) -> Iterator[Line]:
-    """The payload weighs more than stated while the arm turns: rms [N] in 60 s of contact, with the right weight too."""
+    """The payload weighs more than stated while the arm turns: rms [N] in 60 s of contact, and for the right weight."""
     load = Payload(np.array([0.0, 0.0, -5.0]), np.zeros(3), np.array([0.0, 0.0, 0.05]), np.zeros(3))
     for error in (0.0, wrong):
         total, count, held = 0.0, 0, list[float]()
@@ -194,4 +194,7 @@ def payload(wrong: float, trials: int, walk: float = 3.5e-3, seed: int = 4) -> I
             total, count = total + float(np.sum(np.mean(off[during] ** 2, axis=1))), count + int(during.sum())
             free = (found.time > 10.0) & (found.time < 150.0)
             held.append(float(np.mean(found.status[free] > 0)))
-        yield Line(f"payload wrong by {error:g} N, {trials} trials", {"rms an axis": float(np.sqrt(total / count)), "held while free": float(np.mean(held))})
+        yield Line(
+            f"payload wrong by {error:g} N, {trials} trials",
+            {"rms an axis": float(np.sqrt(total / count)), "held while free": float(np.mean(held))},
+        )

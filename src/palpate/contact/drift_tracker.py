@@ -70,13 +70,13 @@ class DriftTracker:
                 f"must be stated for {len(begin.zero)} channels, as the sensor has, not for {len(drift.walk)}.",
                 where="drift",
             )
-        weighs = sensor.coefficients.copy()
-        weighs[:1] = np.maximum(weighs[:1], drift.weight)
-        self._weighs = len(weighs)
+        priors = sensor.coefficients.copy()
+        priors[:1] = np.maximum(priors[:1], drift.weight)
+        self._weighs = len(priors)
         self._warms = bool(drift.thermal.any() or drift.thermal_deviation.any())
         self.sensor, self.drift, self.smooth = sensor, drift, smooth
         slopes = drift.thermal_deviation if self._warms else np.empty(0)
-        self.filter = ZeroFilter(drift, np.concatenate([weighs, slopes]))
+        self.filter = ZeroFilter(drift, np.concatenate([priors, slopes]))
         self.gate = DriftGate(self.filter, sensor, shape, alone)
         self._record = ZeroRecord(sensor)
         self.count = 0

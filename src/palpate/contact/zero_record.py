@@ -61,7 +61,9 @@ class ZeroRecord:
         wrench, _ = self._sensor.as_wrench(moved, last.covariance[:channels, :channels])
         force, torque = (float(np.linalg.norm(part)) for part in (wrench[0, :3], wrench[0, 3:]))
         went = f"moved by {force:.2g} N and {1e3 * torque:.2g} mN m" if moved.any() else "was never followed"
-        said = [f"the zero {went} over {ended - begun:.0f} s; in {self._held():.0%} of the time it was kept{self._why()}"]
+        said = [
+            f"the zero {went} over {ended - begun:.0f} s; in {self._held():.0%} of the time it was kept{self._why()}"
+        ]
         followed = [jump for jump in jumps if jump.followed]
         if followed:
             said.append(f"the zero jumped {_times(len(followed))}, and was followed: {_named(followed)}")
@@ -94,8 +96,8 @@ class ZeroRecord:
         if self._faint() <= SELDOM:
             return ", as something touched"
         return (
-            f" ({self._held() - self._faint():.0%} as something touched, {self._faint():.0%} as the readings changed by "
-            "more than drift, noise and payload explain, and by less than a touch)"
+            f" ({self._held() - self._faint():.0%} as something touched, {self._faint():.0%} as the readings changed "
+            "by more than drift, noise and payload explain, and by less than a touch)"
         )
 
 

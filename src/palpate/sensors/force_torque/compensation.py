@@ -27,7 +27,7 @@ from palpate.spatial.pose_track import sound_quaternions
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
 ITSELF = Placement(Pose.identity())
 SATURATED = 6  # contact.Status.SATURATED, which this layer does not import
-REPEATS = 0.02, 0.5e-3  # of the weight, and m of the centre: what a hose, a screw or a gain does to a payload
+LEAST_ERROR = 0.02, 0.5e-3  # of the weight, and m of the centre: what a hose, a screw or a gain does to a payload
 LEARNT = 0.8  # of the prior standard deviation of the payload's weight: below it, the weight was learnt
 SURE = 5.0  # times its standard deviation: a smaller tare is no touch
 
@@ -235,7 +235,7 @@ class Compensation:
         self._place(wrenches, *measured.readings[2:], share, *constant, located, covariances)
         if self._imu is not None:
             untared = self._unsure is self._doubts
-            factor = self._tilts if untared else self._unknown(self._tilts, followed=self._followed is not None)
+            factor = self._tilts if untared else self._unknown(self._tilts, followed=self._load is not self._stated)
             covariances += self._tilted(measured.readings, placement.matrix, factor)
         return located, None if self.noise is None else covariances
 
@@ -315,7 +315,7 @@ class Compensation:
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n 19"]) -> Free:
-        """Return a `Free` of readings less the stated payload, NaN if unusable, and their change by weight and first moment.
+        """Return a `Free` of readings less the stated payload, NaN if unusable, and how `coefficients` change them.
 
         Raises:
             InputError: kept has another shape.
@@ -346,7 +346,8 @@ class Compensation:
         constant[1], constant[2] = self._misfit(), self._load[9] ** 2 * push @ push.T
         middle = _kept(kept).picked(usable).mean()
         located, spread = np.empty((1, 6)), np.empty((1, 6, 6))
-        rest = self._mean, self._unknown(self._doubts, followed=True), ITSELF.factor, ITSELF.matrix, constant, located, spread
+        unknown = self._unknown(self._doubts, followed=True)
+        rest = self._mean, unknown, ITSELF.factor, ITSELF.matrix, constant, located, spread
         self._place(np.zeros((1, 6)), *middle[2:], np.zeros(1), self._stated, *rest)
         if self._imu is not None:
             spread += self._tilted(middle, ITSELF.matrix, self._unknown(self._tilts, followed=True))
@@ -385,32 +386,33 @@ class Compensation:
         if state is None:
             return
         self._zero, turn = state.zero.copy(), np.eye(len(state.covariance))
-        turn[:6, 6:] = self._hung(self._mean[:3])  # the loops count from the tare's pose
+        count = len(state.coefficient)
+        turn[:6, 6:] = self._hung(self._mean[:3])[:, :count]  # the loops count from the tare's pose
         root = square_root(turn @ state.covariance @ turn.T)
         more = np.zeros((len(root), 12))
         more[:, 3:6], more[:, 9:] = root[:, :3], root[:, 3:6]
-        if len(state.coefficient):
+        if count:
             newtons = self._newtons + float(state.coefficient[0])
             self._load = self._stated.copy()
             self._load[[0, 1, 2, 9]] *= newtons / self._newtons
             self._load[3:6] += state.coefficient[1:] / newtons
             more[:, :3], more[:, 6:9] = root[:, 6:7] * self._down, root[:, 7:] / newtons
-        self._unsure = np.concatenate([self._unknown(self._doubts, followed=True), more])
+        self._unsure = np.concatenate([self._unknown(self._doubts, followed=count > 0), more])
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on the motion and on the payload's error where it is followed, a tuple of sentences."""
         moved = () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
-        found, much = self._payload_error()
-        return (*moved, found) if found and not much else moved
+        found, large = self._payload_error()
+        return (*moved, found) if found and not large else moved
 
     def warnings(self) -> tuple[str, ...]:
         """Return a sentence, in a tuple, if the payload is further off than its calibration allows; else ()."""
-        found, much = self._payload_error()
-        return (f"{found}: run `palpate calibrate payload` again",) if much else ()
+        found, large = self._payload_error()
+        return (f"{found}: run `palpate calibrate payload` again",) if large else ()
 
     def _payload_error(self) -> tuple[str, bool]:
-        """Return a sentence on the error of the payload that is followed, "" until it is learnt, and whether it is much."""
-        if self._followed is None or not self._newtons:
+        """Return a sentence on the followed payload's error, "" until it is learnt, and whether it is large."""
+        if self._followed is None or not len(self._followed.coefficient):
             return "", False
         off, sure = self._followed.coefficient, np.sqrt(np.diag(self._followed.covariance)[6:])
         if sure[0] > LEARNT * self.coefficients[0]:
@@ -429,7 +431,7 @@ class Compensation:
     def _unknown(self, factor: Float[np.ndarray, "r p"], *, followed: bool = False) -> Float[np.ndarray, "r p"]:
         """Return a factor of the payload's covariance without its biases, which are in the zero.
 
-        With a zero that is followed, the weight and the centre are too, and only the weight's direction remains.
+        Where weight and centre are followed with the zero, only the weight's direction remains.
         """
         left = factor.copy()
         left[:, 3:6] = left[:, 9:12] = 0.0
@@ -571,9 +573,7 @@ class Compensation:
         return f"Compensation({self.sensor!r}, {self.payload!r})"
 
 
-def _heavier(
-    load: Payload, down: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "6 q 3"]]:
+def _heavier(load: Payload, down: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "6 q 3"]]:
     """Return prior standard deviations of the weight [N] and first moment [N m], and how they act; () without weight.
 
     With one of them larger by 1, and with u the direction of the weight in the sensor's frame, the payload's wrench is
@@ -586,7 +586,7 @@ def _heavier(
     acts = np.zeros((6, 4, 3))
     acts[:3, 0], acts[3:, 0] = np.eye(3), skew(load.center_of_mass)
     acts[3:, 1:] = skew(np.eye(3)).swapaxes(0, 1)
-    return np.maximum(stated, newtons * np.repeat(REPEATS, [1, 3])), acts
+    return np.maximum(stated, newtons * np.repeat(LEAST_ERROR, [1, 3])), acts
 
 
 def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:
