@@ -1,4 +1,4 @@
-"""Payload: two public recordings of an Axia80 on an arm, mistakes that must be named, and an IMU in place of poses."""
+"""Payload: public recordings of an Axia80 on an arm, mistakes that must be named, an IMU, a payload that is off."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import palpate
-from claims.evidence import payload_imu, payload_mistakes
+from claims.evidence import payload_imu, payload_mistakes, payload_wrong
 from claims.row import Row, shared, skipped
 from palpate.spatial.pose import rotation_from_quaternion
 
@@ -16,7 +16,7 @@ SWAP = [0, 2, 1, 3, 5, 4]
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """Real recordings, turns about one axis, mistakes, and an IMU."""
+    """Real recordings, turns about one axis, mistakes, an IMU, and a payload that is off."""
     folder = shared()
     if folder is None:
         yield from skipped("seven and a hundred real poses", "")
@@ -25,6 +25,7 @@ def rows(small: bool) -> Iterator[Row]:
     yield from _one_axis()
     yield from payload_mistakes.rows(small)
     yield from payload_imu.rows(small)
+    yield from payload_wrong.rows(small)
 
 
 def _real(folder: Path) -> Iterator[Row]:

@@ -61,7 +61,7 @@ class CalibrateDrift(Calibration):
         temperature = recording.channels[TEMPERATURE][:, 0] if TEMPERATURE in recording.channels else None
         drift: SensorDrift = by_name(setup.kind.drift)(setup, recording, temperature, self.window)
         stated = setup.drift
-        weight = stated.weight if stated is not None and stated.weight else drift.weight
+        weight = 0.0 if stated is None else stated.weight
         table = drift_table(drift.found.drift, weight, None if stated is None else stated.temperature)
         notes = [*notes, *drift.notes, *drift.found.notes]
         return CalibrationResult(_figures(drift, weight), (table, drift.comments), notes=notes)
@@ -125,7 +125,7 @@ def _figures(of: SensorDrift, weight: float) -> list[tuple[str, object]]:
         ("walk", Quantity(walked, drift.walk.tolist())),
         ("warm-up", Quantity(warm, (MINUTE * drift.warm_up).tolist())),
         *([("temperature", ", ".join(slopes))] if drift.thermal.any() else []),
-        *([("weight", f"of the payload: +- {weight:.2g} N, by its calibration or the rig")] if weight else []),
+        *([("weight", f"of the payload: +- {weight:.2g} N, by the rig")] if weight else []),
         ("noise", f"{', '.join(noises)} of a mean over {found.window:.2g} s"),
         ("left out", str(found.validation)),
         ("in contact", f"after {LONGEST_CONTACT:.0f} s unsure (95 %): {of.unsure(found.unsure(LONGEST_CONTACT))}"),

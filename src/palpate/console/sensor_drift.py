@@ -43,7 +43,6 @@ class SensorDrift:
         comments: key of [drift] in a rig -> its unit.
         groups: all channels.
         unsure: takes a standard deviation per channel (m,), and returns the 95 % bound of force and torque as text.
-        weight: standard deviation of the payload's weight by its calibration [N]; 0: unknown.
         notes: on how the log was read, one sentence each.
     """
 
@@ -51,5 +50,4 @@ class SensorDrift:
     comments: Mapping[str, str]
     groups: tuple[ChannelGroup, ...]
     unsure: Callable[[Float[np.ndarray, " m"]], str]
-    weight: float = 0.0
     notes: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from palpate.contact.estimate import Status
 from palpate.contact.locate import ON, Locator
 from palpate.signals.wrench_sensor import Placement
-from palpate.signals.zero_filter import FollowedSensor, ZeroFilter, ZeroWindow
+from palpate.signals.zero_filter import FollowedSensor, ZeroFilter, ZeroStatus, ZeroWindow
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["DELAY"]
@@ -85,15 +85,13 @@ class Decided(NamedTuple):
         unused: numbers of the windows that are rejected, in order.
         used: numbers of the free windows that go into the filter after them, in order.
         jump: (m,) by which the bias jumped before the windows in `used`; None: it did not.
-        withheld: whether this window is withheld from the filter.
-        changed: whether a change was found that no contact explains, or a jump was followed.
+        status: use of this window; `CHANGED` is also that of a jump that was followed.
     """
 
     unused: list[int]
     used: list[int]
     jump: Float[np.ndarray, " m"] | None
-    withheld: bool
-    changed: bool
+    status: ZeroStatus
 
 
 class _Kept(NamedTuple):
@@ -139,7 +137,7 @@ class DriftGate:
     def reset(self) -> None:
         """Forget all windows, waiting or withheld, but not `jumps`."""
         self._pending, self._odd, self._recent = deque[_Kept](), deque[_Kept](), deque[_Kept]()
-        self._before: Float[np.ndarray, "m m"] | None = None  # covariance of the bias when it was last followed
+        self._before: Float[np.ndarray, "n n"] | None = None  # covariance of the state when it was last followed
         self._ended, self._fast, self._told = -np.inf, False, False
 
     def judge(
@@ -159,8 +157,9 @@ class DriftGate:
         self._recent.append(one)
         while self._recent[0].window.time < window.time - MEMORY:
             self._recent.popleft()
-        held = full or touched is True or strength >= ON or not self._free(one)
-        return self._hold(one) if held else self._release(one)
+        if full or touched is True or strength >= ON:
+            return self._hold(one, ZeroStatus.HELD)
+        return self._release(one) if self._free(one) else self._hold(one, ZeroStatus.FAINT)
 
     def finish(self) -> list[int]:
         """Drop all windows that still wait, and return their numbers, a list of int."""
@@ -187,12 +186,14 @@ class DriftGate:
             return True
         apart = one.off - np.array(others).sum(axis=0) / len(others)
         wandered = np.diag(self.filter.drift.walk**2 * (one.window.time - self._pending[0].window.time))
-        return _square(apart, noise * (1.0 + 1.0 / len(others)) + wandered) <= self._single
+        turned = one.window.regressor - np.mean([each.window.regressor for each in self._pending], axis=0)
+        changed = noise * (1.0 + 1.0 / len(others)) + wandered + self.filter.spread_by(turned)
+        return _square(apart, changed) <= self._single
 
     def _came_back(self, one: _Kept, noise: Float[np.ndarray, "m m"]) -> bool:
         """Return whether a touch has ended, and is not merely hidden by the uncertainty that has grown."""
         assert self._before is not None
-        if _square(one.off, self._before + noise) <= self._returned:
+        if _square(one.off, self.filter.spread(self._before, one.window.regressor) + noise) <= self._returned:
             return True
         moved = max(_square(each.off - one.off, noise) for each in self._recent)
         return moved >= _square(one.off, noise)
@@ -205,9 +206,9 @@ class DriftGate:
         if self._before is not None:
             self._ended, self._before, self._fast, self._told = time, None, False, False
         if time < self._ended + AFTER:
-            return Decided([*unused, one.number], [], None, withheld=False, changed=False)
+            return Decided([*unused, one.number], [], None, ZeroStatus.FREE)
         self._pending.append(one)
-        return Decided(unused, self._due(time), None, withheld=False, changed=False)
+        return Decided(unused, self._due(time), None, ZeroStatus.FREE)
 
     def _due(self, time: float) -> list[int]:
         used = list[int]()
@@ -215,26 +216,26 @@ class DriftGate:
             used.append(self._pending.popleft().number)
         return used
 
-    def _hold(self, one: _Kept) -> Decided:
+    def _hold(self, one: _Kept, status: ZeroStatus) -> Decided:
         """Withhold a window; after a confirmed jump of the bias, release windows."""
         unused = [each.number for each in self._pending]
         self._pending.clear()
         if self._before is None:
-            self._before = one.spread
+            self._before = self.filter.predicted(one.window.time)[1]
         self._odd.append(one)
         self._fast = self._fast or self._speed(one, SPAN)[0] > 1.0
         changed, jump = self._jumped(one)
         if jump is None:
             while self._odd[0].window.time < one.window.time - PERSISTS - DELAY:
                 unused.append(self._odd.popleft().number)
-            return Decided(unused, [], None, withheld=True, changed=changed)
+            return Decided(unused, [], None, ZeroStatus.CHANGED if changed else status)
         steady = [self._agree(each, jump) for each in self._odd]
         begin = len(steady) - steady[::-1].index(False) if False in steady else 0
         unused += [self._odd.popleft().number for _ in range(begin)]
         self._pending, self._odd = self._odd, deque[_Kept]()
         self._before, self._fast, self._told = None, False, False
         self._recent = deque(each._replace(off=each.off - jump) for each in self._recent)
-        return Decided(unused, self._due(one.window.time), jump, withheld=False, changed=True)
+        return Decided(unused, self._due(one.window.time), jump, ZeroStatus.CHANGED)
 
     def _agree(self, one: _Kept, level: Float[np.ndarray, " m"]) -> bool:
         return _square(one.off - level, one.window.noise + one.window.stays) <= self._single

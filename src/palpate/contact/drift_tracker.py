@@ -70,11 +70,13 @@ class DriftTracker:
                 f"must be stated for {len(begin.zero)} channels, as the sensor has, not for {len(drift.walk)}.",
                 where="drift",
             )
-        self._weighs = sensor.coefficients if drift.weight > 0 else 0
+        priors = sensor.coefficients.copy()
+        priors[:1] = np.maximum(priors[:1], drift.weight)
+        self._weighs = len(priors)
         self._warms = bool(drift.thermal.any() or drift.thermal_deviation.any())
         self.sensor, self.drift, self.smooth = sensor, drift, smooth
         slopes = drift.thermal_deviation if self._warms else np.empty(0)
-        self.filter = ZeroFilter(drift, np.concatenate([np.full(self._weighs, drift.weight), slopes]))
+        self.filter = ZeroFilter(drift, np.concatenate([priors, slopes]))
         self.gate = DriftGate(self.filter, sensor, shape, alone)
         self._record = ZeroRecord(sensor)
         self.count = 0
@@ -174,20 +176,17 @@ class DriftTracker:
         middle = (self._window + 0.5) * WINDOW
         if not usable.any():
             self._waiting[number] = ZeroWindow(middle, *self._nothing())
-            lost = Decided([*self.gate.finish(), number], [], None, withheld=True, changed=False)
-            self._settle(lost, middle, ZeroStatus.LOST)
+            self._settle(Decided([*self.gate.finish(), number], [], None, ZeroStatus.LOST), middle)
             return
         noise, stays = self.sensor.window_noise(kept, usable)
         regressor = self._regressor(free.regressor[usable].mean(axis=0), warmer)
         window = ZeroWindow(float(time[usable].mean()), free.value[usable].mean(axis=0), regressor, noise, stays)
         self._waiting[number] = window
         if window.time <= self._tared:  # the tare has it already
-            self._settle(Decided([number], [], None, withheld=False, changed=False), middle, ZeroStatus.FREE)
+            self._settle(Decided([number], [], None, ZeroStatus.FREE), middle)
             return
         strength = self._strength(window, free, usable, noise * np.count_nonzero(usable))
-        decided = self.gate.judge(number, window, strength, free.full, touched)
-        status = ZeroStatus.CHANGED if decided.changed else ZeroStatus.HELD if decided.withheld else ZeroStatus.FREE
-        self._settle(decided, middle, status)
+        self._settle(self.gate.judge(number, window, strength, free.full, touched), middle)
 
     def restart(self) -> None:
         """Decide on the windows so far, and begin anew after another tare of the sensor."""
@@ -271,8 +270,7 @@ class DriftTracker:
 
     def _regressor(self, weights: Float[np.ndarray, "m q"], warmer: float) -> Float[np.ndarray, "m k"]:
         """Return slopes (m, k) of a window by each coefficient: weight of the payload, slope of each channel."""
-        hangs = weights[:, : self._weighs]
-        return np.concatenate([hangs, warmer * np.eye(len(weights))], axis=1) if self._warms else hangs
+        return np.concatenate([weights, warmer * np.eye(len(weights))], axis=1) if self._warms else weights
 
     def _warmed(self, state: ZeroState, kelvin: float) -> ZeroState:
         """Return the bias at a temperature, with the uncertainty of the slopes."""
@@ -292,16 +290,16 @@ class DriftTracker:
         square = np.einsum("ni,ni->n", forces, np.linalg.solve(covariance[:3, :3], forces.T).T)
         return float(np.sqrt(square.max()))
 
-    def _settle(self, decided: Decided, time: float, status: ZeroStatus) -> None:
-        """Pass decided windows to the filter, or past it; record a status."""
-        self._statuses.append((time, status, self._kelvin))
+    def _settle(self, decided: Decided, time: float) -> None:
+        """Pass decided windows to the filter, or past it; record the status of the window at `time` [s]."""
+        self._statuses.append((time, decided.status, self._kelvin))
         self._pass(decided.unused)
         if decided.jump is not None:
             self.filter.widen(np.outer(decided.jump, decided.jump))
         for number in decided.used:
             self._keep(self.filter.update(self._waiting.pop(number), number))
         if not self.smooth:
-            self._record.add(time, self.at(time), status)
+            self._record.add(time, self.at(time), decided.status)
             self._statuses.clear()
 
     def _pass(self, numbers: list[int]) -> None:

@@ -10,7 +10,8 @@ from palpate.signals.zero_filter import FollowedSensor, ZeroHistory, ZeroState, 
 KEPT = 20_000  # windows, evenly spread
 MOSTLY = 0.9  # share of the time: a bias not followed for longer gives a warning, in a log of
 LEAST = 3000  # or more windows
-LEARNT = 0.8  # of the initial standard deviation of the payload's weight: below it, the weight was learnt
+SHORT, OFTEN = 600, 0.2  # windows of a log, and the share of them that are faint, from which there is a warning
+SELDOM = 0.05  # share of faint windows that is not mentioned: those in which touches begin and end
 SAID = 3  # jumps that notes list
 
 
@@ -61,13 +62,8 @@ class ZeroRecord:
         force, torque = (float(np.linalg.norm(part)) for part in (wrench[0, :3], wrench[0, 3:]))
         went = f"moved by {force:.2g} N and {1e3 * torque:.2g} mN m" if moved.any() else "was never followed"
         said = [
-            f"the zero {went} over {ended - begun:.0f} s; in {self._held():.0%} of the time it was kept, as something "
-            "touched"
+            f"the zero {went} over {ended - begun:.0f} s; in {self._held():.0%} of the time it was kept{self._why()}"
         ]
-        if len(last.coefficient):
-            sure, more = float(np.sqrt(last.covariance[-1, -1])), float(last.coefficient[0])
-            if sure < LEARNT * float(np.sqrt(first.covariance[-1, -1])):
-                said.append(f"the payload weighs {more:+.2g} N more than was stated, known to {sure:.1g} N")
         followed = [jump for jump in jumps if jump.followed]
         if followed:
             said.append(f"the zero jumped {_times(len(followed))}, and was followed: {_named(followed)}")
@@ -83,15 +79,26 @@ class ZeroRecord:
                 f"distinguished from two touches at once, so the bias was not tracked: {_named(left)}; tare again if "
                 "nothing touched"
             )
-        if self._seen >= LEAST and self._held() > MOSTLY:
+        if (self._seen >= LEAST and self._held() > MOSTLY) or (self._seen >= SHORT and self._faint() > OFTEN):
             said.append(
-                f"the zero was kept in {self._held():.0%} of the time: if mostly nothing touched, the drift, the noise "
-                "or the payload is stated too small"
+                f"the zero was kept in {self._held():.0%} of the time{self._why()}: if nothing touched then, the drift "
+                "or the noise is stated too small, or the payload has to be calibrated again"
             )
         return tuple(said)
 
     def _held(self) -> float:
         return float(1.0 - self._counts[ZeroStatus.FREE] / max(1, self._seen))
+
+    def _faint(self) -> float:
+        return float(self._counts[ZeroStatus.FAINT] / max(1, self._seen))
+
+    def _why(self) -> str:
+        if self._faint() <= SELDOM:
+            return ", as something touched"
+        return (
+            f" ({self._held() - self._faint():.0%} as something touched, {self._faint():.0%} as the readings changed "
+            "by more than drift, noise and payload explain, and by less than a touch)"
+        )
 
 
 def _times(count: int) -> str:

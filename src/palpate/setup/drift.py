@@ -50,8 +50,8 @@ class RigDrift:
     Values are `{ force = , torque = }` for a force/torque sensor, and for load cells one number for all voltages or a
     list. `walk` [N/sqrt(s), N m/sqrt(s); V/sqrt(s)] is the random walk; `warm_up` [N/min, N m/min; V/min] the standard
     deviation of the rate at the start, which settles within `settle` [s]; `weight` [N] the standard deviation of the
-    payload's weight. `thermal` [N/K, N m/K; V/K], with the standard deviation `thermal_deviation`, needs `temperature`:
-    the log's column or topic of it.
+    payload's weight, if it is larger than 2 % and than its calibration states. `thermal` [N/K, N m/K; V/K], with the
+    standard deviation `thermal_deviation`, needs `temperature`: the log's column or topic of it.
 
     Raises:
         ValueError: a value is out of bounds, or `thermal` is stated without `temperature`.

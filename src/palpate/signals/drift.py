@@ -22,7 +22,8 @@ class Drift(Value):
         walk: (m,) standard deviation of the random walk after one second, in the channel's unit over sqrt(s).
         warm_up: (m,) standard deviation of the rate at the start, in the channel's unit over s; None: 0, no warm-up.
         settling: [s] in which the rate falls to 1/e; inf: it stays.
-        weight: [N] standard deviation of the payload's weight from the one that is compensated.
+        weight: [N] standard deviation of the payload's weight from the one that is compensated, if it is larger than
+            those of its calibration and of 2 %.
         thermal: (m,) change per kelvin, where a temperature is read; None: 0.
         thermal_deviation: (m,) standard deviation of `thermal`; None: 0.
 

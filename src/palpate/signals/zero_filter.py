@@ -20,9 +20,10 @@ class ZeroStatus(IntEnum):
     """Use of a window by the filter of the zero."""
 
     FREE = 0  # nothing touched: used, or waiting to be
-    HELD = 1  # touched, or it may be
-    CHANGED = 2  # held, though no contact of the body explains it
+    HELD = 1  # withheld: touched
+    CHANGED = 2  # withheld, though no contact of the body explains it
     LOST = 3  # no reading could be used
+    FAINT = 4  # withheld: it changed by more than bias, noise and payload explain, and by less than a touch
 
 
 @takes_arrays
@@ -46,7 +47,7 @@ class ZeroState(NamedTuple):
 
     Attributes:
         zero: (m,) in the channels' units.
-        coefficient: (q,), such as the payload's weight [N] beyond the one that is compensated.
+        coefficient: (q,), such as the payload's weight [N] beyond the one that is compensated, and its first moment.
         covariance: (m + q, m + q) of both.
     """
 
@@ -63,11 +64,8 @@ class FollowedSensor(Protocol):
     """Inputs of one live sample."""
     zeros_taken: int
     """Number that changes with every tare."""
-
-    @property
-    def coefficients(self) -> int:
-        """Number q of coefficients followed in addition to the m channels: 1 where the payload weighs, else 0."""
-        ...
+    coefficients: Float[np.ndarray, " q"]
+    """Prior standard deviations of what is followed with the m channels: weight [N] and first moment of a payload."""
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n k"]:
         """Return the rows (n, k) of a recording that `free` needs."""
@@ -217,11 +215,22 @@ class ZeroFilter:
             InputError: the regressors do not have shape (m, q).
         """
         state, covariance = self.predicted(time)
-        seen = self._seen(regressor)
-        if not regressor.shape[1]:
-            m = self.channels
-            return state[:m], covariance[:m, :m]
-        return seen @ state, seen @ covariance @ seen.T
+        m, k = self.channels, self.known
+        return state[:m] + regressor @ state[m:k], self.spread(covariance, regressor)
+
+    def spread(self, covariance: Float[np.ndarray, "n n"], regressor: Float[np.ndarray, "m q"]) -> np.ndarray:
+        """Return the covariance (m, m) of a window's mean without noise, by that of the state (n, n).
+
+        Raises:
+            InputError: the regressors do not have shape (m, q).
+        """
+        seen, m = self._seen(regressor), self.channels
+        return seen @ covariance @ seen.T if regressor.shape[1] else covariance[:m, :m]
+
+    def spread_by(self, regressor: Float[np.ndarray, "m q"]) -> Float[np.ndarray, "m m"]:
+        """Return the covariance (m, m) of coefficients that act by a change of regressors (m, q)."""
+        m, k = self.channels, self.known
+        return regressor @ self.covariance[m:k, m:k] @ regressor.T
 
     def advance(self, time: float, number: int = 0) -> FilterStep:
         """Move the filter to a window's time [s] without using the window; return the `FilterStep`."""

@@ -27,6 +27,8 @@ from palpate.spatial.pose_track import sound_quaternions
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
 ITSELF = Placement(Pose.identity())
 SATURATED = 6  # contact.Status.SATURATED, which this layer does not import
+LEAST_ERROR = 0.02, 0.5e-3  # of the weight, and m of the centre: what a hose, a screw or a gain does to a payload
+LEARNT = 0.8  # of the prior standard deviation of the payload's weight: below it, the weight was learnt
 SURE = 5.0  # times its standard deviation: a smaller tare is no touch
 
 
@@ -91,9 +93,12 @@ class Compensation:
             self.motion, self._tilts = None, square_root(load.load_covariance)
         self._limits = np.full(6, np.inf) if sensor.limits is None else sensor.limits.copy()
         slope = load.gravity / load.magnitude**2 if load.weight.any() else np.zeros(3)
+        self._newtons = float(np.linalg.norm(load.weight))
+        self._down = load.weight / self._newtons if self._newtons else np.zeros(3)
         self._load: Float[np.ndarray, "11"] = np.concatenate(
             [load.weight, load.center_of_mass, slope, [load.mass, sensor.lever**-2]]
         )
+        self.coefficients, self._heavier = _heavier(load, self._down)
         self._gains = np.repeat([1.0, sensor.lever**2], 3)
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
         self._doubts = square_root(load.covariance if self._imu is None else np.zeros((12, 12)))
@@ -229,7 +234,9 @@ class Compensation:
         constant = self._load, *self._placing(placement)
         self._place(wrenches, *measured.readings[2:], share, *constant, located, covariances)
         if self._imu is not None:
-            covariances += self._tilted(measured.readings, placement.matrix, free=self._unsure is self._doubts)
+            untared = self._unsure is self._doubts
+            factor = self._tilts if untared else self._unknown(self._tilts, followed=self._load is not self._stated)
+            covariances += self._tilted(measured.readings, placement.matrix, factor)
         return located, None if self.noise is None else covariances
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
@@ -273,7 +280,7 @@ class Compensation:
         turn, hanging = rotation.T - np.outer(acceleration, slope), rotation.T @ weight - mass * acceleration
         self._mean = np.concatenate([turn, hanging[None]])
         self._zero = self._bias + found.mean
-        self._unsure = self._unknown()
+        self._unsure = self._unknown(self._doubts)
         self._own = self._zero, self._unsure
         self._samples, self._placement = found.samples, None
         self._tared = self._since = float(np.nanmax(made.time))
@@ -284,11 +291,6 @@ class Compensation:
     def reset(self) -> None:
         """Forget when the log began: the age of the zero counts from the tare, or else from the next sample."""
         self._since = self._tared
-
-    @property
-    def coefficients(self) -> int:
-        """Number of coefficients followed with the zero: 1, the payload's weight, or 0 without weight."""
-        return int(bool(self._stated[:3].any()))
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n 19"]:
         """Return (n, 19): readings (6) [N, N m], rotations by rows (9), accelerations (3), their deviation [m/s^2].
@@ -313,7 +315,7 @@ class Compensation:
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n 19"]) -> Free:
-        """Return a `Free` of readings less the stated payload, NaN if unusable, and their change by 1 N of weight.
+        """Return a `Free` of readings less the stated payload, NaN if unusable, and how `coefficients` change them.
 
         Raises:
             InputError: kept has another shape.
@@ -322,13 +324,7 @@ class Compensation:
         made = self._compensated(readings, np.zeros(6), self._stated)
         usable = made.status < 0
         made.wrench[~usable] = np.nan
-        regressor = np.zeros((len(kept), 6, self.coefficients))
-        if self.coefficients:
-            slope = self._stated[6:9]  # (w/|w|)/|g|
-            direction = self._stated[:3] / np.linalg.norm(self._stated[:3])
-            hangs = np.einsum("nji,j->ni", readings.rotation, direction)
-            hangs = hangs - readings.acceleration * np.linalg.norm(slope)
-            regressor[:, :3, 0], regressor[:, 3:, 0] = hangs, np.cross(self._stated[3:6], hangs)
+        regressor = self._hung(readings.rotation.swapaxes(1, 2) - readings.acceleration[:, :, None] * self._stated[6:9])
         return Free(made.wrench, regressor, bool(np.any(made.status == SATURATED)))
 
     @takes_arrays
@@ -350,10 +346,11 @@ class Compensation:
         constant[1], constant[2] = self._misfit(), self._load[9] ** 2 * push @ push.T
         middle = _kept(kept).picked(usable).mean()
         located, spread = np.empty((1, 6)), np.empty((1, 6, 6))
-        rest = self._mean, self._unknown(), ITSELF.factor, ITSELF.matrix, constant, located, spread
+        unknown = self._unknown(self._doubts, followed=True)
+        rest = self._mean, unknown, ITSELF.factor, ITSELF.matrix, constant, located, spread
         self._place(np.zeros((1, 6)), *middle[2:], np.zeros(1), self._stated, *rest)
         if self._imu is not None:
-            spread += self._tilted(middle, ITSELF.matrix, free=False)
+            spread += self._tilted(middle, ITSELF.matrix, self._unknown(self._tilts, followed=True))
         return noise, spread[0]
 
     @takes_arrays
@@ -378,11 +375,10 @@ class Compensation:
         if self._samples is None and self.payload is not None:
             biases = np.r_[3:6, 9:12]
             spread = self.payload.load_covariance[np.ix_(biases, biases)]
-        regressor = self._hung(self._mean[:3])[:, None] if self.coefficients else np.zeros((6, 0))
-        return self._tared, ZeroState(self._own[0].copy(), np.zeros(0), spread), regressor
+        return self._tared, ZeroState(self._own[0].copy(), np.zeros(0), spread), self._hung(self._mean[:3])
 
     def follow(self, state: ZeroState | None) -> None:
-        """Use a zero [N, N m], an additional weight and their covariance from now on; None: those of the tare."""
+        """Use a zero [N, N m], a payload's error and their covariance from now on; None: those of the tare."""
         if (state is None) != (self._followed is None):
             self._placement = None
         self._followed, self.revision = state, self.revision + 1
@@ -390,36 +386,58 @@ class Compensation:
         if state is None:
             return
         self._zero, turn = state.zero.copy(), np.eye(len(state.covariance))
-        weighs, direction = float(np.linalg.norm(self._stated[:3])), np.zeros(3)
-        if len(state.coefficient):
-            direction = self._stated[:3] / weighs
-            self._load = self._stated.copy()
-            self._load[[0, 1, 2, 9]] *= 1.0 + float(state.coefficient[0]) / weighs
-            turn[:6, 6] = self._hung(self._mean[:3])  # the loops count from the tare's pose
+        count = len(state.coefficient)
+        turn[:6, 6:] = self._hung(self._mean[:3])[:, :count]  # the loops count from the tare's pose
         root = square_root(turn @ state.covariance @ turn.T)
         more = np.zeros((len(root), 12))
         more[:, 3:6], more[:, 9:] = root[:, :3], root[:, 3:6]
-        if len(state.coefficient):
-            more[:, :3] = root[:, 6:] * direction
-        self._unsure = np.concatenate([self._unknown(), more])
+        if count:
+            newtons = self._newtons + float(state.coefficient[0])
+            self._load = self._stated.copy()
+            self._load[[0, 1, 2, 9]] *= newtons / self._newtons
+            self._load[3:6] += state.coefficient[1:] / newtons
+            more[:, :3], more[:, 6:9] = root[:, 6:7] * self._down, root[:, 7:] / newtons
+        self._unsure = np.concatenate([self._unknown(self._doubts, followed=count > 0), more])
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the motion, a sentence each; () without a payload or a `Motion`."""
-        return () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
+        """Return notes on the motion and on the payload's error where it is followed, a tuple of sentences."""
+        moved = () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
+        found, large = self._payload_error()
+        return (*moved, found) if found and not large else moved
 
     def warnings(self) -> tuple[str, ...]:
-        """Return (): there are no warnings."""
-        return ()
+        """Return a sentence, in a tuple, if the payload is further off than its calibration allows; else ()."""
+        found, large = self._payload_error()
+        return (f"{found}: run `palpate calibrate payload` again",) if large else ()
 
-    def _hung(self, turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6"]:
-        """Return the wrench of one more newton of the payload's weight; `turn` is R^T."""
-        force = turn @ self._stated[:3] / np.linalg.norm(self._stated[:3])
-        return np.concatenate([force, np.cross(self._stated[3:6], force)])
+    def _payload_error(self) -> tuple[str, bool]:
+        """Return a sentence on the followed payload's error, "" until it is learnt, and whether it is large."""
+        if self._followed is None or not len(self._followed.coefficient):
+            return "", False
+        off, sure = self._followed.coefficient, np.sqrt(np.diag(self._followed.covariance)[6:])
+        if sure[0] > LEARNT * self.coefficients[0]:
+            return "", False
+        away, known = (1e3 * float(np.linalg.norm(part[1:])) / self._newtons for part in (off, sure))
+        return (
+            f"the payload weighs {off[0]:+.2g} N ({off[0] / self._newtons:+.1%}) more than stated, known to "
+            f"{sure[0]:.1g} N, and its centre is {away:.2g} mm off, known to {known:.1g} mm",
+            bool(np.any(np.abs(off) > np.maximum(self.coefficients, 3.0 * sure))),
+        )
 
-    def _unknown(self) -> Float[np.ndarray, "r 12"]:
-        """Return the factor of the payload's covariance without its biases, which are in the zero."""
-        left = self._doubts.copy()
-        left[:, 3:6] = left[:, 9:] = 0.0
+    def _hung(self, turn: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n 6 q"]:
+        """Return the wrench of one more newton of weight, and of each first moment; `turn` is `place`'s A."""
+        return (turn @ self._down @ self._heavier.reshape(-1, 3).T).reshape(*turn.shape[:-2], *self._heavier.shape[:2])
+
+    def _unknown(self, factor: Float[np.ndarray, "r p"], *, followed: bool = False) -> Float[np.ndarray, "r p"]:
+        """Return a factor of the payload's covariance without its biases, which are in the zero.
+
+        Where weight and centre are followed with the zero, only the weight's direction remains.
+        """
+        left = factor.copy()
+        left[:, 3:6] = left[:, 9:12] = 0.0
+        if followed and self._newtons:
+            left[:, 6:9] = 0.0
+            left[:, :3] -= np.outer(left[:, :3] @ self._down, self._down)
         return left
 
     def _of_mean(self, count: int | None) -> Float[np.ndarray, "6 6"]:
@@ -518,11 +536,11 @@ class Compensation:
             )
         return *self._imu.upright(channels[ACCELERATION], self.payload.magnitude), np.full((1, 1), self._imu.noise)
 
-    def _tilted(self, readings: _Readings, matrix: Float[np.ndarray, "6 6"], *, free: bool) -> np.ndarray:
-        """Return covariances (n, 6, 6) of a payload with an IMU, in the frame of `matrix`; its biases err if `free`."""
-        load, payload, factor = self._load, self.payload or Payload(), self._tilts.copy()
-        if not free:
-            factor[:, 3:6] = factor[:, 9:12] = 0.0
+    def _tilted(
+        self, readings: _Readings, matrix: Float[np.ndarray, "6 6"], factor: Float[np.ndarray, "r 15"]
+    ) -> Float[np.ndarray, "n 6 6"]:
+        """Return the covariances of a payload with an IMU in the frame of `matrix`; `factor` is of its parameters."""
+        load, payload = self._load, self.payload or Payload()
         inside = readings.rotation.swapaxes(1, 2)
         turn = inside - readings.acceleration[:, :, None] * load[6:9]
         hangs = inside @ load[:3] - load[9] * readings.acceleration
@@ -553,6 +571,22 @@ class Compensation:
 
     def __repr__(self) -> str:
         return f"Compensation({self.sensor!r}, {self.payload!r})"
+
+
+def _heavier(load: Payload, down: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "6 q 3"]]:
+    """Return prior standard deviations of the weight [N] and first moment [N m], and how they act; () without weight.
+
+    With one of them larger by 1, and with u the direction of the weight in the sensor's frame, the payload's wrench is
+    larger by (u, c x u) for the weight, and by (0, e x u) for the first moment along each axis e: (6, q, 3) times u.
+    """
+    if not down.any():
+        return np.zeros(0), np.zeros((6, 0, 3))
+    newtons, spread = float(np.linalg.norm(load.weight)), load.covariance
+    stated = np.sqrt([down @ spread[:3, :3] @ down, *(newtons**2 * np.diag(spread)[6:9])])
+    acts = np.zeros((6, 4, 3))
+    acts[:3, 0], acts[3:, 0] = np.eye(3), skew(load.center_of_mass)
+    acts[3:, 1:] = skew(np.eye(3)).swapaxes(0, 1)
+    return np.maximum(stated, newtons * np.repeat(LEAST_ERROR, [1, 3])), acts
 
 
 def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:

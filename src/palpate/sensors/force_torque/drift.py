@@ -12,7 +12,6 @@ from palpate.console.sensor_drift import CHI_95, ChannelGroup, SensorDrift
 from palpate.errors import InputError
 from palpate.sensors.force_torque.section import ForceTorqueSection, accelerated, free_wrenches
 from palpate.setup.setup import Setup
-from palpate.signals.payload import Payload
 from palpate.signals.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
@@ -70,7 +69,7 @@ def wrench_drift(
         names=AXES,
         window=window,
     )
-    return SensorDrift(found, COMMENTS, GROUPS, _unsure, _unsure_weight(sensor.payload), notes)
+    return SensorDrift(found, COMMENTS, GROUPS, _unsure, notes)
 
 
 def _moving(setup: Setup, recording: Recording) -> tuple[Setup, tuple[str, ...]]:
@@ -105,12 +104,6 @@ def _turned(rotations: Float[np.ndarray, "n 3 3"] | None) -> float:
         return 0.0
     cosine = (np.einsum("nij,ij->n", known, known[0]) - 1.0) / 2.0
     return float(np.degrees(np.arccos(np.clip(cosine.min(), -1.0, 1.0))))
-
-
-def _unsure_weight(payload: Payload | None) -> float:
-    if payload is None:
-        return 0.0
-    return float(np.sqrt(max(0.0, np.linalg.eigvalsh(payload.covariance[:3, :3]).max())))
 
 
 def _unsure(deviation: Float[np.ndarray, "6"]) -> str:

@@ -235,7 +235,7 @@ class LoadCellArray:
         self._seconds, self._known = float(np.ptp(time)) if len(time) else START, True
         return Tare(zero.note, "" if zero.touch is not None else zero.warning, zero.touch)
 
-    coefficients = 0
+    coefficients = np.zeros(0)
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n m"]:
         """Return a copy of the voltages (n, 3 k) [V] of a recording.
