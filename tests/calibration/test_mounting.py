@@ -248,7 +248,7 @@ def drifting(rng: np.random.Generator, count: int, lasting: float) -> np.ndarray
 
 
 @pytest.mark.parametrize(("count", "drift"), [(40, 0.0), (40, 1e-3), (400, 1e-3)])
-def test_what_touches_err_by_is_told_from_their_drift(count: int, drift: float) -> None:
+def test_jitter_and_drift_of_touches_are_found_as_drawn(count: int, drift: float) -> None:
     """Of residuals from a fit of an offset, jitter and drift as drawn: both, or no drift."""
     rng, found = np.random.default_rng(12), list[tuple[float, float]]()
     slopes = np.concatenate([1e-2 * rng.normal(size=(count, 2, 3)), np.tile(np.eye(3)[:2], (count, 1, 1))], axis=2)
