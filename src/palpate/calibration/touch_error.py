@@ -35,8 +35,13 @@ class TouchError:
         """Return the part [m] that is not due to marks hit with a standard deviation of `marks` [m]."""
         return float(np.hypot(max(self.jitter**2 - marks**2, 0.0) ** 0.5, self.drift))
 
+    @takes_arrays
     def carried(self, gains: Float[np.ndarray, "n p 3"]) -> Float[np.ndarray, "p p"]:
-        """Return the covariance (p, p) of the sum of gains (n, p, 3) times the drift of each touch."""
+        """Return the covariance (p, p) of the sum of gains (n, p, 3) times the drift of each touch.
+
+        Raises:
+            InputError: gains have another shape.
+        """
         touch = np.arange(len(gains))
         alike = self.drift**2 * np.exp(-np.abs(np.subtract.outer(touch, touch)) / self.lasting)
         return np.einsum("kpi,kqi->pq", gains, np.tensordot(alike, gains, 1))
