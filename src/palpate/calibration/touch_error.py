@@ -10,7 +10,7 @@ from jaxtyping import Float
 from palpate.signals.correlation import correlation_time
 from palpate.spatial.arguments import takes_arrays
 
-FEWEST, MANY = 6, 48  # touches whose errors are estimated; of more, groups are averaged
+FEWEST, MANY = 4, 48  # touches whose errors are estimated; of more, groups are averaged
 LASTING = 2.0 ** -np.arange(5.0)  # of the touches: they show no drift that lasts longer
 VARIANCES = np.geomspace(1e-3, 30.0, 32)  # that are tried, over that of the residuals
 DOUBTFUL = 0.2  # probability of no drift above which there is none
@@ -56,7 +56,7 @@ def touch_error(
     They are white noise of variance u and a shift of the surface that drifts, of variance s^2 along each axis and
     correlation exp(-|k - l| / tau) between touches k and l. Returned are the means of u and s^2 over their restricted
     likelihood [Patterson & Thompson 1971], if log u, log s, log tau are evenly distributed, and s = 0 as probable as
-    not. Fewer than six touches, or errors of 0, show nothing.
+    not. Fewer than four touches, or errors of 0, show nothing.
 
     Args:
         errors: (n, 2) [m] of apparent points, along two tangents.

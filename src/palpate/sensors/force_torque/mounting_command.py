@@ -12,7 +12,7 @@ from tyro.conf import arg
 
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
-from palpate.calibration.touch_error import TouchError
+from palpate.calibration.touch_error import FEWEST, TouchError
 from palpate.console.calibration import Calibration, CalibrationResult, origin
 from palpate.console.console import wait
 from palpate.console.options import FileOption, Log, Output, RigFile
@@ -90,7 +90,7 @@ class CalibrateMounting(Calibration):
             spreads=Spreads(placement=self.placement),
             labels=touches.label,
         )
-        error = None if marks is None else mounting.error
+        error = mounting.error if marks is not None and len(mounting.touches) >= FEWEST else None
         kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
         payload = setup.of(ForceTorqueSection).table.payload is not None
         return CalibrationResult(
@@ -157,9 +157,11 @@ def _in_sensor(
 
 
 def _err_by(error: TouchError, marks: float) -> str:
-    each, together, added = (f"{1e3 * size:.2g} mm" for size in (error.jitter, error.drift, error.placement(marks)))
-    drift = f", and {together} in common over some {error.lasting:.0f} touches" if error.drift else ""
-    return f"{each} each{drift}, along each tangent beyond noise; {added}, not by the marks, is the placement"
+    drift = f" and {1e3 * error.drift:.2g} mm in common over some {error.lasting:.0f}" if error.drift else ""
+    errors, added = f"{1e3 * error.jitter:.2g} mm each{drift}, in addition to their noise", error.placement(marks)
+    if not added:
+        return f"{errors}: no more than the {1e3 * marks:.2g} mm that marks are hit by"
+    return f"{errors}; {1e3 * added:.2g} mm of it is not how marks are hit, and is in the covariance (placement)"
 
 
 def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstimator) -> TrueTouches:
