@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Int
 from tyro.conf import arg
 
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
@@ -31,7 +30,6 @@ from palpate.signals.recording import Recording
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 
-Rows = Int[np.ndarray, " k"]
 POOR = 3.0  # times the expected residual: beyond it the model, not the noise, is what is left
 
 
