@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 from scipy.spatial.transform import Rotation
 
+import palpate
 from claims.command import cli
 from claims.evidence.covariance import CHI2_95
 from claims.row import Row, shared, skipped
@@ -100,15 +101,27 @@ def _ellipses(log: Path, scratch: Path) -> Iterator[Row]:
     points = np.column_stack([x - 0.06, np.full(len(x), 0.008), 0.142 - y])
     halves = np.array_split(pressed, 2)
     for rows, called in ((8, "of 0.1 s each"), (1, "one a row")):
-        found = [
-            _calibrated(log, scratch, points, [fit[k : k + rows] for k in range(0, len(fit) - rows + 1, rows)], judge)
-            for fit, judge in (halves, halves[::-1])
-        ]
+        found, poses = list[tuple[float, float, float, float]](), list[tuple[palpate.Pose, np.ndarray]]()
+        for fit, judge in (halves, halves[::-1]):
+            marks = [fit[k : k + rows] for k in range(0, len(fit) - rows + 1, rows)]
+            found.append(_calibrated(log, scratch, points, marks, judge))
+            rig = palpate.load_rig(scratch / "new.toml")
+            poses.append((rig.mount(), np.array(rig.surface.pose_covariance)))
         text = ", ".join(f"{held:.1%} at {1e3 * size:.1f} mm" for held, size, *_ in found)
         text += " of standard deviation (judged on the second half, on the first), the mean square "
         text += " and ".join(f"{square:.2f}" for *_, square, _ in found) + " of what is expected"
         what = f"mounting calibrated on one half, marks {called}: truth in the 95 % ellipse on the other"
         yield Row(what, ">= 85 %", text, all(held >= 0.85 for held, *_ in found))
+        square = _difference(*poses)
+        what = f"marks {called}: squared difference of the two halves' poses over its covariance, per number"
+        yield Row(what, "0.5 to 2", f"{square:.2f}", 0.5 <= square <= 2.0)
+
+
+def _difference(one: tuple[palpate.Pose, np.ndarray], other: tuple[palpate.Pose, np.ndarray]) -> float:
+    """Return the squared xi of one = exp(xi) other, over its covariance, per number."""
+    turn = one[0].rotation @ other[0].rotation.T
+    xi = np.concatenate([Rotation.from_matrix(turn).as_rotvec(), one[0].translation - turn @ other[0].translation])
+    return float(xi @ np.linalg.solve(one[1] + other[1], xi)) / 6.0
 
 
 def _calibrated(
