@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.calibration._touch_evidence import KnownPoints, _scale, fit, moved, offset
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
-from palpate.calibration.touch_error import spread_in_time, touch_error
-from palpate.contact.ground_truth import TrueTouches
+from palpate.calibration.touch_error import TouchError, spread_in_time, touch_error
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
@@ -242,32 +241,46 @@ def test_a_far_touch_pulls_no_harder_the_further_it_is() -> None:
     assert np.linalg.norm(far - near) < 0.1 * np.linalg.norm(near)
 
 
-def test_what_touches_err_by_beside_the_noise_is_found(mesh: Mesh) -> None:
-    rng, count, samples, beside = np.random.default_rng(12), 60, 20, 1.5e-3
-    points = BODY.sample(count, rng)
-    normals = BODY.normals(points)
-    aside = np.cross(normals, rng.normal(0.0, beside, (count, 3)))  # of this deviation along each tangent
-    wrenches = np.repeat(sensed(touch_wrenches(points, normals, rng, force=(2.0, 8.0), pitch=1e-3)), samples, axis=0)
-    time = np.arange(count * samples, dtype=np.float64)
-    touches = TrueTouches(time[::samples], time[samples - 1 :: samples], points - aside, tuple(map(str, range(count))))
-    noise = 10.0 * NOISE
-    log = wrenches + rng.normal(size=wrenches.shape) * noise
+def drifting(rng: np.random.Generator, count: int, lasting: float) -> np.ndarray:
+    """Shifts (count, 3) of variance 1 and correlation exp(-|k - l| / lasting)."""
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    return np.linalg.cholesky(np.exp(-apart / lasting)) @ rng.normal(size=(count, 3))
 
-    def pose_from(rows: np.ndarray) -> Pose:
-        means, spreads = mean_touches(time, log, touches.start, touches.end, noise)
-        marks = touches.point[rows]
-        placed = Spreads(placement=beside)
-        return identify_mounting(
-            means[rows], mesh, initial=NOMINAL, points=marks, noise=spreads[rows], spreads=placed
-        ).pose
 
-    found = touch_error(time, log, touches, normals, np.diag(noise**2), pose_from)
-    # 120 errors tell their deviation to 6 %, and the pose from three quarters of them adds as much
-    assert found.common == pytest.approx(beside, rel=0.2)
-    # of the torque, and of the force with an arm of 86 mm; evenly spread from 2 to 8 N, 1/F is 1/4 N in the rms
-    assert found.noise == pytest.approx(float(np.hypot(1e-3, 0.02 * 0.086)) / 4.0, rel=0.2)
-    assert found.placement(2e-3) == 0.0
-    assert found.placement(0.0) == found.common
+@pytest.mark.parametrize(("count", "drift"), [(40, 0.0), (40, 1e-3), (400, 1e-3)])
+def test_jitter_and_drift_of_touches_are_found_as_drawn(count: int, drift: float) -> None:
+    """Of residuals from a fit of an offset, jitter and drift as drawn: both, or no drift."""
+    rng, found = np.random.default_rng(12), list[tuple[float, float]]()
+    slopes = np.concatenate([1e-2 * rng.normal(size=(count, 2, 3)), np.tile(np.eye(3)[:2], (count, 1, 1))], axis=2)
+    for _ in range(20):
+        errors = 0.5e-3 * rng.normal(size=(count, 2)) + drift * drifting(rng, count, count / 8.0)[:, :2]
+        error = touch_error(errors - errors.mean(axis=0), slopes, np.full(count, 0.3e-3**2))
+        found.append((error.jitter, error.drift))
+    jitter, drifts = np.sqrt(np.mean(np.square(found), axis=0))
+    assert jitter == pytest.approx(0.4e-3, rel=0.25)  # 0.5 mm less the noise of 0.3 mm; within a group drift is jitter
+    assert drifts < 0.1e-3 if drift == 0.0 else 0.7 * drift < drifts < 2.0 * drift  # 8 times its length tell it roughly
+
+
+def test_the_placement_is_what_marks_do_not_explain() -> None:
+    error = TouchError(jitter=1.3e-3, drift=0.9e-3, lasting=5.0)
+    assert error.placement(0.5e-3) == pytest.approx(1.5e-3)  # 1.2 mm and 0.9 mm
+    assert error.placement(2e-3) == error.drift  # which no mark that is hit at random has
+    gains = np.eye(3)[None].repeat(2, axis=0)
+    assert error.carried(gains) == pytest.approx(2.0 * error.drift**2 * (1.0 + np.exp(-0.2)) * np.eye(3))
+
+
+def test_a_drift_between_halves_is_in_the_covariance(mesh: Mesh) -> None:
+    """A random walk of the marks: the mean shift of the second half lies where the first half says."""
+    squares, trials = list[float](), 30
+    for seed in range(trials):
+        rng = np.random.default_rng(seed)
+        points, walk = BODY.sample(30, rng), np.cumsum(rng.normal(0.0, 0.2e-3, (60, 3)), axis=0)  # 1 mm in 30 touches
+        marks = points - walk[:30] + rng.normal(0.0, 0.2e-3, points.shape)
+        found = identify_mounting(sensed(pressed(points, rng), rng), mesh, initial=NOMINAL, points=marks, noise=NOISE)
+        away = error(found, TRUE @ Pose(np.eye(3), walk[30:].mean(axis=0)))
+        covariance = found.covariance + found.error.drift**2 * np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+        squares.append(float(away @ np.linalg.solve(covariance, away)))
+    assert 0.5 * 6.0 < np.mean(squares) < 2.0 * 6.0
 
 
 def test_errors_of_neighbours_count_once() -> None:

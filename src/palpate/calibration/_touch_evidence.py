@@ -13,6 +13,7 @@ from math import radians
 import numpy as np
 from jaxtyping import Float
 
+from palpate.calibration.touch_error import TouchError, touch_error
 from palpate.contact.locate import locate
 from palpate.errors import InputError
 from palpate.spatial.gauss_newton import gauss_newton, huber
@@ -25,6 +26,7 @@ __all__ = ["Evidence", "KnownPoints", "SomewhereOnSurface", "Spreads", "fit", "o
 FLOOR = 1e-5  # m: no touch is believed to be placed better than this, even if the caller states no noise at all
 USUAL = 3.0  # standard deviations of a touch: beyond it its weight falls (Huber 1964)
 MEDIAN = 2.366  # of the chi-square with 3 degrees of freedom
+GRAZING = 0.1  # of the force: of touches that press less, errors along the surface count as if they did
 ROUNDS, STILL = 100, 1e-5  # steps, and the longest in standard deviations of the prior that ends them
 STEP = 0.03  # rad, and a third of it in sizes of the surface: over many facets, so that the slope is the body's
 
@@ -84,15 +86,29 @@ class Evidence(ABC):
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
         """Return the matrices that make the residual's expected covariance the identity, (n, k, k)."""
 
+    def error(self, pose: Pose) -> TouchError:
+        """Return the `TouchError` beyond the noise, as far as the touches show it."""
+        return TouchError()
+
     def whitened(self, pose: Pose) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 6"]]:
         """Return the residuals (n k,) of all touches at a pose, in standard deviations, and their slopes (n k, 6)."""
         whitener = self.whitener(pose)
         slopes: Float[np.ndarray, "m 6"] = (whitener @ self.jacobian(pose)).reshape(-1, 6)
         return _applied(whitener, self.residual(pose)).ravel(), slopes
 
+    def information(self, pose: Pose) -> Float[np.ndarray, "n 6 6"]:
+        """Return the information of each touch on (omega, delta) at a pose, (n, 6, 6)."""
+        slopes = self.whitened(pose)[1].reshape(len(self.wrenches), -1, 6)
+        return np.swapaxes(slopes, 1, 2) @ slopes
+
     def _unexplained(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Return M - p x F."""
         return self.wrenches[:, 3:] - np.cross(points, self.wrenches[:, :3])
+
+    def _wrench_noise(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+        """Return the covariance of M - p x F by that of the wrench."""
+        lever = np.concatenate([-skew(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
+        return lever @ self.covariances @ np.swapaxes(lever, 1, 2)
 
     def _torque_whitener(
         self, points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
@@ -100,11 +116,9 @@ class Evidence(ABC):
         """Return the whitener of M - p x F: noise, place of the touch, torsion."""
         force = skew(self.wrenches[:, :3])
         square = np.sum(self.wrenches[:, :3] ** 2, axis=1)[:, None, None]
-        lever = np.concatenate([-skew(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
-        noise = lever @ self.covariances @ np.swapaxes(lever, 1, 2)
         place = self.spreads.placement**2 * force @ np.swapaxes(force, 1, 2)
         spin = self.spreads.torsion**2 * square * normals[:, :, None] * normals[:, None, :]
-        whole: np.ndarray = noise + place + spin + FLOOR**2 * square * np.eye(3)
+        whole: np.ndarray = self._wrench_noise(points) + place + spin + FLOOR**2 * square * np.eye(3)
         return np.linalg.inv(np.linalg.cholesky(whole))
 
 
@@ -132,6 +146,20 @@ class KnownPoints(Evidence):
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
         """Return the whitener of the torque (n, 3, 3)."""
         return self._torque_whitener(pose.apply(self.points), pose.rotate(self.normals))
+
+    def error(self, pose: Pose) -> TouchError:
+        """Return the `TouchError` of the touches at their fitted pose.
+
+        A wrench that acts at a distance d from the mark p, across its normal n, has r = M - p x F = d x F + tau n, and
+        d = n x r / (n . F).
+        """
+        normals, points, force = pose.rotate(self.normals), pose.apply(self.points), self.wrenches[:, :3]
+        tangents = np.linalg.svd(normals[:, None])[2][:, 1:]
+        pressing = np.maximum(np.abs(np.sum(normals * force, axis=1)), GRAZING * np.linalg.norm(force, axis=1))
+        across = tangents @ skew(normals) / pressing[:, None, None]
+        noise = across @ self._wrench_noise(points) @ np.swapaxes(across, 1, 2)
+        errors = np.einsum("nij,nj->ni", across, self.residual(pose))
+        return touch_error(errors, across @ self.jacobian(pose), np.trace(noise, axis1=1, axis2=2) / 2.0)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import field, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calibration._screws import name_motions
 from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads, fit, offset
-from palpate.calibration.touch_error import spread_in_time
+from palpate.calibration.touch_error import TouchError
 from palpate.calibration.validation import Validation, cross_validate
 from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
@@ -29,7 +30,9 @@ SAID = 3  # notes in a refusal
 ENOUGH = 8  # touches of which some can be left out
 CONTRADICTED = 20.0  # times the expected residual: no pose explains such touches
 WRONG = 5.0  # of a touch: beyond it the touch is left out and named: another mark, or a slip
+SURE = 2.0  # over sqrt(n): the relative excess of the variance of n touches that is no chance, two sigma
 _USUAL = Spreads()
+Rows = Int[np.ndarray, " k"]
 
 
 @frozen_value
@@ -45,6 +48,7 @@ class Mounting:
         unobservable: the other motions.
         touches: (k,) numbers of the touches that were used.
         validation: errors of touches that a fit did not use.
+        error: errors of touches at known points beyond the noise of their wrenches.
         notes: messages for the user, one sentence each.
         provenance: sources of the data.
 
@@ -59,6 +63,7 @@ class Mounting:
     unobservable: tuple[str, ...]
     touches: Int[np.ndarray, " k"]
     validation: Validation = field(default_factory=Validation)
+    error: TouchError = field(default_factory=TouchError)
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
 
@@ -126,8 +131,8 @@ def identify_mounting(
     ]
     covariances = _noise(noise, len(wrenches))
 
-    def evidence(rows: Int[np.ndarray, " k"]) -> Evidence:
-        touched = wrenches[rows], covariances[rows], spreads
+    def evidence(rows: Rows, placed: float) -> Evidence:
+        touched = wrenches[rows], covariances[rows], replace(spreads, placement=placed)
         if points is None:
             return SomewhereOnSurface(*touched, surface)
         return KnownPoints(*touched, points[rows], surface.project(points[rows])[1])
@@ -136,15 +141,20 @@ def identify_mounting(
         raise _refusal(points is None, np.eye(6), spreads, notes)
     if points is not None:
         notes += _strays(points[used], surface, [names[k] for k in used], spreads.placement)
-    pose, distances, scale = fit(evidence(used), initial)
-    while distances.max() > WRONG * scale and len(used) > 4:
-        worst = int(np.argmax(distances))
-        notes.append(
-            f"{names[used[worst]]} is left out: it is {distances[worst] / scale:.0f} standard deviations from the fit"
+    of = partial(evidence, placed=spreads.placement)
+    kept, pose, outliers = _fitted(of, used, initial, names)
+    residual, error = _misfit(of(kept), pose), of(kept).error(pose)
+    if residual > CONTRADICTED:
+        raise InputError(
+            f"the touches fit no pose of the surface: they are {residual:.0f} times further from it than expected.",
+            hint="Check that the marks are in the surface's frame, in metres and in the order of the touches, and "
+            "check payload and axes in the rig.",
         )
-        used = np.delete(used, worst)
-        pose, distances, scale = fit(evidence(used), initial)
-    return _judged(evidence, pose, initial, used, notes)
+    if error.jitter**2 > spreads.placement**2 * (1.0 + SURE / len(kept) ** 0.5):  # again, weighted by their error
+        of = partial(evidence, placed=error.jitter)
+        kept, pose, outliers = _fitted(of, used, initial, names)
+        error = of(kept).error(pose)
+    return _judged(of, kept, pose, initial, error, residual, [*notes, *outliers])
 
 
 @takes_arrays
@@ -190,75 +200,104 @@ def _noise(noise: ArrayLike | None, count: int) -> Float[np.ndarray, "n 6 6"]:
     return np.broadcast_to(noise_covariance(array), (count, 6, 6))
 
 
+def _fitted(
+    of: Callable[[Rows], Evidence], rows: Rows, initial: Pose, names: Sequence[str]
+) -> tuple[Int[np.ndarray, " j"], Pose, list[str]]:
+    """Return the rows of the touches without outliers, the pose by them, and a note on each outlier."""
+    notes = list[str]()
+    pose, distances, scale = fit(of(rows), initial)
+    while distances.max() > WRONG * scale and len(rows) > 4:
+        worst = int(np.argmax(distances))
+        notes.append(
+            f"{names[rows[worst]]} is left out: it is {distances[worst] / scale:.0f} standard deviations from the fit"
+        )
+        rows = np.delete(rows, worst)
+        pose, distances, scale = fit(of(rows), initial)
+    return rows, pose, notes
+
+
 def _judged(
-    evidence_of: Callable[[Int[np.ndarray, " k"]], Evidence],
+    of: Callable[[Rows], Evidence],
+    used: Rows,
     pose: Pose,
     initial: Pose,
-    used: Int[np.ndarray, " k"],
+    error: TouchError,
+    residual: float,
     notes: list[str],
 ) -> Mounting:
     """Return the mounting, with its covariance and the directions that the touches determine."""
-    evidence = evidence_of(used)
-    prior, sizes = evidence.spreads.prior, evidence.spreads.sizes
-    residual, slope = evidence.whitened(pose)
-    turned = np.kron(np.eye(2), pose.rotation) * sizes  # from the surface's axes, in units of the prior
-    seen = (slope @ turned).T @ (slope @ turned)
-    freedom = max(1.0, 3 * len(used) - float(np.sum(np.linalg.eigvalsh(seen) > 1.0)))
-    ratio = float(np.sum(residual**2)) / freedom
-    if ratio > CONTRADICTED**2:
-        raise InputError(
-            f"the touches fit no pose of the surface: they are {ratio**0.5:.0f} times further from it than expected.",
-            hint="Check that the marks are in the surface's frame, in metres and in the order of the touches, and "
-            "check payload and axes in the rig.",
-        )
-    alike = 1.0 if isinstance(evidence, SomewhereOnSurface) else spread_in_time(residual.reshape(len(used), -1))
-    widened = max(1.0, ratio) * alike
+    evidence = of(used)
+    spreads, sizes, white = evidence.spreads, evidence.spreads.sizes, max(1.0, _misfit(evidence, pose)) ** 2
 
     def predict(left: Bool[np.ndarray, " k"]) -> tuple[np.ndarray, np.ndarray]:
-        others = evidence_of(used[~left])
+        others, omitted = of(used[~left]), of(used[left])
         rest = fit(others, initial)[0]
-        known = _known(others.whitened(rest)[1], widened, sizes)
-        away, slopes = evidence_of(used[left]).whitened(rest)
-        own = slopes.T @ slopes / widened
-        return slopes.T @ away / widened, own + own @ known @ own
+        away, slopes = omitted.whitened(rest)
+        each = omitted.information(rest) / white
+        own = each.sum(axis=0)
+        spread = own + error.carried(each[:, :, 3:]) + own @ _covariance(others, rest, error, white) @ own
+        return slopes.T @ away / white, spread
 
     left = cross_validate(len(used), predict) if len(used) >= ENOUGH else Validation()
-    widened *= left.widening
-    values, vectors = np.linalg.eigh(seen / widened)
-    blind = vectors[:, values <= 1.0]
-    if blind.shape[1] == 6:
-        raise _refusal(isinstance(evidence, SomewhereOnSurface), blind, evidence.spreads, notes)
-    if ratio > 4.0:
-        notes.append(
-            f"the touches disagree {ratio**0.5:.1f} times as much as expected, so the covariance is widened by this "
-            "factor"
-        )
-    if alike > 1.0:
-        notes.append(f"successive touches have similar errors: in the covariance, {alike:.1f} of them count as one")
-    far = np.abs(offset(initial, pose) / sizes).max()
-    if far > 3.0:
-        notes.append(
-            f"the pose is {far:.1f} prior standard deviations from the initial one: check the initial pose's frame and "
-            "unit"
-        )
-    decoupled = _known(slope, widened, sizes)
+    covariance = _covariance(evidence, pose, error, white, left.widening)
+    unit = np.kron(np.eye(2), pose.rotation.T) / sizes[:, None]  # to the surface's axes, in units of the prior
+    shares, motions = np.linalg.eigh(unit @ covariance @ unit.T)
+    seen, blind = motions[:, shares < 0.5], motions[:, shares >= 0.5]
+    if not seen.shape[1]:
+        raise _refusal(isinstance(evidence, SomewhereOnSurface), blind, spreads, notes)
     shift = np.eye(6)
     shift[3:, :3] = skew(pose.translation)  # exp(xi) T moves the origin by rho + omega x t
     return Mounting(
         pose,
-        shift @ decoupled @ shift.T,
-        ratio**0.5,
-        name_motions(vectors[:, values > 1.0], *prior),
-        name_motions(blind, *prior),
+        shift @ covariance @ shift.T,
+        residual,
+        name_motions(seen, *spreads.prior),
+        name_motions(blind, *spreads.prior),
         used,
         left,
-        (*notes, *left.notes),
+        error,
+        (*notes, *_remarks(residual, error, spreads, offset(initial, pose)), *left.notes),
     )
 
 
-def _known(slopes: Float[np.ndarray, "m 6"], widened: float, sizes: Float[np.ndarray, "6"]) -> np.ndarray:
-    """Return the covariance of a pose by touches and its prior."""
-    return np.asarray(np.linalg.inv(slopes.T @ slopes / widened + np.diag(1 / sizes**2)))
+def _remarks(residual: float, error: TouchError, spreads: Spreads, moved: Float[np.ndarray, "6"]) -> Iterator[str]:
+    """Yield notes on what is unusual about the touches or the pose."""
+    if residual > 2.0:
+        yield (
+            f"the touches disagree {residual:.1f} times as much as expected, so the covariance is widened by this "
+            "factor"
+        )
+    if error.drift > spreads.placement:
+        yield (
+            f"touches that follow each other have similar errors of {1e3 * error.drift:.2g} mm, alike over some "
+            f"{error.lasting:.0f} touches: marks or sensor drift, which the covariances include"
+        )
+    far = float(np.abs(moved / spreads.sizes).max())
+    if far > 3.0:
+        yield (
+            f"the pose is {far:.1f} prior standard deviations from the initial one: check the initial pose's frame and "
+            "unit"
+        )
+
+
+def _misfit(evidence: Evidence, pose: Pose) -> float:
+    """Return the rms of the touches' residuals at their fitted pose, in expected standard deviations."""
+    residual, slope = evidence.whitened(pose)
+    sizes = evidence.spreads.sizes
+    fitted = np.sum(np.linalg.eigvalsh(slope.T @ slope * np.outer(sizes, sizes)) > 1.0)
+    return float(np.sum(residual**2) / max(1.0, 3 * len(evidence.wrenches) - fitted)) ** 0.5
+
+
+def _covariance(
+    evidence: Evidence, pose: Pose, error: TouchError, white: float, widening: float = 1.0
+) -> Float[np.ndarray, "6 6"]:
+    """Return the covariance of (omega, delta) of a pose fitted to touches and its prior.
+
+    It is the fit's own, (sum I + 1/prior)^-1, and that by a drift of the touches, which is a shift of the surface.
+    """
+    each, prior = evidence.information(pose) / (white * widening), np.diag(1.0 / evidence.spreads.sizes**2)
+    fitted = np.asarray(np.linalg.inv(each.sum(axis=0) + prior), dtype=np.float64)
+    return fitted + widening * fitted @ error.carried(each[:, :, 3:]) @ fitted
 
 
 def _refusal(free: bool, blind: Float[np.ndarray, "6 k"], spreads: Spreads, notes: Sequence[str]) -> NotIdentifiable:

@@ -1,99 +1,109 @@
-"""Estimate errors of touches at known points beyond wrench noise: indentation, marks, the sensor."""
+"""Estimate errors of touches at known points beyond wrench noise: indentation, marks, a drift of marks or sensor."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from palpate.contact.ground_truth import TrueTouches
 from palpate.signals.correlation import correlation_time
 from palpate.spatial.arguments import takes_arrays
-from palpate.spatial.pose import Pose, skew
 
-FOLDS, MANY = 4, 24  # parts that are judged by the others, where there are so many touches
+FEWEST, MANY = 4, 48  # touches whose errors are estimated; of more, groups are averaged
+LASTING = 2.0 ** -np.arange(5.0)  # of the touches: they show no drift that lasts longer
+VARIANCES = np.geomspace(1e-3, 30.0, 32)  # that are tried, over that of the residuals
+DOUBTFUL = 0.2  # probability of no drift above which there is none
 SURE = 4.0  # over sqrt(n): a correlation time of n touches that differs from 1 by less is none
 
 
 @dataclass(frozen=True)
 class TouchError:
-    """Standard deviations [m] along one tangent of a sample's apparent contact point about its mark.
+    """Standard deviations [m] along one tangent of the apparent points of touches about their marks.
 
     Attributes:
-        common: beyond the noise, common to the samples of a touch.
-        noise: due to the noise of a single sample.
+        jitter: beyond the noise, different in each touch.
+        drift: common to touches that follow each other.
+        lasting: touches after which the correlation of the drift falls to 1/e.
     """
 
-    common: float
-    noise: float
+    jitter: float = 0.0
+    drift: float = 0.0
+    lasting: float = 1.0
 
     def placement(self, marks: float) -> float:
-        """Return the part of `common` [m] beyond `marks` [m], the standard deviation of how well marks are hit."""
-        return max(self.common**2 - marks**2, 0.0) ** 0.5
+        """Return the part [m] that is not due to marks hit with a standard deviation of `marks` [m]."""
+        return float(np.hypot(max(self.jitter**2 - marks**2, 0.0) ** 0.5, self.drift))
+
+    @takes_arrays
+    def carried(self, gains: Float[np.ndarray, "n p 3"]) -> Float[np.ndarray, "p p"]:
+        """Return the covariance (p, p) of the sum of gains (n, p, 3) times the drift of each touch.
+
+        Raises:
+            InputError: gains have another shape.
+        """
+        touch = np.arange(len(gains))
+        alike = self.drift**2 * np.exp(-np.abs(np.subtract.outer(touch, touch)) / self.lasting)
+        return np.einsum("kpi,kqi->pq", gains, np.tensordot(alike, gains, 1))
 
 
 @takes_arrays
 def touch_error(
-    time: Float[np.ndarray, " m"],
-    wrenches: Float[np.ndarray, "m 6"],
-    touches: TrueTouches,
-    normals: Float[np.ndarray, "n 3"],
-    noise: Float[np.ndarray, "6 6"] | None,
-    pose_from: Callable[[Int[np.ndarray, " k"]], Pose],
+    errors: Float[np.ndarray, "n 2"], slopes: Float[np.ndarray, "n 2 6"], noise: Float[np.ndarray, " n"]
 ) -> TouchError:
-    """Estimate the `TouchError` of touches at known points.
+    """Estimate the `TouchError` of touches by their errors from a pose that was fitted to them.
 
-    A wrench that acts at a distance d from the mark p, across its normal n, has r = M - p x F = d x F + tau n, so
-
-        d = n x r / (n . F),    Sigma_d = G Sigma G^T with G = [n]x (-[p]x, 1) / (n . F),
-
-    and each touch gives the mean of |d|^2/2 - tr Sigma_d/2 over its samples, weighted by (n . F)^2. From 24 touches
-    on, each quarter of them is compared with the pose that the others give; fewer are compared with the pose of all,
-    which fits them too well by (2 n - 6)/(2 n).
+    They are white noise of variance u and a shift of the surface that drifts, of variance s^2 along each axis and
+    correlation exp(-|k - l| / tau) between touches k and l. Returned are the means of u and s^2 over their restricted
+    likelihood [Patterson & Thompson 1971], if log u, log s, log tau are evenly distributed, and s = 0 as probable as
+    not. Fewer than four touches, or errors of 0, show nothing.
 
     Args:
-        time: (m,) [s].
-        wrenches: (m, 6) in the sensor's frame, compensated; NaN: omitted.
-        touches: n touches at known points in the surface's frame.
-        normals: (n, 3) at these points.
-        noise: (6, 6) covariance of a sample; None: 0.
-        pose_from: returns T_sensor_surface from the touches of these numbers.
+        errors: (n, 2) [m] of apparent points, along two tangents.
+        slopes: (n, 2, 6) of the errors in the pose: rotation vector [rad], translation [m].
+        noise: (n,) [m^2] variance of an error due to the wrench's noise.
 
     Raises:
         InputError: arrays of other shapes.
     """
-    every: Int[np.ndarray, " n"] = np.arange(len(touches), dtype=np.int64)
-    folds = np.array_split(every, FOLDS) if len(touches) >= MANY else [every]
-    moments = list[tuple[float, float]]()
-    for fold in folds:
-        pose = pose_from(np.setdiff1d(every, fold) if len(folds) > 1 else every)
-        for k in fold:
-            inside = wrenches[(time >= touches.start[k]) & (time <= touches.end[k])]
-            inside = inside[np.isfinite(inside).all(axis=1)]
-            moments += _moments(inside, pose.apply(touches.point[k]), pose.rotate(normals[k]), noise)
-    if not moments:
-        return TouchError(0.0, 0.0)
-    free = 1.0 if len(folds) > 1 else 1.0 - min(3.0 / len(moments), 0.75)
-    square, by_noise = (float(np.mean(each)) for each in zip(*moments, strict=True))
-    return TouchError(max(square / free - by_noise, 0.0) ** 0.5, by_noise**0.5)
+    if len(errors) < FEWEST or not errors.any():
+        return TouchError()
+    size = -(-len(errors) // MANY)
+    groups, scale = len(errors) // size, float(np.mean(errors**2))
+    grouped = errors[: groups * size].reshape(groups, size, 2)
+    mean, slope = grouped.mean(axis=1), slopes[: groups * size].reshape(groups, size, 2, 6).mean(axis=1)
+    white, drift = scale * VARIANCES, scale * np.append(0.0, VARIANCES)
+    likelihood = np.stack([_likelihood(mean, slope, white / size, drift, groups * lasting) for lasting in LASTING])
+    within, freedom = float(np.sum((grouped - mean[:, None]) ** 2)), 2 * groups * (size - 1)
+    likelihood -= 0.5 * (within / white + freedom * np.log(white))[:, None]
+    likelihood[..., 0] += np.log(len(VARIANCES))
+    weight = np.exp(likelihood - likelihood.max())
+    if np.sum(weight[..., 0]) > DOUBTFUL * np.sum(weight):
+        weight[..., 1:] = 0.0
+    weight /= np.sum(weight)
+    jitter = max(float(np.sum(weight, axis=(0, 2)) @ white) - float(noise.mean()), 0.0) ** 0.5
+    drifts = np.sum(weight, axis=1) @ drift  # by how long they last
+    if not drifts.any():
+        return TouchError(jitter)
+    return TouchError(jitter, float(drifts.sum()) ** 0.5, len(errors) * float(np.average(LASTING, weights=drifts)))
 
 
-def _moments(
-    wrenches: Float[np.ndarray, "m 6"],
-    point: Float[np.ndarray, "3"],
-    normal: Float[np.ndarray, "3"],
-    noise: Float[np.ndarray, "6 6"] | None,
-) -> list[tuple[float, float]]:
-    """Return the mean of |d|^2/2 over a touch, and the part due to noise, if anything pressed."""
-    weight = float(np.sum(np.square(wrenches[:, :3] @ normal)))
-    if not weight > 0:
-        return []
-    across = np.cross(normal, wrenches[:, 3:] - np.cross(point, wrenches[:, :3]))  # d (n . F)
-    slope = skew(normal) @ np.concatenate([-skew(point), np.eye(3)], axis=1)
-    by_noise = 0.0 if noise is None else float(np.trace(slope @ noise @ slope.T))
-    return [(float(np.sum(across**2)) / weight / 2.0, by_noise * len(wrenches) / weight / 2.0)]
+def _likelihood(
+    errors: Float[np.ndarray, "g 2"],
+    slopes: Float[np.ndarray, "g 2 6"],
+    white: Float[np.ndarray, " u"],
+    drift: Float[np.ndarray, " s"],
+    lasting: float,
+) -> Float[np.ndarray, "u s"]:
+    """Return the log-likelihood of the errors that no pose explains, by variances of noise and drift."""
+    touch, known, shifts = np.arange(len(errors)), slopes.reshape(-1, 6), slopes[:, :, 3:]
+    free = np.linalg.svd(known / np.linalg.norm(known, axis=0).clip(1e-300))[0][:, 6:]
+    correlation = np.exp(-np.abs(np.subtract.outer(touch, touch)) / lasting)
+    alike = np.einsum("kai,kl,lbi->kalb", shifts, correlation, shifts).reshape(errors.size, errors.size)
+    share, axes = np.linalg.eigh(free.T @ alike @ free)
+    variance = white[:, None, None] + drift[:, None] * share.clip(0.0)
+    square = np.square((free @ axes).T @ errors.ravel())
+    return -0.5 * np.sum(np.log(variance) + square / variance, axis=2)
 
 
 @takes_arrays

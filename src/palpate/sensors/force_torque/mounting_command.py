@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Int
 from tyro.conf import arg
 
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
-from palpate.calibration.touch_error import TouchError, touch_error
+from palpate.calibration.touch_error import FEWEST, TouchError
 from palpate.console.calibration import Calibration, CalibrationResult, origin
 from palpate.console.console import wait
 from palpate.console.options import FileOption, Log, Output, RigFile
@@ -31,7 +30,6 @@ from palpate.signals.recording import Recording
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 
-Rows = Int[np.ndarray, " k"]
 POOR = 3.0  # times the expected residual: beyond it the model, not the noise, is what is left
 
 
@@ -81,42 +79,28 @@ class CalibrateMounting(Calibration):
         )
         initial = setup.link.mount
 
-        def identify(rows: Rows, placed: float) -> Mounting:
-            return identify_mounting(
-                means[rows],
-                surface,
-                initial=initial,
-                points=None if marks is None else touches.point[rows],
-                noise=spreads[rows],
-                spreads=Spreads(placement=placed),
-                labels=np.array(touches.label)[rows].tolist(),
-            )
-
-        def judge(found: Mounting, placed: float) -> TouchError:
-            used = found.touches
-            kept = _picked(touches, used)
-            given = recording.time, wrenches, kept, surface.project(kept.point)[1], estimator.sensor.noise
-            return touch_error(*given, lambda rows: identify(used[rows], placed).pose)
-
-        every: Rows = np.arange(len(touches), dtype=np.int64)
-        mounting = identify(every, self.placement)
-        residual = mounting.residual
-        error = None if marks is None else judge(mounting, self.placement)
-        if error is not None and error.common > self.placement:  # again, with touches weighted by their error
-            mounting = identify(every, error.common)
-            error = judge(mounting, error.common)
+        mounting = identify_mounting(
+            means,
+            surface,
+            initial=initial,
+            points=None if marks is None else touches.point,
+            noise=spreads,
+            spreads=Spreads(placement=self.placement),
+            labels=touches.label,
+        )
+        error = mounting.error if marks is not None and len(mounting.touches) >= FEWEST else None
         kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
         payload = setup.of(ForceTorqueSection).table.payload is not None
         return CalibrationResult(
             [
                 ("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"),
-                *_figures(mounting, initial, residual),
+                *_figures(mounting, initial),
                 ("left out", str(mounting.validation)),
                 *([] if error is None else [("touches err by", _err_by(error, self.placement))]),
             ],
             (mounting, None if error is None else error.placement(self.placement)),
             notes=[*surface.notes, *recording.notes, *mounting.notes],
-            warnings=_doubts(mounting, initial, residual, payload=payload, anywhere=marks is None),
+            warnings=_doubts(mounting, initial, payload=payload, anywhere=marks is None),
         )
 
     def write(self, found: CalibrationResult) -> None:
@@ -132,13 +116,13 @@ class CalibrateMounting(Calibration):
         update_pose(self.rig, self.output, mounting.pose, mounting.covariance, placement=added, comment=comment)
 
 
-def _doubts(mounting: Mounting, initial: Pose, residual: float, *, payload: bool, anywhere: bool) -> list[str]:
+def _doubts(mounting: Mounting, initial: Pose, *, payload: bool, anywhere: bool) -> list[str]:
     said: list[str] = []
     if not payload:
         said.append("the rig names no payload: weight and bias that were not taken off falsify the pose")
-    if residual > POOR:
+    if mounting.residual > POOR:
         said.append(
-            f"the touches fit {residual:.1f} times worse than they should: "
+            f"the touches fit {mounting.residual:.1f} times worse than they should: "
             "check payload, units, marks and the initial pose before using the result"
         )
     moved = float(np.linalg.norm(mounting.pose.translation - initial.translation))
@@ -170,17 +154,12 @@ def _in_sensor(
     return usable, added, estimator
 
 
-def _picked(touches: TrueTouches, rows: Rows) -> TrueTouches:
-    labels = tuple(touches.label[int(row)] for row in rows.tolist())
-    return TrueTouches(touches.start[rows], touches.end[rows], touches.point[rows], labels)
-
-
 def _err_by(error: TouchError, marks: float) -> str:
-    added = error.placement(marks)
-    told = f"{1e3 * error.common:.2g} mm along each tangent in addition to their noise of {1e3 * error.noise:.2g} mm"
+    drift = f" and {1e3 * error.drift:.2g} mm in common over some {error.lasting:.0f}" if error.drift else ""
+    errors, added = f"{1e3 * error.jitter:.2g} mm each{drift}, in addition to their noise", error.placement(marks)
     if not added:
-        return f"{told}, no more than the {1e3 * marks:.2g} mm that marks are hit by"
-    return f"{told}; {1e3 * added:.2g} mm of it is not how marks are hit, and is in the covariance (placement)"
+        return f"{errors}: no more than the {1e3 * marks:.2g} mm that marks are hit by"
+    return f"{errors}; {1e3 * added:.2g} mm of it is not how marks are hit, and is in the covariance (placement)"
 
 
 def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstimator) -> TrueTouches:
@@ -212,7 +191,7 @@ def _require_overlap(recording: Recording, touches: TrueTouches, source: Path) -
         )
 
 
-def _figures(mounting: Mounting, initial: Pose, residual: float) -> list[tuple[str, str]]:
+def _figures(mounting: Mounting, initial: Pose) -> list[tuple[str, str]]:
     pose, blind = mounting.pose, "; ".join(mounting.unobservable)
     turned = np.degrees(np.linalg.norm((initial.inverse() @ pose).rotation_vector()))
     spread = np.degrees(np.sqrt(np.diag(mounting.covariance)[:3]))
@@ -222,7 +201,7 @@ def _figures(mounting: Mounting, initial: Pose, residual: float) -> list[tuple[s
         ("position", measured(1e3 * pose.translation, 1e3 * place, "mm")),
         ("rotation vector", measured(np.degrees(pose.rotation_vector()), spread, "deg")),
         ("moved by", f"{1e3 * np.linalg.norm(shift):.2f} mm and {turned:.2f} deg"),
-        ("residual", f"{residual:.2f} of what was expected of noise and marks"),
+        ("residual", f"{mounting.residual:.2f} of what was expected of noise and marks"),
         ("determined", "all six directions" if not blind else "; ".join(mounting.observable) or "nothing"),
         *([("not determined", blind)] if blind else []),
     ]
