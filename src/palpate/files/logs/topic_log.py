@@ -93,7 +93,7 @@ class TopicLog(Log):
     def _as_stored(self) -> _Stream | None:
         """Return the stream of the array if its stored numbers need no conversion, else None."""
         array, topic = main_channel(self._layout), self._chosen().get("main")
-        if array is None or topic is None or topic.kind not in ARRAYS or array.scale != 1.0:
+        if array is None or topic is None or topic.kind not in ARRAYS or array != array.as_recorded():
             return None
         self._main = _Stream(topic, self._source, array)
         return self._main
@@ -198,7 +198,7 @@ class _Stream:
 
     def __init__(self, topic: Topic, source: MessageFile, array: ArrayChannel | None = None) -> None:
         self.topic, self._array = topic, array
-        self._shape = () if array is None else array.shape
+        self._shape = () if array is None else array.recorded
         self.count = self.unread = 0
         self._stamped = has_header(topic.kind) and source.has_stamps(topic, self._stamps)
 
