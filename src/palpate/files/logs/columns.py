@@ -24,7 +24,7 @@ from palpate.files.tables.stated import Stated
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
 from palpate.signals.recording import ACCELERATION, FORCE, TEMPERATURE, TORQUE, Recording
 
-__all__ = ["SINGLE", "ColumnLog", "Columns", "plan"]
+__all__ = ["SINGLE", "ColumnLog", "Columns", "Read", "plan"]
 
 BLOCK = 1 << 13  # rows handed on at a time
 Read = Callable[[Sequence[str], Fields], Float[np.ndarray, "n k"]]

@@ -98,15 +98,18 @@ def _gapless(numbers: Iterable[int]) -> bool:
 def numbered_alike(names: Iterable[str]) -> list[NumberedColumns]:
     """Return the columns that are numbered alike, the largest group first; a number that occurs twice makes none."""
     groups: dict[str, dict[tuple[int, ...], str]] = {}
+    shown: dict[str, str] = {}
     twice = set[str]()
     for name in names:
         bare = split_unit(name)[0].strip()
         if numbers := tuple(map(int, _NUMBER.findall(bare))):
-            pattern = _NUMBER.sub("*", bare).lower()
-            group = groups.setdefault(pattern, {})
-            twice |= {pattern} if numbers in group else set()
+            pattern = _NUMBER.sub("*", bare)
+            key = pattern.lower()
+            shown.setdefault(key, pattern)
+            group = groups.setdefault(key, {})
+            twice |= {key} if numbers in group else set()
             group[numbers] = name
-    found = [_group(pattern, group) for pattern, group in groups.items() if pattern not in twice]
+    found = [_group(shown[key], group) for key, group in groups.items() if key not in twice]
     return sorted(found, key=lambda each: -len(each.names))
 
 
@@ -131,7 +134,7 @@ def axes_of(groups: Sequence[NumberedColumns]) -> tuple[NumberedColumns, ...]:
     for group in groups:
         for match in _AXIS.finditer(group.pattern):
             head, tail = group.pattern[: match.start()], group.pattern[match.end() :]
-            alike.setdefault(f"{head}?{tail}", {})[match[0].lower()] = group
+            alike.setdefault(f"{head}?{tail}".lower(), {})[match[0].lower()] = group
     threes = (tuple(three[axis] for axis in "xyz") for three in alike.values() if three.keys() == set("xyz"))
     return next((three for three in threes if len({each.numbers for each in three}) == 1), ())
 
@@ -226,8 +229,9 @@ def _numbered(array: ArrayChannel, group: NumberedColumns, path: Path) -> Sequen
 
 def matching(path: str, names: Iterable[str]) -> list[str]:
     """Return the names that fit a field path, in which * is any text, and [] any index."""
-    text = "".join({"*": ".*", "[]": r"\[\d+\]"}.get(part, re.escape(part)) for part in re.split(r"(\*|\[\])", path))
-    return [name for name in names if re.fullmatch(text, name) or re.fullmatch(text, split_unit(name)[0].strip())]
+    parts = (re.escape(part) for part in re.split(r"(\*|\[\])", path))
+    text = re.compile("".join({r"\*": ".*", r"\[\]": r"\[\d+\]"}.get(part, part) for part in parts), re.IGNORECASE)
+    return [name for name in names if text.fullmatch(name) or text.fullmatch(split_unit(name)[0].strip())]
 
 
 def _several(array: ArrayChannel, found: Sequence[str], path: Path) -> InputError:

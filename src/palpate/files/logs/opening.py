@@ -24,6 +24,7 @@ from palpate.files.logs.log import Log, LogContents
 from palpate.files.logs.parquet import ParquetLog
 from palpate.files.logs.pose_table import pose_layout
 from palpate.files.logs.survey import Survey, survey_of
+from palpate.files.logs.text_frames import TextFrames, holds_text_frames
 from palpate.files.logs.topic_log import TopicLog
 from palpate.files.logs.topics import choose, choose_images
 from palpate.files.logs.video import VIDEOS, VideoLog, is_video
@@ -165,7 +166,7 @@ def _opened(path: Path, layout: LogLayout) -> Log:
         return ArrayLog(path, layout)
     source = _messages(path, kind)
     if source is None:
-        return CsvLog(path, layout)
+        return (CsvLog if path.is_fifo() or not holds_text_frames(path) else TextFrames)(path, layout)
     return (TopicLog if layout.images is None else ImageTopicLog)(path, layout, source)
 
 

@@ -144,6 +144,8 @@ def _guessed(
     text = around[0] + cells.text(bits, contents.stated.pitch, mapped=body is not None) + around[1]
     rows, columns = cells.sheet
     remark = f"check the sheet's {rows} rows and {columns} columns, and the bits of a reading"
+    if len(cells.shape) < 2:
+        remark = f"nothing states the sheet's rows and columns: {rows} x {columns} is a guess, correct it"
     return Guess(cells.why, layout, text, (*cells.remarks, remark))
 
 
@@ -206,7 +208,7 @@ def _numbered(names: Sequence[str], contents: LogContents) -> _Cells | None:
     groups = numbered_alike(names)
     axes = axes_of(groups)
     group = next((each for each in groups if each not in axes), None)
-    certain = group is not None and any(word in group.pattern for word in _WORDS)
+    certain = group is not None and any(word in group.pattern.lower() for word in _WORDS)
     if group is None or len(group.names) < (_CERTAIN if certain else _FEWEST):
         return None
     columns, why = (

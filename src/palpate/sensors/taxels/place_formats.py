@@ -47,8 +47,8 @@ def read_taxel_places(path: str | Path) -> TaxelPlaces:
 
     A table has columns x, y, z and, where known, nx, ny, nz and module, in metres or a unit that it states (`x [mm]`,
     `x_mm`). A column id (or taxel, taxel_id, index, number, cell, channel, name) orders the taxels: ids from 0 are
-    their indices, others are taken by size; of a name its numbers count. In iCub's files rows of zeros are no taxel; normals that are zero, or equal all over a body that
-    is not flat, are not known.
+    their indices, others are taken by size; of a name its numbers count. In iCub's files rows of zeros are no taxel;
+    normals that are zero, or equal all over a body that is not flat, are not known.
 
     Raises:
         InputError: the file cannot be read, is of another kind, has a row, id, module or unit that cannot be used, no
