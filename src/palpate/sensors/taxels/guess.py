@@ -28,6 +28,7 @@ __all__ = ["guess_skin", "guess_with_wrench"]
 _FEWEST = 16  # cells: fewer numbers can be anything
 _CERTAIN = 4  # cells whose names are those of taxels
 _WORDS = ("taxel", "tactile", "sensel", "skin", "pillar")
+_THREE_AXES = ("xela", "uskin")  # makers of taxels with three axes, in types of messages
 _BITS = (8, 10, 12, 14, 16)
 _PITCH = 0.005  # m, of a flat sheet where nothing states it
 _TEXT = """\
@@ -250,10 +251,28 @@ def _of_topics(log: Path, contents: LogContents) -> _Cells | None:
     """Return the first topic of arrays or images that are large enough; None if there is none."""
     found = guess.array_topic(log, contents, lambda shape: prod(shape) >= _FEWEST)
     if found is None:
-        return None
+        return _of_fields(log, contents)
     topic, size = found
     kind = next(each.kind for each in contents.topics if each.name == topic)
     if len(size) > 1 and size[-1] == 3 and kind.endswith("MultiArray"):
         raise three_axes(log, f"the layout of {topic!r} states {' x '.join(map(str, size))} numbers")
-    why = f"topic {topic!r} holds {'images' if len(size) == 2 else 'arrays'} of {' x '.join(map(str, size))} numbers"
+    held = "arrays" if kind.endswith("MultiArray") else "images"
+    why = f"topic {topic!r} holds {held} of {' x '.join(map(str, size))} numbers"
     return _Cells(size if len(size) < 3 else (prod(size),), why, topic=topic)
+
+
+def _of_fields(log: Path, contents: LogContents) -> _Cells | None:
+    """Return the longest list of numbers in messages of a type that the log defines; None if there is none."""
+    found = guess.field_topic(log, contents, lambda count: count >= _CERTAIN)
+    if found is None:
+        return None
+    topic, paths, count = found
+    kind = next(each.kind for each in contents.topics if each.name == topic)
+    axes = [path for path in paths if path.endswith(("[].x", "[].y", "[].z"))]
+    if len(axes) >= 3 or (count % 3 == 0 and any(maker in kind.lower() for maker in _THREE_AXES)):
+        raise three_axes(log, f"{kind} of {topic!r}", axes[2] if len(axes) >= 3 else "")
+    if count < _FEWEST and not any(word in f"{kind}{topic}".lower() for word in _WORDS):
+        return None
+    why = f"field {paths[0]!r} of {kind} in topic {topic!r} holds {count} numbers"
+    remarks = (f"the fields {shortened(paths[1:])} are not used",) if len(paths) > 1 else ()
+    return _Cells((count,), why, paths[0], paths[0], topic, remarks=remarks)
