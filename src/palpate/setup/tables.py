@@ -305,7 +305,7 @@ def require_positive(table: object, *names: str) -> None:
         ValueError: a field is neither None nor positive and finite, or such numbers.
     """
     for name in names:
-        value = getattr(table, name)
+        value: float | tuple[float, ...] | None = getattr(table, name)
         for number in value if isinstance(value, tuple) else () if value is None else (value,):
             if not 0 < number < inf:
                 raise ValueError(f"{name} must be positive and finite, not {number:g}")

@@ -48,6 +48,7 @@ class CsvLog(ColumnLog):
                 numbers; or the layout does not fit.
         """
         self._rows, self._columns, self.torn = RowCount(), None, ""
+        shapes: dict[str, tuple[int, ...]] = {}
         with open_input(self.path, pipe=True) as file:
             for table in tables(file, self.path, PIECE):
                 self.position = file.tell() if file.seekable() else 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from functools import reduce
 from math import prod
 
 import numpy as np
@@ -63,10 +64,11 @@ class ParquetLog(ColumnLog):
         self._columns = columns = Columns(self._layout, self.path, shapes, poses=self.poses)
         arrays = list(dict.fromkeys(columns.places[name][0] for name in columns.names))
         for name in arrays:
-            kind = _inner(kinds[name])
-            if not (kind.is_numeric() or kind == pl.Null or isinstance(kind, pl.Datetime)):
+            kind = kinds[name]
+            if not (shapes[name] or kind.is_numeric() or kind == pl.Null or isinstance(kind, pl.Datetime)):
                 raise InputError(f"column {name!r} holds {kind}, not numbers.", where=str(self.path))
-        wanted = frame.select(_number(name, kinds[name]) for name in arrays)
+        dates = {name for name in arrays if isinstance(kinds[name], pl.Datetime)}
+        wanted = frame.select(_number(name, shapes[name], date=name in dates) for name in arrays)
         total = int(frame.select(pl.len()).collect().item())
         piece = rows_at_once(PIECE, len(columns.names), 4 * NUMBERS)
         for done in range(0, total, piece):
@@ -78,44 +80,31 @@ class ParquetLog(ColumnLog):
             raise InputError("has columns, but no rows.", where=str(self.path))
 
 
-def _inner(kind: pl.DataType) -> pl.DataType:
-    """Return the type of the numbers in lists, however nested; any other type as it is."""
-    while isinstance(kind, pl.List | pl.Array):
-        kind = kind.inner if isinstance(kind.inner, pl.DataType) else kind.inner()
-    return kind
-
-
-def _listed(kind: pl.DataType) -> pl.DataType:
-    """Return the type with lists of any length in place of arrays."""
-    return pl.List(_listed(kind.inner)) if isinstance(kind, pl.List | pl.Array) else pl.Float64()
-
-
 def _shapes(frame: pl.LazyFrame) -> dict[str, tuple[int, ...]]:
-    """Return column -> (), or the shape of its first list."""
+    """Return column -> (), or the shape of its first list of numbers."""
     kinds = frame.collect_schema()
-    lists = [name for name, kind in kinds.items() if isinstance(kind, pl.List | pl.Array)]
+    lists = [name for name, kind in kinds.items() if isinstance(kind, (pl.List, pl.Array))]
     first = frame.select(lists).head(1).collect() if lists else pl.DataFrame()
-    found = {name: np.shape(first[name].to_list()[0]) for name in lists if len(first)}
-    return {name: found.get(name, ()) for name in kinds.names()}
+    found = {name: np.array(first[name].to_list()[0]) for name in lists if len(first)}
+    shapes = {name: values.shape for name, values in found.items() if values.dtype.kind in "iuf" and values.size}
+    return {name: shapes.get(name, ()) for name in kinds.names()}
 
 
-def _number(name: str, kind: pl.DataType) -> pl.Expr:
-    if isinstance(kind, pl.List | pl.Array):
-        return pl.col(name)
-    date = isinstance(kind, pl.Datetime)
-    column = pl.col(name).dt.epoch("ns").cast(pl.Float64) / 1e9 if date else pl.col(name).cast(pl.Float64)
-    return column.fill_null(np.nan)
+def _number(name: str, shape: tuple[int, ...], *, date: bool) -> pl.Expr:
+    """Return the numbers of a column; of lists, however nested, one list of numbers in each row."""
+    if date:
+        return (pl.col(name).dt.epoch("ns").cast(pl.Float64) / 1e9).fill_null(np.nan)
+    column = pl.col(name).cast(reduce(lambda inner, _: pl.List(inner), shape, pl.Float64()))
+    for _ in shape[1:]:
+        column = column.list.eval(pl.element().explode())
+    return column if shape else column.fill_null(np.nan)
 
 
 def _numbers(column: pl.Series, shape: tuple[int, ...]) -> Float[np.ndarray, "n k"]:
     """Return numbers (n, 1), or lists (n, k), NaN where a row has another count."""
     if not shape:
         return column.to_numpy()[:, None]
-    count = prod(shape)
-    flat = column.cast(_listed(column.dtype))
-    for _ in shape[1:]:
-        flat = flat.list.eval(pl.element().explode())
-    whole = (flat.list.len() == count).fill_null(value=False)
-    values = np.full((len(column), count), np.nan)
-    values[whole.to_numpy()] = flat.filter(whole).explode().cast(pl.Float64).to_numpy().reshape(-1, count)
+    whole = (column.list.len() == prod(shape)).fill_null(value=False)
+    values = np.full((len(column), prod(shape)), np.nan)
+    values[whole.to_numpy()] = column.filter(whole).explode().fill_null(np.nan).to_numpy().reshape(-1, prod(shape))
     return values

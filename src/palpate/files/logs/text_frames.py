@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
@@ -20,7 +20,8 @@ from palpate.files.tables.dialect import find_dialect
 from palpate.files.tables.lines import open_input, read_some
 from palpate.files.tables.stated import Stated
 from palpate.files.tables.table import TextTable, read_table
-from palpate.files.units import split_unit
+from palpate.files.units import positive, split_unit
+from palpate.surfaces.mesh import UNITS
 
 _HEAD = 1 << 16  # bytes of a text in which its form is looked for
 _FEWEST = 3  # frames that show the form
@@ -28,24 +29,9 @@ _FIELD = r"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|B|\*)"  # B: no cell
 _ROW = re.compile(rf"\s*{_FIELD}(?:\s*[,;\s]\s*{_FIELD})+\s*[,;]?\s*", re.IGNORECASE)
 _TIME = re.compile(r"\b(?:time\w*|t)\b\W*([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)", re.IGNORECASE)
 _NUMBERED = re.compile(r"\W*frame\W*(\d+)", re.IGNORECASE)
-_LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+_Read = tuple[dict[str, np.ndarray], Stated, str]  # arrays by name, what the text states of them, how it is written
 _IDS = {"taxel", "taxel_id", "cell", "cell_id", "sensel", "sensor", "sensor_id", "channel", "id", "index"}
 _VALUES = {"value", "reading", "pressure", "force", "raw", "adc", "counts", "intensity", "signal"}
-
-
-@dataclass(frozen=True)
-class _Blocks:
-    """Frames of a text, its lines before them, and the times or numbers that stand above each frame.
-
-    Attributes:
-        frames: (n, rows, columns).
-        facts: key -> value.
-        labels: of each frame, the lines above it.
-    """
-
-    frames: Float[np.ndarray, "n r c"]
-    facts: Mapping[str, str] = field(default_factory=dict[str, str])
-    labels: tuple[str, ...] = ()
 
 
 class TextFrames(HeldLog):
@@ -56,9 +42,9 @@ class TextFrames(HeldLog):
         self.path, self.size = path, path.stat().st_size
 
     @cached_property
-    def _read(self) -> tuple[dict[str, np.ndarray], Stated, str]:
-        table = long_names(self.path)
-        return _of_blocks(_blocks(self.path)) if table is None else _of_table(read_table(self.path), table)
+    def _read(self) -> _Read:
+        names = _long_names(self.path)
+        return _of_blocks(self.path) if names is None else _of_table(read_table(self.path), names)
 
     def contents(self) -> LogContents:
         """Return the frames and times of the text.
@@ -81,7 +67,7 @@ def holds_text_frames(path: Path) -> bool:
     if b"\0" in head:
         return False
     runs = [len(rows) for rows in _runs(head.decode(errors="replace").splitlines())[1][:-1]]
-    return (len(runs) >= _FEWEST and len({*runs}) == 1) or long_names(path) is not None
+    return (len(runs) >= _FEWEST and len({*runs}) == 1) or _long_names(path) is not None
 
 
 def _runs(lines: Sequence[str]) -> tuple[list[str], list[list[str]]]:
@@ -98,52 +84,43 @@ def _runs(lines: Sequence[str]) -> tuple[list[str], list[list[str]]]:
     return labels, found
 
 
-def _blocks(path: Path) -> _Blocks:
-    """Read the frames of a text; raise an InputError if one but the last has another size."""
+def _of_blocks(path: Path) -> _Read:
+    """Read frames, NaN where one has another size than most, and their times, if something above them states any."""
     with open_input(path) as file:
-        text = read_some(file, path, -1).decode(errors="replace")
-    labels, runs = _runs(text.splitlines())
-    size = len(runs[0])
-    if len(runs[-1]) < size:
-        labels, runs = labels[:-1], runs[:-1]
-    rows = [
-        re.sub(r"[Bb*]", "0", re.sub(r"[,;\s]+", " ", row.strip(" ,;\t"))).split(" ") for run in runs for row in run
-    ]
-    if odd := next((k for k, run in enumerate(runs) if len(run) != size), None):
-        what = f"frame {odd + 1} has {len(runs[odd])} rows, and the first has {size}."
-        raise InputError(what, where=str(path), hint="Cut the file before it.")
-    if odd := next((k for k, row in enumerate(rows) if len(row) != len(rows[0])), None):
-        what = f"frame {odd // size + 1} has a row of {len(rows[odd])} numbers, and the first row has {len(rows[0])}."
-        raise InputError(what, where=str(path), hint="Cut the file before it.")
-    facts = dict(pair for line in labels[0].splitlines() if len(pair := line.strip().split(None, 1)) == 2)
-    return _Blocks(np.array(rows, dtype=np.float64).reshape(len(runs), size, -1), facts, tuple(labels))
-
-
-def _of_blocks(read: _Blocks) -> tuple[dict[str, np.ndarray], Stated, str]:
-    """Return arrays by name, what the text states of them, and how it is written."""
-    arrays, facts = {"frames": read.frames}, {key.upper(): value for key, value in read.facts.items()}
-    step, times = float(facts.get("SECONDS_PER_FRAME", "nan").split()[0]), [_TIME.search(text) for text in read.labels]
-    numbers = [_NUMBERED.search(text) for text in read.labels]
-    if np.isfinite(step):
-        first = [int(match[1]) - 1 if match else k for k, match in enumerate(numbers)]
-        arrays["time"] = step * np.array(first)
-    elif all(times) and len(times) > 1:
-        arrays["time"] = np.array([float(match[1]) for match in times if match])
+        labels, runs = _runs(read_some(file, path, -1).decode(errors="replace").splitlines())
+    split = [[re.split(r"[,;\s]+", re.sub(r"[Bb*]", "0", row.strip(" ,;\t"))) for row in run] for run in runs]
+    sizes: list[tuple[int, ...]] = [(len(run), *{len(row) for row in run}) for run in split]
+    size = Counter(sizes).most_common(1)[0][0]
+    if len(size) > 2:
+        raise InputError("has frames whose rows differ in length.", where=str(path), hint="Export it again.")
+    last = len(runs) - (sizes[-1] != size)  # one that was cut
+    frames = np.full((last, *size), np.nan)
+    whole = [k for k in range(last) if sizes[k] == size]
+    frames[whole] = np.array([split[k] for k in whole], dtype=np.float64)
+    lines = [line.strip().partition(" ") for line in labels[0].splitlines()]
+    facts = {key.upper(): value.strip() for key, _, value in lines}
+    arrays = {"frames": frames, **_times(facts, labels[:last])}
     number, _, unit = facts.get("ROW_SPACING", "").partition(" ")
-    pitch = float(number) * _LENGTHS[unit.strip()] if number and unit.strip() in _LENGTHS else None
-    units = {"frames": facts["UNITS"].strip()} if "UNITS" in facts else {}
-    rows, columns = read.frames.shape[1:]
-    written = f"in frames of {rows} lines with {columns} numbers; B and *, where there is no cell, are read as 0"
-    return arrays, Stated(units, pitch=pitch), written
+    pitch = positive(number) * UNITS.get(unit.strip(), 0.0) or None
+    stated = Stated({"frames": facts["UNITS"]} if "UNITS" in facts else {}, pitch=pitch)
+    written = f"in frames of {size[0]} lines with {size[1]} numbers; B and *, where there is no cell, are read as 0"
+    return arrays, stated, written
 
 
-def long_names(path: Path) -> dict[str, str] | None:
+def _times(facts: Mapping[str, str], labels: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return the times [s] of frames by the period that a text states, or by what stands above each; {} without."""
+    step = positive(facts.get("SECONDS_PER_FRAME", "").partition(" ")[0])
+    if step:
+        numbers = [_NUMBERED.search(label) for label in labels]
+        return {"time": step * np.array([int(match[1]) - 1 if match else k for k, match in enumerate(numbers)])}
+    stated = [_TIME.findall(label)[-1:] for label in labels]
+    return {"time": np.array(stated, dtype=np.float64)[:, 0]} if all(stated) else {}
+
+
+def _long_names(path: Path) -> dict[str, str] | None:
     """Return the names of the columns of a table with one row a taxel: "id" or "row" and "column", "value", "time".
 
     None if it is no such table.
-
-    Raises:
-        InputError: the file cannot be read.
     """
     with open_input(path) as file:
         head = read_some(file, path, _HEAD)
@@ -160,7 +137,7 @@ def long_names(path: Path) -> dict[str, str] | None:
     return {**named, "time": rest[0]} if placed and len(rest) == 1 else None
 
 
-def _of_table(table: TextTable, names: Mapping[str, str]) -> tuple[dict[str, np.ndarray], Stated, str]:
+def _of_table(table: TextTable, names: Mapping[str, str]) -> _Read:
     """Return a column a taxel, named by its id or by row and column; a frame ends where a taxel comes again."""
     keys = [names[role] for role in ("id", "row", "column") if role in names]
     time, value = table.numbers([names["time"], names["value"]])[0].T

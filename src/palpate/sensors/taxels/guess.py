@@ -270,9 +270,10 @@ def _of_fields(log: Path, contents: LogContents) -> _Cells | None:
     kind = next(each.kind for each in contents.topics if each.name == topic)
     axes = [path for path in paths if path.endswith(("[].x", "[].y", "[].z"))]
     if len(axes) >= 3 or (count % 3 == 0 and any(maker in kind.lower() for maker in _THREE_AXES)):
-        raise three_axes(log, f"{kind} of {topic!r}", axes[2] if len(axes) >= 3 else "")
+        raise three_axes(log, f"{kind} of {topic!r}", next(iter(axes[2:]), ""))
     if count < _FEWEST and not any(word in f"{kind}{topic}".lower() for word in _WORDS):
         return None
     why = f"field {paths[0]!r} of {kind} in topic {topic!r} holds {count} numbers"
-    remarks = (f"the fields {shortened(paths[1:])} are not used",) if len(paths) > 1 else ()
+    others = paths[1:]
+    remarks = (f"the fields {shortened(others)} are not used",) if others else ()
     return _Cells((count,), why, paths[0], paths[0], topic, remarks=remarks)
