@@ -37,7 +37,7 @@ _GRID = re.compile(rf"\*{_JOIN}\*", re.IGNORECASE)
 _AXIS = re.compile(r"(?<![a-z])[xyz](?![a-z])", re.IGNORECASE)
 _BESIDE = re.compile(  # names of columns that sit next to taxels and are none
     r"(?:.*[\W_])?(?:frames?|frame_?id|seq|sequence|samples?|index|idx|counter|count|packet|no|nr|sum|total|max|min|"
-    r"mean|avg|average|temp\w*|label|class|phase|state|event|board_?id|sensor_?id|cop\w*|center_of_pressure\w*|"
+    r"mean|avg|average|temp\w*|label|class|phase|state|event|status|mode|type|id|board_?id|sensor_?id|cop\w*|center_of_pressure\w*|"
     r"ref|[ft][xyz]_ref|f_[nt]|force_ref|unnamed: 0|)",
     re.IGNORECASE,
 )

@@ -25,10 +25,10 @@ from palpate.surfaces.mesh import UNITS
 
 _HEAD = 1 << 16  # bytes of a text in which its form is looked for
 _FEWEST = 3  # frames that show the form
-_FIELD = r"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|B|\*)"  # B: no cell there, as Tekscan writes
+_FIELD = r"(?:[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|nan|B|\*)"  # B: no cell there, as Tekscan writes
 _ROW = re.compile(rf"\s*{_FIELD}(?:\s*[,;\s]\s*{_FIELD})+\s*[,;]?\s*", re.IGNORECASE)
-_TIME = re.compile(r"\b(?:time\w*|t)\b\W*([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)", re.IGNORECASE)
-_NUMBERED = re.compile(r"\W*frame\W*(\d+)", re.IGNORECASE)
+_TIME = re.compile(r"\b(?:time\w*|t)\b\W*([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)", re.IGNORECASE)
+_NUMBERED = re.compile(r"^\W*frame\W*(\d+)", re.IGNORECASE | re.MULTILINE)
 _Read = tuple[dict[str, np.ndarray], Stated, str]  # arrays by name, what the text states of them, how it is written
 _IDS = {"taxel", "taxel_id", "cell", "cell_id", "sensel", "sensor", "sensor_id", "channel", "id", "index"}
 _VALUES = {"value", "reading", "pressure", "force", "raw", "adc", "counts", "intensity", "signal"}
@@ -103,7 +103,8 @@ def _of_blocks(path: Path) -> _Read:
     number, _, unit = facts.get("ROW_SPACING", "").partition(" ")
     pitch = positive(number) * UNITS.get(unit.strip(), 0.0) or None
     stated = Stated({"frames": facts["UNITS"]} if "UNITS" in facts else {}, pitch=pitch)
-    written = f"in frames of {size[0]} lines with {size[1]} numbers; B and *, where there is no cell, are read as 0"
+    rows, columns = frames.shape[1:]
+    written = f"in frames of {rows} lines with {columns} numbers; B and *, where there is no cell, are read as 0"
     return arrays, stated, written
 
 

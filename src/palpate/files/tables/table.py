@@ -25,7 +25,7 @@ from palpate.spatial.arguments import frozen_value
 
 _COMMENTS = tuple(mark.encode() for mark in COMMENTS)
 _MARKS = frozenset(mark[0] for mark in _COMMENTS)
-_LISTED = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|NaN|null|None")
+_LISTED = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|nan|NaN|null|None")
 _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
 
 

@@ -266,12 +266,13 @@ def _of_fields(log: Path, contents: LogContents) -> _Cells | None:
     found = guess.field_topic(log, contents, lambda count: count >= _CERTAIN)
     if found is None:
         return None
-    topic, paths, count = found
+    topic, found_paths, count = found
+    paths = [path for path in found_paths if is_taxel(path.rpartition(".")[2])]
     kind = next(each.kind for each in contents.topics if each.name == topic)
     axes = [path for path in paths if path.endswith(("[].x", "[].y", "[].z"))]
     if len(axes) >= 3 or (count % 3 == 0 and any(maker in kind.lower() for maker in _THREE_AXES)):
         raise three_axes(log, f"{kind} of {topic!r}", next(iter(axes[2:]), ""))
-    if count < _FEWEST and not any(word in f"{kind}{topic}".lower() for word in _WORDS):
+    if not paths or (count < _FEWEST and not any(word in f"{kind}{topic}".lower() for word in _WORDS)):
         return None
     why = f"field {paths[0]!r} of {kind} in topic {topic!r} holds {count} numbers"
     others = paths[1:]
