@@ -36,10 +36,10 @@ def _csv(
     return write
 
 
-def _sorted(names: Sequence[str], order: Iterable[int] | None = None, **options: object) -> Write:
+def _sorted(names: Sequence[str], order: Iterable[int] | None = None) -> Write:
     """Return a writer of columns in the order of their names as texts, or in this order."""
     picked = list(order) if order is not None else sorted(NUMBERS, key=lambda k: names[k])
-    return _csv([names[k] for k in picked], FLAT[:, picked], **options)  # pyright: ignore[reportArgumentType]
+    return _csv([names[k] for k in picked], FLAT[:, picked])
 
 
 def _long(names: str, keys: Callable[[int], str], *, shuffled: bool = False, lost: int = 0) -> Write:
@@ -70,7 +70,7 @@ def _blocks(label: Callable[[int], str], head: str = "") -> Write:
 
 
 def _npz(**arrays: np.ndarray) -> Write:
-    return lambda path: np.savez(path, **arrays)
+    return lambda path: np.savez(path, allow_pickle=False, **arrays)
 
 
 def _parquet(frames: pl.Series) -> Write:

@@ -13,8 +13,6 @@ from jaxtyping import Bool, Int
 from palpate.files.logs.cursor import Cursor
 from palpate.files.messages import Topic
 
-__all__ = ["FieldPath", "field_of", "paths_of"]
-
 _CODES = {
     **{"bool": "u1", "byte": "u1", "char": "u1", "time": "u4", "duration": "u4", "float32": "f4", "float64": "f8"},
     **{f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)},

@@ -13,19 +13,6 @@ from palpate.files.logs.layout import ArrayChannel
 from palpate.files.units import near, split_unit
 from palpate.signals.recording import CELLS
 
-__all__ = [
-    "SINGLE",
-    "NumberedColumns",
-    "array_columns",
-    "axes_of",
-    "is_taxel",
-    "matching",
-    "numbered_alike",
-    "shortened",
-    "sized",
-    "three_axes",
-]
-
 Shapes = Mapping[str, tuple[int, ...]]
 SINGLE = "array"  # what the one array of an .npy is called
 _OTHER_NAMES = {CELLS: ("frames",)}  # of arrays

@@ -23,8 +23,6 @@ from palpate.setup.makers import named_pose, pose_columns
 from palpate.setup.names import made_up, time_column, wrench_columns
 from palpate.signals.recording import CELLS
 
-__all__ = ["guess_skin", "guess_with_wrench"]
-
 _FEWEST = 16  # cells: fewer numbers can be anything
 _CERTAIN = 4  # cells whose names are those of taxels
 _WORDS = ("taxel", "tactile", "sensel", "skin", "pillar")
