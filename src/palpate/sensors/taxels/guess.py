@@ -26,6 +26,7 @@ from palpate.signals.recording import CELLS
 _FEWEST = 16  # cells: fewer numbers can be anything
 _CERTAIN = 4  # cells whose names are those of taxels
 _WORDS = ("taxel", "tactile", "sensel", "skin", "pillar")
+_OTHERS = ("jacob", "joint", "tau", "covariance", "inertia")  # numbered alike, and no skin
 _THREE_AXES = ("xela", "uskin")  # makers of taxels with three axes, in types of messages
 _BITS = (8, 10, 12, 14, 16)
 _PITCH = 0.005  # m, of a flat sheet where nothing states it
@@ -151,7 +152,7 @@ def _guessed(
 def _bits(log: Path, layout: LogLayout) -> int:
     """Return the fewest usual bits that hold all readings of a log; 0 if they are no counts."""
     most = 0.0
-    for _, frames in open_log(log, layout).stored() if layout.rate or layout.time else ():
+    for _, frames in open_log(log, replace(layout, time="", rate=1.0)).stored():  # whatever the times are
         known = frames[np.isfinite(frames)]
         if (known < 0).any() or (known % 1 != 0).any():
             return 0
@@ -206,7 +207,8 @@ def _numbered(names: Sequence[str], contents: LogContents) -> _Cells | None:
     """Return the largest group of columns that are numbered alike, if it is large enough or named as taxels."""
     groups = numbered_alike(names)
     axes = axes_of(groups)
-    group = next((each for each in groups if each not in axes), None)
+    groups = [each for each in groups if each not in axes and not any(word in each.pattern.lower() for word in _OTHERS)]
+    group = next(iter(groups), None)
     certain = group is not None and any(word in group.pattern.lower() for word in _WORDS)
     if group is None or len(group.names) < (_CERTAIN if certain else _FEWEST):
         return None
