@@ -20,7 +20,7 @@ NUMBERS = range(ROWS * COLUMNS)
 Write = Callable[[Path], None]
 
 
-def _csv(
+def table(
     names: Sequence[str], values: np.ndarray = FLAT, *, time: str = "time", more: Sequence[str] = (), sep: str = ","
 ) -> Write:
     """Return a writer of a table: a time, a column a name, and more columns that are no taxels."""
@@ -39,7 +39,7 @@ def _csv(
 def _sorted(names: Sequence[str], order: Iterable[int] | None = None) -> Write:
     """Return a writer of columns in the order of their names as texts, or in this order."""
     picked = list(order) if order is not None else sorted(NUMBERS, key=lambda k: names[k])
-    return _csv([names[k] for k in picked], FLAT[:, picked])
+    return table([names[k] for k in picked], FLAT[:, picked])
 
 
 def _long(names: str, keys: Callable[[int], str], *, shuffled: bool = False, lost: int = 0) -> Write:
@@ -137,25 +137,25 @@ RIGHT: dict[str, tuple[str, Write, float, float | None]] = {  # file, writer, ne
     "zeros_ahead": ("t.csv", _sorted([f"sensor1_taxel_{k:03d}" for k in NUMBERS], reversed(NUMBERS)), 1.0, None),
     "bare_numbers": ("t.csv", _sorted([str(k) for k in NUMBERS]), 1.0, None),
     "row_column": ("t.csv", _sorted([f"r{r}c{c}" for r, c in CELLS], sorted(NUMBERS, key=lambda k: k % 4)), 1.0, None),
-    "capitals": ("t.csv", _csv([f"R{r + 1}C{c + 1}" for r, c in CELLS], more=("temp",)), 1.0, None),
+    "capitals": ("t.csv", table([f"R{r + 1}C{c + 1}" for r, c in CELLS], more=("temp",)), 1.0, None),
     "column_first": ("t.csv", _sorted([f"c{c}_r{r}" for r, c in CELLS]), 1.0, None),
     "x_y": ("t.csv", _sorted([f"x{c}y{r}" for r, c in CELLS]), 1.0, None),
     "words": ("t.csv", _sorted([f"row {r} col {c}" for r, c in CELLS]), 1.0, None),
-    "company": ("t.csv", _csv([f"taxel_{r}_{c}" for r, c in CELLS], more=("frame_id", "sum", "label")), 1.0, None),
-    "indices": ("t.csv", _csv([f"data[{k}]" for k in NUMBERS], time="stamp"), 1.0, None),
-    "echo": ("t.csv", _csv([f"field.data{k}" for k in NUMBERS], time="%time", more=("frame_id",)), 1.0, None),
-    "kilopascals": ("t.csv", _csv([f"S{k + 1} [kPa]" for k in NUMBERS], time="Time (s)"), 1e3 * _AREA, None),
-    "kpa_behind": ("t.csv", _csv([f"P{k + 1}_kPa" for k in NUMBERS], more=("sum",)), 1e3 * _AREA, None),
-    "psi": ("t.csv", _csv([f"cell {k} (psi)" for k in NUMBERS]), 6894.757293168 * _AREA, None),
-    "newtons": ("t.csv", _csv([f"cell {k} (N)" for k in NUMBERS]), 1.0, None),
-    "millinewtons": ("t.csv", _csv([f"F{k} [mN]" for k in NUMBERS]), 1e-3, None),
-    "kilograms": ("t.csv", _csv([f"taxel{k}_kg" for k in NUMBERS]), 9.80665, None),
-    "volts": ("t.csv", _csv([f"A{k} [V]" for k in NUMBERS]), 1.0, None),
-    "semicolons": ("t.csv", _csv([f"taxel_{k}" for k in NUMBERS], sep=";"), 1.0, None),
-    "tabs": ("t.txt", _csv([f"taxel_{k}" for k in NUMBERS], sep="\t"), 1.0, None),
+    "company": ("t.csv", table([f"taxel_{r}_{c}" for r, c in CELLS], more=("frame_id", "sum", "label")), 1.0, None),
+    "indices": ("t.csv", table([f"data[{k}]" for k in NUMBERS], time="stamp"), 1.0, None),
+    "echo": ("t.csv", table([f"field.data{k}" for k in NUMBERS], time="%time", more=("frame_id",)), 1.0, None),
+    "kilopascals": ("t.csv", table([f"S{k + 1} [kPa]" for k in NUMBERS], time="Time (s)"), 1e3 * _AREA, None),
+    "kpa_behind": ("t.csv", table([f"P{k + 1}_kPa" for k in NUMBERS], more=("sum",)), 1e3 * _AREA, None),
+    "psi": ("t.csv", table([f"cell {k} (psi)" for k in NUMBERS]), 6894.757293168 * _AREA, None),
+    "newtons": ("t.csv", table([f"cell {k} (N)" for k in NUMBERS]), 1.0, None),
+    "millinewtons": ("t.csv", table([f"F{k} [mN]" for k in NUMBERS]), 1e-3, None),
+    "kilograms": ("t.csv", table([f"taxel{k}_kg" for k in NUMBERS]), 9.80665, None),
+    "volts": ("t.csv", table([f"A{k} [V]" for k in NUMBERS]), 1.0, None),
+    "semicolons": ("t.csv", table([f"taxel_{k}" for k in NUMBERS], sep=";"), 1.0, None),
+    "tabs": ("t.txt", table([f"taxel_{k}" for k in NUMBERS], sep="\t"), 1.0, None),
     "nameless": ("t.csv", lambda path: np.savetxt(path, FLAT, fmt="%g", delimiter=","), 1.0, 100.0),
     "nameless_time": ("t.csv", lambda path: np.savetxt(path, np.c_[TIME, FLAT], fmt="%.12g", delimiter=","), 1.0, None),
-    "counter": ("t.csv", _csv([f"p{k}" for k in NUMBERS], time="", more=("frame_id",)), 1.0, 100.0),
+    "counter": ("t.csv", table([f"p{k}" for k in NUMBERS], time="", more=("frame_id",)), 1.0, 100.0),
     "list": ("t.csv", _lists(lambda frame: str(frame.ravel().tolist())), 1.0, None),
     "nested_list": ("t.csv", _lists(lambda frame: str(frame.tolist())), 1.0, None),
     "printed": ("t.csv", _lists(lambda frame: "[" + " ".join(f"{x:g}." for x in frame.ravel()) + "]"), 1.0, None),
@@ -184,11 +184,11 @@ RIGHT: dict[str, tuple[str, Write, float, float | None]] = {  # file, writer, ne
 }
 """Formats that hold enough: each is read as `FRAMES`, times the force of a unit."""
 REFUSED: dict[str, tuple[str, Write, str]] = {  # file, writer, words of the reason
-    "axes": ("t.csv", _csv([f"{k + 1}_{axis}" for k in NUMBERS for axis in "xyz"], _XYZ), "three axes.*_z"),
-    "axes_blocks": ("t.csv", _csv([f"{axis}{k}" for axis in "XYZ" for k in NUMBERS], _XYZ), "three axes"),
+    "axes": ("t.csv", table([f"{k + 1}_{axis}" for k in NUMBERS for axis in "xyz"], _XYZ), "three axes.*_z"),
+    "axes_blocks": ("t.csv", table([f"{axis}{k}" for axis in "XYZ" for k in NUMBERS], _XYZ), "three axes"),
     "axes_array": ("t.npz", _npz(time=TIME, frames=np.repeat(FRAMES[..., None], 3, axis=3)), "three axes"),
     "axes_layout": ("bag", _multi_array(("taxel", 24), ("axis", 3), count=72), "three axes"),
-    "plate": ("t.csv", _csv([f"LC{k}_kg" for k in range(4)], FLAT[:, :4]), "single-axis cells.*not read yet"),
-    "untimed": ("t.csv", _csv([f"taxel_{k}" for k in NUMBERS], time=""), "Add --rate HZ"),
+    "plate": ("t.csv", table([f"LC{k}_kg" for k in range(4)], FLAT[:, :4]), "single-axis cells.*not read yet"),
+    "untimed": ("t.csv", table([f"taxel_{k}" for k in NUMBERS], time=""), "Add --rate HZ"),
 }
 """Formats that are refused with the reason."""

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.files.logs.layout import POSE_COLUMNS, LogLayout, require_stated, require_units, stated_layout
+from palpate.files.logs.layout import POSE_COLUMNS, LogLayout, require_stated, stated_layout
 from palpate.files.logs.log import Log
-from palpate.files.logs.numbering import SINGLE, array_columns, shortened, sized
+from palpate.files.logs.numbering import SINGLE, array_columns, require_units, shortened, sized
 from palpate.files.logs.pose_table import PoseTable, converted
 from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
 from palpate.files.logs.time_unit import judged_unit, stated_unit
@@ -63,7 +63,8 @@ class Columns:
         self._samples = SampleReader(layout if poses is None else converted(layout), path)
         self._path, self._layout = path, layout
         self._groups = plan(layout, shapes, path)
-        require_units(layout, self._groups, stated, path)
+        for array in layout.arrays:
+            require_units(array, self._groups[array.name], stated, path)
         self._found = _found(layout, self._groups, shapes)
         self.time_unit = layout.time_unit or (stated_unit(layout.time, stated, path) if _TIME in self._groups else "s")
         self.doubt, self._per_second = "", _per_second(self.time_unit or "s", layout.rate)

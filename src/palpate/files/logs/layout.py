@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
@@ -13,17 +13,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.files.tables.stated import Stated
-from palpate.files.units import (
-    ACCELERATION_UNITS,
-    CELL_UNITS,
-    FORCE_UNITS,
-    SAMPLES,
-    TIME_UNITS,
-    TORQUE_UNITS,
-    known_unit,
-    split_unit,
-    to_si,
-)
+from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, SAMPLES, TIME_UNITS, TORQUE_UNITS, split_unit, to_si
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION
 
 WRENCH_COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -284,27 +274,6 @@ def require_stated(layout: LogLayout, stated: Stated, path: Path) -> None:
                 what = f"the log states that {name!r} is in {said!r}, but it is read in {unit!r}."
                 hint = f"Correct the unit in the rig's {key}, or let `palpate rig new` write it."
                 raise InputError(what, where=str(path), hint=hint)
-
-
-def require_units(layout: LogLayout, columns: Mapping[str, Sequence[str]], stated: Stated, path: Path) -> None:
-    """Check that a log states no other unit of an array's numbers than that in which they are read.
-
-    Args:
-        layout: of the log.
-        columns: channel -> its columns.
-        stated: units that the log `path` states.
-        path: of the log.
-
-    Raises:
-        InputError: it does.
-    """
-    for array in layout.arrays:
-        for name in columns[array.name] if array.unit is not None else ():
-            said = stated.unit(name) or stated.unit(name.partition("[")[0])
-            known, read = known_unit(said, CELL_UNITS), array.unit or "N"
-            if said and (known or array.unit) and not (known and _same(known, read, CELL_UNITS)):
-                what = f"the log states that {name!r} is in {said!r}, but it is read in {array.unit or 'counts'!r}."
-                raise InputError(what, where=str(path), hint=f'Write unit = "{known or said}" in [{array.table}].')
 
 
 def _same(unit: str, other: str, table: Mapping[str, float]) -> bool:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from palpate.errors import InputError
 from palpate.files.logs.layout import ArrayChannel
-from palpate.files.units import near, split_unit
+from palpate.files.tables.stated import Stated
+from palpate.files.units import CELL_UNITS, FORCE_UNITS, known_unit, near, split_unit
 from palpate.signals.recording import CELLS
 
 Shapes = Mapping[str, tuple[int, ...]]
@@ -21,6 +22,7 @@ _JOIN = r"(?:\W|_)*"
 _ROW_FIRST = re.compile(rf"(?:^|[^a-z])(?:r|row|y){_JOIN}\*{_JOIN}(?:c|col|column|x){_JOIN}\*", re.IGNORECASE)
 _COLUMN_FIRST = re.compile(rf"(?:^|[^a-z])(?:c|col|column|x){_JOIN}\*{_JOIN}(?:r|row|y){_JOIN}\*", re.IGNORECASE)
 _GRID = re.compile(rf"\*{_JOIN}\*", re.IGNORECASE)
+_LOAD_CELL = re.compile(r"(?:lc|load[\W_]*cell)", re.IGNORECASE)
 _AXIS = re.compile(r"(?<![a-z])[xyz](?![a-z])", re.IGNORECASE)
 _BESIDE = re.compile(  # names of columns that sit next to taxels and are none
     r"(?:.*[\W_])?(?:frames?|frame_?id|seq|sequence|samples?|index|idx|counter|count|packet|no|nr|sum|total|max|min|"
@@ -131,6 +133,35 @@ def three_axes(path: Path, what: str, one: str = "") -> InputError:
     hint = f'To use the normal axis alone, write cells = "{one}" in [skin].' if one else ""
     what = f"has three axes a taxel ({what}), and a skin is read with one number a taxel."
     return InputError(what, where=str(path), hint=hint)
+
+
+def single_cells(path: Path, names: Sequence[str]) -> InputError:
+    """Return the error of a log with the forces of a few load cells."""
+    what = f"has {len(names)} single-axis cells ({shortened(names)}), as under a plate, which are not read yet."
+    hint = "Sum them to one force, or name a skin's taxels in [skin] of a rig: cells = [...]."
+    return InputError(what, where=str(path), hint=hint)
+
+
+def require_units(array: ArrayChannel, columns: Sequence[str], stated: Stated, path: Path) -> None:
+    """Check that a log states no other unit of a channel's numbers than that in which they are read.
+
+    Args:
+        array: the channel.
+        columns: of the channel.
+        stated: units that the log `path` states.
+        path: of the log.
+
+    Raises:
+        InputError: it does, or names and unit are those of load cells.
+    """
+    for name in columns if array.unit is not None else ():
+        said = stated.unit(name) or stated.unit(name.partition("[")[0])
+        known, read = known_unit(said, CELL_UNITS), known_unit(array.unit or "N", CELL_UNITS)
+        if known in FORCE_UNITS and _LOAD_CELL.match(name):
+            raise single_cells(path, columns)
+        if said and known != read and (known or array.unit):
+            what = f"the log states that {name!r} is in {said!r}, but it is read in {array.unit or 'counts'!r}."
+            raise InputError(what, where=str(path), hint=f'Write unit = "{known or said}" in [{array.table}].')
 
 
 def array_columns(array: ArrayChannel, shapes: Shapes, names: Sequence[str], path: Path) -> Sequence[str]:

@@ -24,7 +24,7 @@ from palpate.files.units import positive, split_unit
 from palpate.surfaces.mesh import UNITS
 
 _HEAD = 1 << 16  # bytes of a text in which its form is looked for
-_FEWEST = 3  # frames that show the form
+_FEWEST, _ALIKE = 3, 0.8  # frames that show the form, and their share: others may have lost a line
 _FIELD = r"(?:[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|nan|B|\*)"  # B: no cell there, as Tekscan writes
 _ROW = re.compile(rf"\s*{_FIELD}(?:\s*[,;\s]\s*{_FIELD})+\s*[,;]?\s*", re.IGNORECASE)
 _TIME = re.compile(r"\b(?:time\w*|t)\b\W*([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)", re.IGNORECASE)
@@ -67,7 +67,8 @@ def holds_text_frames(path: Path) -> bool:
     if b"\0" in head:
         return False
     runs = [len(rows) for rows in _runs(head.decode(errors="replace").splitlines())[1][:-1]]
-    return (len(runs) >= _FEWEST and len({*runs}) == 1) or _long_names(path) is not None
+    alike = max(Counter(runs).values(), default=0)
+    return alike >= max(_FEWEST, _ALIKE * len(runs)) or _long_names(path) is not None
 
 
 def _runs(lines: Sequence[str]) -> tuple[list[str], list[list[str]]]:

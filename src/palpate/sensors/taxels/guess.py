@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import InputError
 from palpate.files.logs import LogContents, open_log
 from palpate.files.logs.layout import ArrayChannel, LogLayout
-from palpate.files.logs.numbering import axes_of, is_taxel, numbered_alike, shortened, three_axes
+from palpate.files.logs.numbering import axes_of, is_taxel, numbered_alike, shortened, single_cells, three_axes
 from palpate.files.units import CELL_UNITS, FORCE_UNITS, known_unit
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
@@ -191,11 +190,7 @@ def _of_columns(log: Path, contents: LogContents) -> _Cells | None:
         raise three_axes(log, ", ".join(each.pattern for each in axes), axes[2].pattern)
     few = [each for each in groups if 3 <= len(each.names) < _FEWEST and _unit(each.names, contents) in FORCE_UNITS]
     if few:
-        what = (
-            f"has {len(few[0].names)} single-axis cells ({few[0].pattern}), as under a plate, which are not read yet."
-        )
-        hint = "Sum them to one force, or name a skin's taxels in [skin] of a rig: cells = [...]."
-        raise InputError(what, where=str(log), hint=hint)
+        raise single_cells(log, few[0].names)
     cells = tuple(name for name in names if is_taxel(name))
     if len(cells) < _FEWEST:
         return None
