@@ -84,7 +84,7 @@ def test_places_and_columns_in_any_order_are_the_same_taxels(tmp_path: Path) -> 
     rng = np.random.default_rng(3)
     for ids, columns, named in ORDERS:
         rows = [f"{'S' * (named == 'name')}{i},{0.01 * k},0,0" for k, i in enumerate(ids)]
-        shuffled = "\n".join(rows[k] for k in rng.permutation(len(rows)))
+        shuffled = "\n".join(rows[k] for k in rng.permutation(len(rows)).tolist())
         (tmp_path / "places.csv").write_text(f"{named},x,y,z\n{shuffled}\n")
         order = np.array(columns)
         start = order.min() if len(order) == len(rows) else 1  # more columns than places: the same ids
@@ -141,7 +141,7 @@ def test_what_names_contradict_is_refused(skin: str, names: list[str], reason: s
 
 def test_a_frame_of_another_size_is_not_known(tmp_path: Path) -> None:
     """Of a text with frames of several lines; one that was cut at the end is none."""
-    texts = ["\n".join(" ".join(f"{x:g}" for x in row) for row in frame) for frame in FRAMES]
+    texts = ["\n".join(" ".join(f"{x:g}" for x in row) for row in frame) for frame in FRAMES.tolist()]
     texts[3], texts[-1] = texts[3].partition("\n")[2], texts[-1][:40]
     texts[5] = "B" + texts[5][texts[5].index(" ") :]
     (tmp_path / "log.txt").write_text("\n\n".join(texts))

@@ -43,7 +43,8 @@ class TextFrames(HeldLog):
 
     @cached_property
     def _read(self) -> _Read:
-        names = _long_names(self.path)
+        with open_input(self.path) as file:
+            names = _long_names(self.path, read_some(file, self.path, _HEAD))
         return _of_blocks(self.path) if names is None else _of_table(read_table(self.path), names)
 
     def contents(self) -> LogContents:
@@ -64,11 +65,11 @@ def holds_text_frames(path: Path) -> bool:
     """
     with open_input(path) as file:
         head = read_some(file, path, _HEAD)
-    if b"\0" in head:
-        return False
-    runs = [len(rows) for rows in _runs(head.decode(errors="replace").splitlines())[1][:-1]]
+    lines = head.decode(errors="replace").splitlines() if b"\0" not in head else []
+    breaks = sum(not line.strip() or line.lstrip()[0] not in "+-.0123456789Bb*nN" for line in lines)
+    runs = [len(rows) for rows in _runs(lines)[1][:-1]] if breaks >= _FEWEST - 1 else []
     alike = max(Counter(runs).values(), default=0)
-    return alike >= max(_FEWEST, _ALIKE * len(runs)) or _long_names(path) is not None
+    return alike >= max(_FEWEST, _ALIKE * len(runs)) or _long_names(path, head) is not None
 
 
 def _runs(lines: Sequence[str]) -> tuple[list[str], list[list[str]]]:
@@ -119,15 +120,16 @@ def _times(facts: Mapping[str, str], labels: Sequence[str]) -> dict[str, np.ndar
     return {"time": np.array(stated, dtype=np.float64)[:, 0]} if all(stated) else {}
 
 
-def _long_names(path: Path) -> dict[str, str] | None:
+def _long_names(path: Path, head: bytes) -> dict[str, str] | None:
     """Return the names of the columns of a table with one row a taxel: "id" or "row" and "column", "value", "time".
 
     None if it is no such table.
     """
-    with open_input(path) as file:
-        head = read_some(file, path, _HEAD)
+    first = head.lstrip().partition(b"\n")[0]
+    if not 2 < len(re.split(rb"[,;\t| ]+", first.strip())) < 7:  # names of two words, too
+        return None
     try:
-        names = find_dialect(head, path).names if b"\0" not in head[:4096] else ()
+        names = find_dialect(head, path).names
     except InputError:
         return None
     bare = {split_unit(name)[0].strip().lower(): name for name in names}
