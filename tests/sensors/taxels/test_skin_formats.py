@@ -84,7 +84,7 @@ def test_places_and_columns_in_any_order_are_the_same_taxels(tmp_path: Path) -> 
     rng = np.random.default_rng(3)
     for ids, columns, named in ORDERS:
         rows = [f"{'S' * (named == 'name')}{i},{0.01 * k},0,0" for k, i in enumerate(ids)]
-        shuffled = "\n".join(rows[k] for k in rng.permutation(len(rows)).tolist())
+        shuffled = "\n".join(rows[k] for k in map(int, rng.permutation(len(rows))))
         (tmp_path / "places.csv").write_text(f"{named},x,y,z\n{shuffled}\n")
         order = np.array(columns)
         start = order.min() if len(order) == len(rows) else 1  # more columns than places: the same ids

@@ -16,7 +16,8 @@ from palpate.signals.recording import CELLS
 
 Shapes = Mapping[str, tuple[int, ...]]
 SINGLE = "array"  # what the one array of an .npy is called
-_OTHER_NAMES = {CELLS: ("frames",)}  # of arrays
+USUAL = (CELLS, "frames", SINGLE)
+"""Names of arrays of frames."""
 _NUMBER = re.compile(r"\d+")
 _JOIN = r"(?:\W|_)*"
 _ROW_FIRST = re.compile(rf"(?:^|[^a-z])(?:r|row|y){_JOIN}\*{_JOIN}(?:c|col|column|x){_JOIN}\*", re.IGNORECASE)
@@ -26,8 +27,8 @@ _LOAD_CELL = re.compile(r"(?:lc|load[\W_]*cell)", re.IGNORECASE)
 _AXIS = re.compile(r"(?<![a-z])[xyz](?![a-z])", re.IGNORECASE)
 _BESIDE = re.compile(  # names of columns that sit next to taxels and are none
     r"(?:.*[\W_])?(?:frames?|frame_?id|seq|sequence|samples?|index|idx|counter|count|packet|no|nr|sum|total|max|min|"
-    r"mean|avg|average|temp\w*|label|class|phase|state|event|status|mode|type|id|board_?id|sensor_?id|cop\w*|center_of_pressure\w*|"
-    r"ref|[ft][xyz]_ref|f_[nt]|force_ref|unnamed: 0|)",
+    r"mean|avg|average|temp\w*|label|class|phase|state|event|status|mode|type|id|board_?id|sensor_?id|cop\w*|"
+    r"center_of_pressure\w*|ref|f_[nt])|unnamed.*",
     re.IGNORECASE,
 )
 
@@ -183,7 +184,7 @@ def array_columns(array: ArrayChannel, shapes: Shapes, names: Sequence[str], pat
     if name is not None:
         return _array_names(array, name, made[name], path)
     if made and not plain:
-        wanted = array.columns if isinstance(array.columns, str) else _OTHER_NAMES.get(array.name, (array.name,))[0]
+        wanted = array.columns if isinstance(array.columns, str) else "frames" if array.name == CELLS else array.name
         raise InputError(f"has no array {wanted!r}.", where=str(path), hint=near(wanted, made))
     return _by_names(array, plain, path)
 
@@ -192,7 +193,8 @@ def _array(array: ArrayChannel, made: Shapes, path: Path) -> str | None:
     """Return the name of the array that holds a channel; None if there is none."""
     if isinstance(array.columns, str):
         return array.columns if array.columns in made else None
-    usual = next((name for name in (array.name, *_OTHER_NAMES.get(array.name, ()), SINGLE) if name in made), None)
+    names = USUAL if array.name == CELLS else (array.name, SINGLE)
+    usual = next((name for name in names if name in made), None)
     fitting = [name for name, shape in made.items() if prod(shape) in (array.size, 3 * array.size)]
     if usual is None and len(fitting) > 1:
         raise _several(array, fitting, path)

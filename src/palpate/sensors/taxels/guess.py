@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.files.logs import LogContents, open_log
 from palpate.files.logs.layout import ArrayChannel, LogLayout
-from palpate.files.logs.numbering import axes_of, is_taxel, numbered_alike, shortened, single_cells, three_axes
+from palpate.files.logs.numbering import USUAL, axes_of, is_taxel, numbered_alike, shortened, single_cells, three_axes
 from palpate.files.units import CELL_UNITS, FORCE_UNITS, known_unit
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
@@ -25,7 +25,9 @@ from palpate.signals.recording import CELLS
 _FEWEST = 16  # cells: fewer numbers can be anything
 _CERTAIN = 4  # cells whose names are those of taxels
 _WORDS = ("taxel", "tactile", "sensel", "skin", "pillar")
-_OTHERS = ("jacob", "joint", "tau", "covariance", "inertia")  # numbered alike, and no skin
+_OTHERS = (  # many numbers, and no skin
+    *("jacob", "joint", "tau", "covariance", "inertia", "action", "state", "image", "rgb", "depth"),
+)
 _THREE_AXES = ("xela", "uskin")  # makers of taxels with three axes, in types of messages
 _BITS = (8, 10, 12, 14, 16)
 _PITCH = 0.005  # m, of a flat sheet where nothing states it
@@ -131,7 +133,7 @@ def guess_with_wrench(log: Path, contents: LogContents) -> Guess | None:
     else:
         there = list(contents.names)
         named = not made_up(there) and wrench_columns(there) is not None
-        cells = _numbered([name for name in there if name not in _others(there)], contents) if named else None
+        cells = _numbered(_free(there), contents) if named else None
     return None if cells is None else _guessed(log, cells, contents, None, ("", ""))
 
 
@@ -160,11 +162,12 @@ def _bits(log: Path, layout: LogLayout) -> int:
 
 
 def _of_arrays(contents: LogContents) -> _Cells | None:
-    """Return the first array of frames; None if there is none."""
-    arrays = {name: shape for name, shape in contents.names.items() if prod(shape) >= _FEWEST}
-    if not arrays:
+    """Return the array of frames, by its name or as the first that is large enough; None if there is none."""
+    arrays = {name: shape for name, shape in contents.names.items() if prod(shape) >= _FEWEST and _may_be(name)}
+    name = next((name for name in arrays if _is_skin(name) or name in USUAL), next(iter(arrays), None))
+    if name is None:
         return None
-    name, shape = next(iter(arrays.items()))
+    shape = arrays[name]
     if len(shape) > 1 and shape[-1] == 3:
         raise three_axes(contents.path, f"array {name!r} holds n x {' x '.join(map(str, shape))} numbers")
     others = [other for other in arrays if other != name]
@@ -180,7 +183,7 @@ def _of_columns(log: Path, contents: LogContents) -> _Cells | None:
     there = [name for name, shape in contents.names.items() if not shape]
     if wrench_columns(there) is not None:
         return None
-    names = [name for name in there if name not in _others(there)]
+    names = _free(there)
     if made_up(there):
         names = names[1:] if _counts(log, names[0]) else names
     if (found := _numbered(names, contents)) is not None:
@@ -202,15 +205,11 @@ def _numbered(names: Sequence[str], contents: LogContents) -> _Cells | None:
     """Return the largest group of columns that are numbered alike, if it is large enough or named as taxels."""
     groups = numbered_alike(names)
     axes = axes_of(groups)
-    groups = [each for each in groups if each not in axes and not any(word in each.pattern.lower() for word in _OTHERS)]
-    group = next(iter(groups), None)
-    certain = group is not None and any(word in group.pattern.lower() for word in _WORDS)
-    if group is None or len(group.names) < (_CERTAIN if certain else _FEWEST):
+    group = next((each for each in groups if each not in axes and _may_be(each.pattern)), None)
+    if group is None or len(group.names) < (_CERTAIN if _is_skin(group.pattern) else _FEWEST):
         return None
-    columns, why = (
-        group.ordered(),
-        f"{len(group.names)} columns that are numbered alike ({group.pattern}) look like cells",
-    )
+    columns = group.ordered()
+    why = f"{len(columns)} columns that are numbered alike ({group.pattern}) look like cells"
     remarks = list(_aside(list(contents.names), columns))
     if columns != group.names:
         remarks.insert(0, "the cells are in the order of the numbers in their names, not in that of the log")
@@ -220,14 +219,25 @@ def _numbered(names: Sequence[str], contents: LogContents) -> _Cells | None:
     return _Cells(group.shape(), why, columns, group.pattern, unit=unit, remarks=tuple(remarks))
 
 
+def _is_skin(name: str) -> bool:
+    return any(word in name.lower() for word in _WORDS)
+
+
+def _may_be(name: str) -> bool:
+    return _is_skin(name) or not any(word in name.lower() for word in _OTHERS)
+
+
 def _aside(there: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:
     """Return a remark on the columns that are not taken, in a tuple; () if there are none but the time's."""
-    other = [name for name in there if name not in {*cells, *_others(there)}]
+    taken = set(cells)
+    other = [name for name in _free(there) if name not in taken]
     return (f"not taken for cells: {shortened(other)}",) if other else ()
 
 
-def _others(there: Sequence[str]) -> set[str | None]:
-    return {time_column(there), *pose_columns(there), *(wrench_columns(there) or ())}
+def _free(there: Sequence[str]) -> list[str]:
+    """Return the names that are not those of a time, a pose or a wrench."""
+    named = {time_column(there), *pose_columns(there), *(wrench_columns(there) or ())}
+    return [name for name in there if name not in named]
 
 
 def _unit(columns: Sequence[str], contents: LogContents) -> str:
@@ -267,7 +277,7 @@ def _of_fields(log: Path, contents: LogContents) -> _Cells | None:
     axes = [path for path in paths if path.endswith(("[].x", "[].y", "[].z"))]
     if len(axes) >= 3 or (count % 3 == 0 and any(maker in kind.lower() for maker in _THREE_AXES)):
         raise three_axes(log, f"{kind} of {topic!r}", next(iter(axes[2:]), ""))
-    if not paths or (count < _FEWEST and not any(word in f"{kind}{topic}".lower() for word in _WORDS)):
+    if not paths or (count < _FEWEST and not _is_skin(f"{kind}{topic}")):
         return None
     why = f"field {paths[0]!r} of {kind} in topic {topic!r} holds {count} numbers"
     others = paths[1:]
