@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from palpate.errors import InputError
@@ -150,3 +151,18 @@ def test_a_frame_of_another_size_is_not_known(tmp_path: Path) -> None:
     wanted = FRAMES[:-1].copy()
     wanted[3], wanted[5, 0, 0] = np.nan, 0.0
     np.testing.assert_array_equal(found, wanted)
+
+
+def test_episodes_in_one_file_are_refused(tmp_path: Path) -> None:
+    """As LeRobot's data sets of version 3 have them: their times each begin at 0."""
+    numbers = {f"taxel_{k}": FRAMES.reshape(len(FRAMES), -1)[:, k] for k in range(24)}
+    for episodes, found in ((1, True), (2, False)):
+        rows = pl.DataFrame({"time": TIME, "episode_index": np.arange(len(TIME)) % episodes, **numbers})
+        rows.write_parquet(tmp_path / "log.parquet")
+        (tmp_path / "rig.toml").write_text(f"[skin]\n{SHEET}")
+        layout = load_rig(tmp_path / "rig.toml").layout()
+        if found:
+            assert len(read_recording(tmp_path / "log.parquet", layout)) == len(TIME)
+        else:
+            with pytest.raises(InputError, match=r"holds 2 episodes.*episode_index"):
+                read_recording(tmp_path / "log.parquet", layout)

@@ -21,6 +21,7 @@ from palpate.forks import require_polars_threads
 from palpate.signals.recording import Recording
 
 PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so few
+_EPISODE = "episode_index"  # column of LeRobot's data sets
 
 
 class ParquetLog(ColumnLog):
@@ -61,6 +62,9 @@ class ParquetLog(ColumnLog):
         require_polars_threads()
         frame = pl.scan_parquet(self.path, glob=False)
         kinds, shapes = frame.collect_schema(), _shapes(frame)
+        if _EPISODE in shapes and (count := int(frame.select(pl.col(_EPISODE).n_unique()).collect().item())) > 1:
+            what = f"holds {count} episodes, whose times begin again."
+            raise InputError(what, where=str(self.path), hint=f"Write one file for each {_EPISODE}.")
         self._columns = columns = Columns(self._layout, self.path, shapes, poses=self.poses)
         arrays = list(dict.fromkeys(columns.places[name][0] for name in columns.names))
         for name in arrays:
