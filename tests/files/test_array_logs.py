@@ -289,7 +289,7 @@ def test_a_file_of_another_suffix_is_told_by_what_is_in_it(tmp_path: Path, name:
     [
         ({"frames": ROWS}, "has no array of times, 'time'"),
         ({"time": np.arange(60.0)}, "has 0 columns in addition to the time|has no array"),
-        ({"time": np.arange(60.0), "cels": ROWS}, "has no array 'frames'"),
+        ({"time": np.arange(60.0), "cels": ROWS[:, :2]}, "has no array 'frames'"),
         ({"time": np.arange(59.0), "frames": ROWS}, "has 59 rows of time and 60 rows of frames"),
         ({"time": np.arange(60.0), "frames": ROWS > 3}, "frames holds bool, not numbers"),
         ({"time": np.arange(0.0), "frames": ROWS[:0]}, "holds no samples"),

@@ -75,7 +75,7 @@ def evaluate_instrument(
         why = f"none of {len(touches)} touches can be compared; reason for the first: {reference.refused[0]}."
         raise InputError(why, where=str(truth))
     judged = judge(touches, reference)
-    sheet = SkinSection.name in setup.sensors and setup.of(SkinSection).table.map is not None
+    sheet = SkinSection.name in setup.sensors and setup.of(SkinSection).table.sheet
     pitch = setup.of(SkinSection).map.pitch if sheet else None
     title(f"{path} against {truth}, {reference.name}")
     lines(_facts(judged, touches, pitch))

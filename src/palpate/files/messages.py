@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import TypeVar
@@ -22,12 +22,16 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic: name, type of its messages, their encoding, cdr (ROS 2) or ros1, and their count, 0 if unknown."""
+    """A topic: name, type of its messages, their encoding, cdr (ROS 2) or ros1, and their count, 0 if unknown.
+
+    `definition` is that of the type, as the file has it; "" if it has none.
+    """
 
     name: str
     kind: str
     encoding: str
     count: int = 0
+    definition: str = field(default="", compare=False, repr=False)
 
     def same(self, other: Topic) -> bool:
         """Return True if the topics differ at most in their count."""

@@ -34,6 +34,23 @@ TORQUE_UNITS: Mapping[str, float] = {
 }
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SAMPLES = "samples"  # unit of time of a sample counter, which the rate converts to seconds
+PRESSURE_UNITS: Mapping[str, float] = {
+    "Pa": 1.0,
+    "hPa": 1e2,
+    "kPa": 1e3,
+    "MPa": 1e6,
+    "bar": 1e5,
+    "mbar": 1e2,
+    "psi": _POUND / _INCH**2,
+    "mmHg": 133.322387415,
+    "N/cm^2": 1e4,
+    "N/mm^2": 1e6,
+    "kgf/cm^2": _KILOPOND * 1e4,
+    "gf/cm^2": _KILOPOND * 10.0,
+}
+ELECTRIC_UNITS: Mapping[str, float] = {"counts": 1.0, "V": 1.0, "mV": 1.0, "Ohm": 1.0, "kOhm": 1.0, "S": 1.0}
+"""Units of readings that a curve turns into forces, as they are."""
+CELL_UNITS: Mapping[str, float] = {**FORCE_UNITS, **PRESSURE_UNITS}
 ACCELERATION_UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": _KILOPOND, "mg": _KILOPOND * 1e-3}
 
 _ALIASES: Mapping[str, tuple[str, ...]] = {  # as the tables spell it -> as others do, in lower case, squeezed
@@ -48,6 +65,17 @@ _ALIASES: Mapping[str, tuple[str, ...]] = {  # as the tables spell it -> as othe
     "kgf cm": ("kgcm",),
     "lbf ft": ("lbft", "ftlb", "ftlbf", "ftlbs", "lbsft"),
     "lbf in": ("lbin", "inlb", "inlbf", "inlbs", "lbsin"),
+    "Pa": ("pa", "pascal"),
+    "kPa": ("kpa", "kilopascal"),
+    "mmHg": ("mmhg",),
+    "N/cm^2": ("n/cm2", "n/cm\u00b2"),
+    "N/mm^2": ("n/mm2", "n/mm\u00b2"),
+    "kgf/cm^2": ("kgf/cm2", "kg/cm2", "kg/cm^2"),
+    "gf/cm^2": ("gf/cm2", "g/cm2", "g/cm^2"),
+    "V": ("v", "volt", "volts"),
+    "counts": ("count", "cts", "lsb", "adc"),
+    "Ohm": ("ohm", "ohms"),
+    "kOhm": ("kohm", "kohms"),
     "s": ("sec", "secs", "second", "seconds"),
     "ms": ("msec", "msecs", "millis", "millisecond", "milliseconds"),
     "us": ("\u00b5s", "\u03bcs", "usec", "usecs", "micros", "microsecond", "microseconds"),  # both signs for micro
@@ -96,7 +124,7 @@ def split_unit(name: str) -> tuple[str, str]:
         if _known(text) or match[1] is not None or _FOREIGN.fullmatch(text):  # words in round brackets may say anything
             return (name[: match.start()] + name[match.end() :]).strip(), text
     if (match := _TRAILING.fullmatch(name)) and (
-        _known(match[2], certain=True) or match[2].lower() in ("volt", "volts", "counts")
+        _known(match[2], certain=True) or match[2].lower() in ("volt", "volts", "counts", "kpa", "kg")
     ):
         return match[1], match[2]
     return name, ""
@@ -106,7 +134,7 @@ def _known(unit: str, *, certain: bool = False) -> bool:
     """Check whether a unit is known; `certain`: as its table spells it, or a word (not `fx_n`)."""
     if certain and len(unit) < 3:
         return unit != "g" and any(unit in table for table in _TABLES)
-    return any(known_unit(unit, table) for table in _TABLES)
+    return any(known_unit(unit, table) for table in (_TABLES if certain else (*_TABLES, PRESSURE_UNITS)))
 
 
 def positive(text: str) -> float:

@@ -22,7 +22,7 @@ from palpate.signals.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIE
 
 def bare(layout: LogLayout) -> LogLayout:
     """Return a `LogLayout` that leaves numbers as they are recorded, with their units and axes."""
-    arrays = tuple(replace(array, scale=1.0) for array in layout.arrays)
+    arrays = tuple(array.as_recorded() for array in layout.arrays)
     units = {"force_unit": "N", "torque_unit": "N m", "acceleration_unit": "m/s^2"}
     return replace(layout.as_recorded(), arrays=arrays, **units)
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from palpate.files.logs import LogContents, open_log, topic_shapes
+from palpate.files.logs import LogContents, open_log, topic_fields, topic_shapes
 from palpate.files.logs.decoding import role
 from palpate.files.logs.layout import ORIENTATION_COLUMNS, LogLayout
 from palpate.files.logs.topics import RESULTS
@@ -17,6 +17,7 @@ from palpate.surfaces.mesh import UNITS, Mesh, plausible_size, unit_named
 
 __all__ = [
     "array_topic",
+    "field_topic",
     "frames_table",
     "imu_topics",
     "mesh_size",
@@ -60,6 +61,24 @@ def array_topic(
     """
     there = {topic.name for topic in contents.topics}
     return next(((name, shape) for name, shape in topic_shapes(log).items() if name in there and fits(shape)), None)
+
+
+def field_topic(
+    log: Path, contents: LogContents, fits: Callable[[int], bool]
+) -> tuple[str, tuple[str, ...], int] | None:
+    """Return (topic, field paths, count) of the longest lists of numbers in messages of types that the log defines.
+
+    None if no count fits; the paths are those of lists with the same count.
+
+    Raises:
+        InputError: the log cannot be read.
+    """
+    there = {topic.name for topic in contents.topics}
+    found = {key: count for key, count in topic_fields(log).items() if key[0] in there and fits(count)}
+    if not found:
+        return None
+    topic, count = max(((key[0], count) for key, count in found.items()), key=lambda each: each[1])
+    return topic, tuple(path for (name, path), each in found.items() if (name, each) == (topic, count)), count
 
 
 def commented(line: str, comment: str) -> str:

@@ -44,6 +44,7 @@ _BASED = re.compile(
 _COUNTER = re.compile(
     r"^(?:.*[\W_])?(?:samples?|seq|sequence|index|idx|counter|count|frame|packet|no|nr|n|#)\.?$", re.I
 )
+_NAMELESS = 19  # columns without names: three wrenches and a time; more are frames of a skin
 _PARTS = re.compile(r"^(?P<head>.*?)(?P<part>secs?|seconds?|nsecs?|nanosecs?|nanoseconds?)$", re.IGNORECASE)
 
 
@@ -59,7 +60,7 @@ def wrenches(names: Sequence[str]) -> list[tuple[str, ...]]:
             found += pairs
             break
     found += _groups(names, (_SIX,), "012345").values()
-    if made_up(names) and len(names) % 6 < 2:
+    if made_up(names) and len(names) % 6 < 2 and len(names) <= _NAMELESS:
         first = len(names) % 6
         found += [tuple(names[k : k + 6]) for k in range(first, len(names), 6)]
     return sorted(dict.fromkeys(found), key=lambda six: (bool(_BASED.search(six[0])), bool(_DERIVED.search(six[0]))))

@@ -302,12 +302,13 @@ def require_positive(table: object, *names: str) -> None:
     """Check named fields of a table.
 
     Raises:
-        ValueError: a field is neither None nor positive and finite.
+        ValueError: a field is neither None nor positive and finite, or such numbers.
     """
     for name in names:
-        value = getattr(table, name)
-        if value is not None and not 0 < value < inf:
-            raise ValueError(f"{name} must be positive and finite, not {value:g}")
+        value: float | tuple[float, ...] | None = getattr(table, name)
+        for number in value if isinstance(value, tuple) else () if value is None else (value,):
+            if not 0 < number < inf:
+                raise ValueError(f"{name} must be positive and finite, not {number:g}")
 
 
 def require_path(key: str, path: str | None) -> None:

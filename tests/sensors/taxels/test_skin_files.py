@@ -47,7 +47,7 @@ def test_what_is_wrong_with_curves_is_said(tmp_path: Path, change: tuple[str, st
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[skin]\nbits = 8\n", "skin: map or taxels is missing"),
+        ("[skin]\nbits = 8\n", "skin: map, pitch or taxels is missing"),
         ("[skin]\nmap = 'm.csv'\nbits = 40\n", "bits"),
         ("[skin]\nmap = 'm.csv'\n[contacts]\non = 2\noff = 3\n", "off"),
         ("[skin]\nmap = 'm.csv'\n[contacts]\nunequal = -0.1\n", "unequal"),

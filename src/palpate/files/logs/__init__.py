@@ -10,6 +10,7 @@ from palpate.files.logs.opening import (
     open_log,
     read_poses,
     read_recording,
+    topic_fields,
     topic_shapes,
 )
 
@@ -27,5 +28,6 @@ __all__ = [
     "open_log",
     "read_poses",
     "read_recording",
+    "topic_fields",
     "topic_shapes",
 ]

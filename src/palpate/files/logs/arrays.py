@@ -17,6 +17,7 @@ from palpate.files.logs.columns import SINGLE, ColumnLog, Columns
 from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import LogContents
 from palpate.files.tables.lines import open_input
+from palpate.files.tables.stated import Stated
 from palpate.signals.recording import Recording
 
 _MAGIC = b"\x93NUMPY"
@@ -50,7 +51,8 @@ class ArrayLog(ColumnLog):
                 with ZipFile(file) as archive:
                     names = [name for name in archive.namelist() if name.endswith(".npy")]
                     heads = {name.removesuffix(".npy"): _head(archive.open(name)) for name in names}
-        return LogContents(self.path, {name: _sample(shape) for name, shape in heads.items() if shape})
+        names = {name: _sample(shape) for name, shape in heads.items() if shape}
+        return LogContents(self.path, names, stated=Stated.of_names(names))
 
     def blocks(self) -> Iterator[Recording]:
         """Yield the rows as recordings in SI.
@@ -59,12 +61,13 @@ class ArrayLog(ColumnLog):
             InputError: the layout does not fit the arrays; they differ in length, are empty or no numbers; or the file
                 does not exist or is damaged.
         """
-        shapes = self.contents().names
+        there = self.contents()
+        shapes = there.names
         if self._layout.rate is None and self._layout.time not in shapes:
             what = f"has no array of times, {self._layout.time!r}."
             hint = "Write the rate [Hz] of the samples in the rig, as rate in [time], or add the times as an array."
             raise InputError(what, where=str(self.path), hint=hint)
-        self._columns = columns = Columns(self._layout, self.path, shapes, poses=self.poses)
+        self._columns = columns = Columns(self._layout, self.path, shapes, there.stated, self.poses)
         arrays = self._arrays(list(dict.fromkeys(columns.places[column][0] for column in columns.names)))
         yield from self._cut(columns, arrays, 0, len(next(iter(arrays.values()))))
         yield from columns.finish()
@@ -140,7 +143,8 @@ class HeldLog(ArrayLog):
         if single or not self._held:
             what = f"{single[0]!r} is a single number" if single else "there is no column"
             raise InputError(f"{what}, and one row per sample is needed.", where=str(self.path))
-        return LogContents(self.path, {name: _sample(values.shape) for name, values in self._held.items()})
+        names = {name: _sample(values.shape) for name, values in self._held.items()}
+        return LogContents(self.path, names, stated=Stated.of_names(names))
 
     def _loaded(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         return {name: self._held[name] for name in names}

@@ -142,9 +142,15 @@ class BagFile(MessageFile):
 def _topics(bag: Any) -> list[Topic]:
     encoding = "ros1" if "rosbag1" in type(bag).__module__ else "cdr"
     return merged(
-        Topic(connection.topic, connection.msgtype.replace("/msg/", "/"), encoding, connection.msgcount)
-        for connection in bag.connections
+        Topic(each.topic, each.msgtype.replace("/msg/", "/"), encoding, each.msgcount, _definition(each))
+        for each in bag.connections
     )
+
+
+def _definition(connection: Any) -> str:
+    """Return the definition of a type in the form of .msg files; "" if the bag has none."""
+    stated = connection.msgdef
+    return stated.data if stated.format.name == "MSG" else ""
 
 
 def _joined(batch: list[tuple[int, int, bytes]], topics: dict[int, Topic]) -> MessageBlock:

@@ -13,25 +13,24 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.files.logs.layout import POSE_COLUMNS, ArrayChannel, LogLayout, require_stated, stated_layout
+from palpate.files.logs.layout import POSE_COLUMNS, LogLayout, require_stated, stated_layout
 from palpate.files.logs.log import Log
+from palpate.files.logs.numbering import SINGLE, array_columns, require_units, shortened, sized
 from palpate.files.logs.pose_table import PoseTable, converted
 from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
 from palpate.files.logs.time_unit import judged_unit, stated_unit
 from palpate.files.tables.fields import Fields
 from palpate.files.tables.stated import Stated
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
-from palpate.signals.recording import ACCELERATION, CELLS, FORCE, TEMPERATURE, TORQUE, Recording
+from palpate.signals.recording import ACCELERATION, FORCE, TEMPERATURE, TORQUE, Recording
 
-__all__ = ["SINGLE", "ColumnLog", "Columns", "plan"]
+__all__ = ["SINGLE", "ColumnLog", "Columns", "Read", "plan"]
 
 BLOCK = 1 << 13  # rows handed on at a time
 Read = Callable[[Sequence[str], Fields], Float[np.ndarray, "n k"]]
 Shapes = Mapping[str, tuple[int, ...]]
 _TIME = "time"
-SINGLE = "array"  # what the one array of an .npy is called
 _IMAGES = "Name a video, a folder of frames, an MCAP file or a bag."
-_OTHER_NAMES = {CELLS: "frames"}  # of arrays
 
 
 class Columns:
@@ -64,6 +63,9 @@ class Columns:
         self._samples = SampleReader(layout if poses is None else converted(layout), path)
         self._path, self._layout = path, layout
         self._groups = plan(layout, shapes, path)
+        for array in layout.arrays:
+            require_units(array, self._groups[array.name], stated, path)
+        self._found = _found(layout, self._groups, shapes)
         self.time_unit = layout.time_unit or (stated_unit(layout.time, stated, path) if _TIME in self._groups else "s")
         self.doubt, self._per_second = "", _per_second(self.time_unit or "s", layout.rate)
         self.places = flattened(shapes)
@@ -123,7 +125,7 @@ class Columns:
     def notes(self) -> tuple[str, ...]:
         """Return notes on the blocks so far, one sentence each: unreadable fields, odd times, no times."""
         said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
-        said = (*filter(None, [self.doubt]), *said, *(() if self._poses is None else self._poses.notes()))
+        said = (*filter(None, [self.doubt]), *self._found, *said, *(() if self._poses is None else self._poses.notes()))
         if _TIME not in self._groups:
             return (f"samples have no times: a rate of {self._layout.rate:g} Hz is assumed", *said)
         return said
@@ -166,13 +168,15 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
     """
     if layout.images is not None:
         raise InputError("holds no images.", where=str(path), hint=_IMAGES)
-    layout = _by_arrays(layout, shapes, path)
+    layout = _by_arrays(layout, shapes)
     names = flattened(shapes)
     timed = layout.rate is None or layout.time in names
     groups: dict[str, Sequence[str]] = {_TIME: (layout.time,)} if timed else {}
     if layout.wrench is not None:
         groups[WRENCH] = layout.wrench
-    groups |= {array.name: array.columns for array in layout.arrays if array.columns is not None}
+    for array in layout.arrays:
+        if isinstance(array.columns, tuple) and (set(array.columns) <= names.keys() or not any(shapes.values())):
+            groups[array.name] = sized(array, array.columns, path)
     _require_known(list(chain.from_iterable(groups.values())), names, path)
     for channel, usual in POSE_COLUMNS.items():
         if layout.pose_file is not None and channel != ACCELERATION:
@@ -185,10 +189,10 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
         _require_known((layout.temperature,), names, path)
         groups[TEMPERATURE] = (layout.temperature,)
     for array in layout.arrays:
-        if array.columns is None:
+        if array.name not in groups:
             used = set(chain.from_iterable(groups.values()))
-            groups[array.name] = [name for name in names if name not in used]
-        _require_size(array, groups[array.name], path)
+            free = [name for name in names if name not in used]
+            groups[array.name] = array_columns(array, shapes, free, path)
     return groups
 
 
@@ -207,7 +211,7 @@ def _columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     return tuple(f"{name}[{k}]" for k in range(prod(shape))) if shape else (name,)
 
 
-def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
+def _by_arrays(layout: LogLayout, shapes: Shapes) -> LogLayout:
     """Return the layout with arrays that are named as channels in place of missing columns."""
     made = {name: _columns(name, shape) for name, shape in shapes.items() if shape}
     if not made:
@@ -221,35 +225,22 @@ def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
     for channel, usual in POSE_COLUMNS.items():
         if getattr(layout, channel) is None and len(made.get(channel, ())) == len(usual):
             changes[channel] = made[channel]
-    changes["arrays"] = tuple(_found(array, shapes, made, path) for array in layout.arrays)
     return replace(layout, **changes)
 
 
-def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ...]], path: Path) -> ArrayChannel:
-    """Return the channel with the columns of the array of its name."""
-    if array.columns is not None and set(array.columns) <= shapes.keys():
-        return array
-    name = next((name for name in (array.name, _OTHER_NAMES.get(array.name), SINGLE) if name in made), None)
-    if name is None:
-        wanted = _OTHER_NAMES.get(array.name, array.name)
-        raise InputError(f"has no array {wanted!r}.", where=str(path), hint=near(wanted, shapes))
-    if shapes[name] not in (array.shape, (array.size,)):
-        there = " x ".join(map(str, shapes[name]))
-        what = f"holds {name} of shape n x {there}, not n x {array.described}."
-        raise InputError(what, where=str(path), hint=_mend(array))
-    return replace(array, columns=made[name])
-
-
-def _require_size(array: ArrayChannel, columns: Sequence[str], path: Path) -> None:
-    if (count := len(columns)) != array.size:
-        has = f"names {count} columns" if array.columns else f"has {count} columns in addition to the time"
-        where = array.table if array.columns else str(path)
-        what = f"{has}, but {array.size} {array.name} ({array.described}) are needed."
-        raise InputError(what, where=where, hint=_mend(array))
-
-
-def _mend(array: ArrayChannel) -> str:
-    return f"Correct the numbers in the rig's [{array.table}], or name the columns there." if array.table else ""
+def _found(layout: LogLayout, groups: Mapping[str, Sequence[str]], shapes: Shapes) -> tuple[str, ...]:
+    """Return sentences on columns that are not taken for a channel that found its own, and on their order."""
+    said, used = list[str](), set(chain.from_iterable(groups.values()))
+    other = [name for name in shapes if not shapes[name] and name not in used]
+    for array in layout.arrays:
+        columns = list(groups[array.name])
+        if isinstance(array.columns, tuple) or not shapes.keys() >= (own := set(columns)):
+            continue
+        if other:
+            said.append(f"not taken for {array.name}: {shortened(other)}")
+        if columns != [name for name in shapes if name in own]:
+            said.append(f"columns of {array.name} are taken by the numbers in their names, not in the log's order")
+    return tuple(said)
 
 
 def _require_known(wanted: Sequence[str], names: Mapping[str, object], path: Path) -> None:

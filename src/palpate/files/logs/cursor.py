@@ -55,6 +55,17 @@ class Cursor:
             values[~self._little] = raw[~self._little].view(f">{code}")
         return values
 
+    def skip(self, size: int, count: Int[np.ndarray, " n"]) -> None:
+        """Skip so many numbers of a size in each message; where there are none, nothing is aligned.
+
+        Raises:
+            InputError: count has another shape.
+        """
+        before = self.at
+        self._align(size)
+        self.at = np.where(count > 0, self.at + size * count, before)
+        self.sound &= self.at <= self._end
+
     def number(self) -> Int[np.ndarray, " n"]:
         """Return the next four-byte unsigned integer of each message, (n,)."""
         return self.numbers("u4", 1)[:, 0].astype(np.int64)
@@ -94,16 +105,20 @@ class Cursor:
             setattr(other, name, getattr(self, name)[which])
         return other
 
-    def dimensions(self) -> None:
-        """Skip a list of array dimensions; one of more than 16 is malformed."""
-        left = self.number()
+    def dimensions(self) -> list[Int[np.ndarray, " n"]]:
+        """Read a list of array dimensions, and return their sizes; a list of more than 16 is malformed.
+
+        Each is (n,), 0 where a message has fewer dimensions.
+        """
+        left, sizes = self.number(), list[np.ndarray]()
         self.sound &= left <= _MOST_DIMENSIONS
         while (more := self.sound & (left > 0)).any():
             at, sound = self.at, self.sound.copy()
             self.text()
-            self.numbers("u4", 2)
+            sizes.append(np.where(more, self.numbers("u4", 2)[:, 0].astype(np.int64), 0))
             self.at, self.sound = np.where(more, self.at, at), np.where(more, self.sound, sound)
             left = left - more
+        return sizes
 
     def _align(self, size: int) -> None:
         if self._cdr:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.files.logs.cursor import Cursor, taken
+from palpate.files.logs.message_fields import FieldPath
 from palpate.files.message_types import NUMBERS
 from palpate.files.messages import MessageBlock, Topic
 from palpate.spatial.arguments import takes_arrays
@@ -77,16 +79,24 @@ def has_header(kind: str) -> bool:
     return FIXED[kind].strings > 0 if kind in FIXED else kind == IMAGE
 
 
-def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) -> Decoded:
+def decode(
+    messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = (), field: FieldPath | None = None
+) -> Decoded:
     """Return stamps (n,) [ns], numbers (n, k), and a mask (n,), True where a message is readable.
 
-    Stamps are 0 if the type has none. Numbers are as recorded; NaN where unreadable, as are arrays not of the `shape`.
+    The numbers of a `field` replace those that the type has. Stamps are 0 if the type has none. Numbers are as
+    recorded; NaN where unreadable, as are arrays not of the `shape`.
 
     Raises:
         KeyError: the type of the topic has no role.
     """
     cursor = Cursor(messages, topic.encoding)
-    if topic.kind == IMAGE:
+    if field is not None:
+        ahead = Cursor(messages, topic.encoding)
+        stamps = ahead.stamp() if field.stamped else np.zeros(len(cursor.at), dtype=np.int64)
+        values = field.read(cursor, prod(shape)).astype(np.float64)
+        values[~cursor.sound] = np.nan
+    elif topic.kind == IMAGE:
         stamps, values = _image(cursor, shape)
     elif topic.kind in ARRAYS:
         stamps, values = np.zeros(len(cursor.at), dtype=np.int64), _array(cursor, ARRAYS[topic.kind], shape)
@@ -98,7 +108,8 @@ def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) ->
 def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
     """Return the shape of the array, or (rows, columns) of the one-channel image, in the first readable message.
 
-    None if no message is readable. The topic has images, or a type in `ARRAYS`.
+    It is the shape that the array's layout states, if it holds as many numbers. None if no message is readable. The
+    topic has images, or a type in `ARRAYS`.
     """
     cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
@@ -108,9 +119,13 @@ def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
         ends = zip(start.tolist(), (start + length).tolist(), strict=True)
         cursor.sound &= [messages.data[first:end].rstrip(b"\0") in _DEPTHS for first, end in ends]
     else:
-        cursor.dimensions()
+        stated = cursor.dimensions()
         offset = cursor.number()
         sizes = (cursor.number() - offset)[:, None]
+        sides = np.stack([*stated, np.zeros_like(offset)], axis=1)[cursor.sound & (sizes > 0).all(axis=1)][:1]
+        shape = tuple(side for side in sides.ravel().tolist() if side)
+        if shape and prod(shape) == sizes[cursor.sound & (sizes > 0).all(axis=1)][0, 0]:
+            return shape
     known = sizes[cursor.sound & (sizes > 0).all(axis=1)]
     return tuple(known[0].tolist()) if len(known) else None
 

@@ -30,19 +30,26 @@ class ArrayChannel:
     Args:
         name: of the channel of the `Recording`.
         shape: of one sample: (12,), or (6, 22).
-        columns: of a table, the last axis running fastest; None: all that are not named otherwise, in order. An array
-            called `name` is used instead, if there is one.
+        columns: of a table, in the order in which they are recorded; or a field path, in which * is any text: a pattern
+            of columns, the name of an array or of a column of lists, or a field of a topic's messages. None: those that
+            `palpate.files.logs.numbering` finds.
         topic: of a log with topics; None: the only one that holds arrays.
         scale: SI value of one unit of the log, for all numbers or for each.
+        order: "rows", or "columns" where the numbers of a sheet are recorded column by column.
+        ids: of the numbers, as the names of columns state them; None: they are counted.
+        unit: in which the numbers are read; None: as the log has them, whatever it states.
         table: of the rig that declares this channel, for messages.
     """
 
     name: str
     shape: tuple[int, ...]
-    columns: tuple[str, ...] | None = None
+    columns: tuple[str, ...] | str | None = None
     topic: str | None = None
     scale: float | tuple[float, ...] = 1.0
     table: str = ""
+    order: str = "rows"
+    ids: tuple[int, ...] | None = None
+    unit: str | None = None
 
     @property
     def size(self) -> int:
@@ -53,6 +60,20 @@ class ArrayChannel:
     def described(self) -> str:
         """The shape as text, such as '6 x 22'."""
         return " x ".join(map(str, self.shape))
+
+    @property
+    def recorded(self) -> tuple[int, ...]:
+        """The shape in which numbers are recorded: (columns, rows) if they run column by column."""
+        return self.shape[::-1] if self.order == "columns" else self.shape
+
+    @property
+    def mend(self) -> str:
+        """A sentence on what to correct in a rig; "" without one."""
+        return f"Correct the numbers in the rig's [{self.table}], or name the columns there." if self.table else ""
+
+    def as_recorded(self) -> ArrayChannel:
+        """Return the channel with numbers in the unit and the order in which they are recorded."""
+        return replace(self, shape=self.recorded, scale=1.0, order="rows")
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,25 +15,40 @@ from palpate.files.logs.arrays import ArrayLog, HeldLog
 from palpate.files.logs.bag import BagFile, open_folder
 from palpate.files.logs.columns import ColumnLog, plan
 from palpate.files.logs.csv import CsvLog
+from palpate.files.logs.cursor import Cursor
 from palpate.files.logs.decoding import role, shape_of
 from palpate.files.logs.frame_folder import FrameFolder, holds_frames
 from palpate.files.logs.image_messages import IMAGES
 from palpate.files.logs.image_topics import ImageTopicLog, first_size
 from palpate.files.logs.images import refuse_others
+from palpate.files.logs.joints import JOINTS
 from palpate.files.logs.layout import LogLayout, pose_path
 from palpate.files.logs.log import Log, LogContents
+from palpate.files.logs.message_fields import FieldPath, field_of, paths_of
 from palpate.files.logs.parquet import ParquetLog
 from palpate.files.logs.pose_table import pose_layout
 from palpate.files.logs.survey import Survey, survey_of
+from palpate.files.logs.text_frames import TextFrames, holds_text_frames
 from palpate.files.logs.topic_log import TopicLog
 from palpate.files.logs.topics import choose, choose_images
+from palpate.files.logs.transforms import TREES
 from palpate.files.logs.video import VIDEOS, VideoLog, is_video
 from palpate.files.mcap.reader import MAGIC, McapFile
-from palpate.files.messages import MessageFile, Topic
+from palpate.files.messages import MessageBlock, MessageFile, Topic
 from palpate.files.tables.lines import open_input, read_some
 from palpate.signals.recording import ORIENTATION, POSITION, Recording, sealed
 
-__all__ = ["contents", "image_size", "join", "missing", "open_log", "read_poses", "read_recording", "topic_shapes"]
+__all__ = [
+    "contents",
+    "image_size",
+    "join",
+    "missing",
+    "open_log",
+    "read_poses",
+    "read_recording",
+    "topic_fields",
+    "topic_shapes",
+]
 
 _KINDS: dict[str, tuple[str, tuple[bytes, ...]]] = {  # usual suffix -> what it is, and its first bytes
     ".parquet": ("a Parquet file", (b"PAR1",)),
@@ -81,6 +97,29 @@ def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
         return {}
     arrays = [topic for topic in source.topics() if topic.count and role(topic.kind) == "array"]
     return {topic.name: shape for topic in arrays if (shape := _shape(source, topic)) is not None}
+
+
+def topic_fields(path: Path) -> dict[tuple[str, str], int]:
+    """Return (topic, field path) -> count of numbers, of messages whose type the log defines and Palpate does not know.
+
+    Raises:
+        InputError: the file does not exist or cannot be read, is not a log, or needs a library that is not installed.
+    """
+    source, found = _messages(path, _kind(path)), dict[tuple[str, str], int]()
+    for topic in [] if source is None else source.topics():
+        known = role(topic.kind) or topic.kind in (*IMAGES, JOINTS, *TREES)
+        for field in paths_of(topic) if topic.count and topic.encoding in ("cdr", "ros1") and not known else ():
+            reader = field_of(topic, field)
+            first = None if source is None or reader is None else source.first(topic, partial(_first, topic, reader))
+            found |= {(topic.name, field): first} if first else {}
+    return found
+
+
+def _first(topic: Topic, field: FieldPath, messages: MessageBlock) -> int | None:
+    """Return the count of numbers in the first readable message that has some; None if there is none."""
+    cursor = Cursor(messages, topic.encoding)
+    counts = field.count(cursor)[cursor.sound]
+    return int(counts[counts > 0][0]) if (counts > 0).any() else None
 
 
 def image_size(path: str | Path, topic: str | None = None) -> tuple[int, int, int] | None:
@@ -165,7 +204,7 @@ def _opened(path: Path, layout: LogLayout) -> Log:
         return ArrayLog(path, layout)
     source = _messages(path, kind)
     if source is None:
-        return CsvLog(path, layout)
+        return (CsvLog if path.is_fifo() or not holds_text_frames(path) else TextFrames)(path, layout)
     return (TopicLog if layout.images is None else ImageTopicLog)(path, layout, source)
 
 

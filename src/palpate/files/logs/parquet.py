@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from functools import reduce
+from math import prod
 
 import numpy as np
 import polars as pl
+from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.files.logs.columns import ColumnLog, Columns
@@ -18,6 +21,7 @@ from palpate.forks import require_polars_threads
 from palpate.signals.recording import Recording
 
 PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so few
+_EPISODE = "episode_index"  # column of LeRobot's data sets
 
 
 class ParquetLog(ColumnLog):
@@ -31,8 +35,8 @@ class ParquetLog(ColumnLog):
         """
         open_input(self.path).close()
         with self._reading():
-            names = pl.scan_parquet(self.path, glob=False).collect_schema().names()
-            return LogContents(self.path, dict.fromkeys(names, ()), stated=Stated.of_names(names))
+            shapes = _shapes(pl.scan_parquet(self.path, glob=False))
+            return LogContents(self.path, shapes, stated=Stated.of_names(shapes))
 
     def blocks(self) -> Iterator[Recording]:
         """Yield the rows as recordings in SI.
@@ -57,23 +61,54 @@ class ParquetLog(ColumnLog):
     def _blocks(self) -> Iterator[Recording]:
         require_polars_threads()
         frame = pl.scan_parquet(self.path, glob=False)
-        kinds = frame.collect_schema()
-        self._columns = columns = Columns(self._layout, self.path, dict.fromkeys(kinds.names(), ()), poses=self.poses)
-        for name in columns.names:
-            if not (kinds[name].is_numeric() or kinds[name] == pl.Null or isinstance(kinds[name], pl.Datetime)):
-                raise InputError(f"column {name!r} holds {kinds[name]}, not numbers.", where=str(self.path))
-        dates = {name for name in columns.names if isinstance(kinds[name], pl.Datetime)}
-        wanted = frame.select(_number(name, date=name in dates) for name in columns.names)
+        kinds, shapes = frame.collect_schema(), _shapes(frame)
+        if _EPISODE in shapes and (count := int(frame.select(pl.col(_EPISODE).n_unique()).collect().item())) > 1:
+            what = f"holds {count} episodes, whose times begin again."
+            raise InputError(what, where=str(self.path), hint=f"Write one file for each {_EPISODE}.")
+        self._columns = columns = Columns(self._layout, self.path, shapes, poses=self.poses)
+        arrays = list(dict.fromkeys(columns.places[name][0] for name in columns.names))
+        for name in arrays:
+            kind = kinds[name]
+            if not (shapes[name] or kind.is_numeric() or kind == pl.Null or isinstance(kind, pl.Datetime)):
+                raise InputError(f"column {name!r} holds {kind}, not numbers.", where=str(self.path))
+        dates = {name for name in arrays if isinstance(kinds[name], pl.Datetime)}
+        wanted = frame.select(_number(name, shapes[name], date=name in dates) for name in arrays)
         total = int(frame.select(pl.len()).collect().item())
         piece = rows_at_once(PIECE, len(columns.names), 4 * NUMBERS)
         for done in range(0, total, piece):
             rows = wanted.slice(done, piece).collect()
-            yield from self._cut(columns, {name: rows[name].to_numpy()[:, None] for name in columns.names}, done, total)
+            read = {name: _numbers(rows[name], shapes[name]) for name in arrays}
+            yield from self._cut(columns, read, done, total)
         yield from columns.finish()
         if not total:
             raise InputError("has columns, but no rows.", where=str(self.path))
 
 
-def _number(name: str, *, date: bool) -> pl.Expr:
-    column = pl.col(name).dt.epoch("ns").cast(pl.Float64) / 1e9 if date else pl.col(name).cast(pl.Float64)
-    return column.fill_null(np.nan)
+def _shapes(frame: pl.LazyFrame) -> dict[str, tuple[int, ...]]:
+    """Return column -> (), or the shape of its first list of numbers."""
+    kinds = frame.collect_schema()
+    lists = [name for name, kind in kinds.items() if isinstance(kind, (pl.List, pl.Array))]
+    first = frame.select(lists).head(1).collect() if lists else pl.DataFrame()
+    found = {name: np.array(first[name].to_list()[0]) for name in lists if len(first)}
+    shapes = {name: values.shape for name, values in found.items() if values.dtype.kind in "iuf" and values.size}
+    return {name: shapes.get(name, ()) for name in kinds.names()}
+
+
+def _number(name: str, shape: tuple[int, ...], *, date: bool) -> pl.Expr:
+    """Return the numbers of a column; of lists, however nested, one list of numbers in each row."""
+    if date:
+        return (pl.col(name).dt.epoch("ns").cast(pl.Float64) / 1e9).fill_null(np.nan)
+    column = pl.col(name).cast(reduce(lambda inner, _: pl.List(inner), shape, pl.Float64()))
+    for _ in shape[1:]:
+        column = column.list.eval(pl.element().explode())
+    return column if shape else column.fill_null(np.nan)
+
+
+def _numbers(column: pl.Series, shape: tuple[int, ...]) -> Float[np.ndarray, "n k"]:
+    """Return numbers (n, 1), or lists (n, k), NaN where a row has another count."""
+    if not shape:
+        return column.to_numpy()[:, None]
+    whole = (column.list.len() == prod(shape)).fill_null(value=False)
+    values = np.full((len(column), prod(shape)), np.nan)
+    values[whole.to_numpy()] = column.filter(whole).explode().fill_null(np.nan).to_numpy().reshape(-1, prod(shape))
+    return values

@@ -179,6 +179,8 @@ class SampleReader:
     def _scaled(self, array: ArrayChannel, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n ..."]:
         """Return an array channel in SI; counts of taxels may exceed `LARGEST`."""
         values = values if array.name == CELLS else self._bounded(array.name, values)
+        if array.order == "columns":
+            values = values.reshape(-1, *array.recorded).swapaxes(1, 2).reshape(-1, array.size)
         values = values if array.scale == 1.0 else values * np.array(array.scale)
         return values.reshape(-1, *array.shape)
 

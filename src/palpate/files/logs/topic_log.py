@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from math import prod
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
-from palpate.files.logs.decoding import ARRAYS, decode, decode_array, has_header, seconds
+from palpate.files.logs.decoding import ARRAYS, decode, decode_array, has_header, seconds, shape_of
 from palpate.files.logs.joints import JointPoses, joint_stamps, joint_topic
 from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.logs.log import Log, LogContents, Stored
+from palpate.files.logs.message_fields import field_of
+from palpate.files.logs.numbering import three_axes
 from palpate.files.logs.samples import NUMBERS, WRENCH, SampleReader, rows_at_once
 from palpate.files.logs.topics import LIVE_ACCELERATION, LIVE_POSE, POSE_KINDS, choose, doubtful, main_channel, sentence
 from palpate.files.logs.transforms import TransformTree, TreePoses, read_frames, tree_topics
@@ -93,7 +96,7 @@ class TopicLog(Log):
     def _as_stored(self) -> _Stream | None:
         """Return the stream of the array if its stored numbers need no conversion, else None."""
         array, topic = main_channel(self._layout), self._chosen().get("main")
-        if array is None or topic is None or topic.kind not in ARRAYS or array.scale != 1.0:
+        if array is None or topic is None or topic.kind not in ARRAYS or array != array.as_recorded():
             return None
         self._main = _Stream(topic, self._source, array)
         return self._main
@@ -198,14 +201,19 @@ class _Stream:
 
     def __init__(self, topic: Topic, source: MessageFile, array: ArrayChannel | None = None) -> None:
         self.topic, self._array = topic, array
-        self._shape = () if array is None else array.shape
+        self._shape = () if array is None else array.recorded
         self.count = self.unread = 0
-        self._stamped = has_header(topic.kind) and source.has_stamps(topic, self._stamps)
+        path = None if array is None or topic.kind in ARRAYS or not isinstance(array.columns, str) else array.columns
+        self._field = None if path is None else field_of(topic, path)
+        if array is not None and topic.kind in ARRAYS and len(self._shape) > 1:
+            _require_shape(topic, source, array)
+        headed = has_header(topic.kind) if self._field is None else self._field.stamped
+        self._stamped = headed and source.has_stamps(topic, self._stamps)
 
     def read(self, messages: MessageBlock) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
         """Return times (n,) [s] and numbers (n, k); NaN where a message is unreadable."""
         messages = messages.of(self.topic)
-        stamps, values, sound = decode(messages, self.topic, self._shape)
+        stamps, values, sound = decode(messages, self.topic, self._shape, self._field)
         self.count += len(sound)
         self.unread += int(np.count_nonzero(~sound))
         if not self._stamped:
@@ -230,8 +238,20 @@ class _Stream:
         return tuple(sentence for there, sentence in said if there)
 
     def _stamps(self, messages: MessageBlock) -> Int[np.ndarray, " n"]:
-        stamps, _, sound = decode(messages, self.topic, self._shape)
+        stamps, _, sound = decode(messages, self.topic, self._shape, self._field)
         return stamps[sound]
+
+
+def _require_shape(topic: Topic, source: MessageFile, array: ArrayChannel) -> None:
+    """Raise InputError if the layout in the first message states other rows and columns than the channel."""
+    stated = source.first(topic, lambda messages: shape_of(messages, topic)) or ()
+    there, wanted = (tuple(side for side in sides if side != 1) for sides in (stated, array.recorded))
+    if len(there) > 1 and there != wanted and prod(there) == array.size:
+        said = " x ".join(map(str, there))
+        if there[-1] == 3:
+            raise three_axes(source.path, f"the layout of {topic.name!r} states {said} numbers")
+        what = f"the layout of {topic.name!r} states {said} numbers, not {' x '.join(map(str, wanted))}."
+        raise InputError(what, where=str(source.path), hint=array.mend)
 
 
 class _Tracked:

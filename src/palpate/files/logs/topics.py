@@ -9,6 +9,7 @@ from palpate.files.logs.decoding import ARRAYS, FIXED, IMAGE, role
 from palpate.files.logs.image_messages import IMAGES
 from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
 from palpate.files.logs.log import LogContents
+from palpate.files.logs.message_fields import field_of
 from palpate.files.messages import Topic
 from palpate.files.units import near
 
@@ -37,6 +38,8 @@ class _Wanted:
     def fits(self, topic: Topic) -> bool:
         if self.role == "image":
             return topic.encoding in _ENCODINGS and topic.kind in IMAGES
+        if self.array is not None and isinstance(self.array.columns, str) and topic.kind not in ARRAYS:
+            return topic.encoding in _ENCODINGS and field_of(topic, self.array.columns) is not None
         flat = self.array is not None and len(self.array.shape) != 2
         return topic.encoding in _ENCODINGS and role(topic.kind) == self.role and not (flat and topic.kind == IMAGE)
 

@@ -64,6 +64,7 @@ class McapFile(MessageFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path, path.stat().st_size)
         self.definitions: dict[str, str] = {}  # name of a type -> its fields, as text
+        self._defined = set[int]()  # schemas in the form of .msg files
         self._schemas: dict[int, str] = {}  # kept once read: a file may declare them after its messages
         self._channels: dict[int, Channel] = {}
         self._topics: dict[int, Topic] = {}
@@ -178,6 +179,7 @@ class McapFile(MessageFile):
         if isinstance(record, Schema):
             name = record.name.replace("/msg/", "/")
             self._schemas[record.id] = name
+            self._defined |= {record.id} if record.encoding in ("ros1msg", "ros2msg") else set()
             self.definitions[name] = record.data.decode(errors="replace")
             channels = [channel for channel in self._channels.values() if channel.schema_id == record.id]
         else:
@@ -185,7 +187,8 @@ class McapFile(MessageFile):
             channels = [record]
         for channel in channels:  # a type may follow its channels
             kind = self._schemas.get(channel.schema_id, "")
-            self._topics[channel.id] = Topic(channel.topic, kind, channel.message_encoding)
+            defined = self.definitions.get(kind, "") if channel.schema_id in self._defined else ""
+            self._topics[channel.id] = Topic(channel.topic, kind, channel.message_encoding, 0, defined)
 
     def _read_index(self) -> bool:
         """Read the index; return True if it exists and names every topic."""

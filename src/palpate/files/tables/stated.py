@@ -24,12 +24,14 @@ class Stated:
         units: column -> unit, where its name or a row of units has one.
         force, torque: unit of columns that state none, or "": "N", or "N/1000000" for a million counts per newton.
         rate: [Hz] of the samples; None if it is not stated.
+        pitch: [m] between the cells of frames; None if it is not stated.
     """
 
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     force: str = ""
     torque: str = ""
     rate: float | None = None
+    pitch: float | None = None
 
     @classmethod
     def of_names(cls, names: Iterable[str]) -> Stated:

@@ -25,6 +25,7 @@ from palpate.spatial.arguments import frozen_value
 
 _COMMENTS = tuple(mark.encode() for mark in COMMENTS)
 _MARKS = frozenset(mark[0] for mark in _COMMENTS)
+_LISTED = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|nan|NaN|null|None")
 _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
 
 
@@ -123,6 +124,26 @@ class TextTable:
                 self._find_unread(name, texts[name], values[:, k], fields)
         values[self.ragged] = np.nan
         fields.count(values, self._line)
+        return values
+
+    def lists(self) -> dict[str, tuple[int]]:
+        """Return the columns whose first field is a list of numbers in brackets, with the shape of the list."""
+        if b"[" not in self._text.partition(b"\n")[0]:
+            return {}
+        first = {name: str(self.strings(name)[0]) for name in self.names if self.names.count(name) == 1}
+        return {name: (len(_LISTED.findall(text)),) for name, text in first.items() if text.startswith("[")}
+
+    def list_numbers(self, name: str, count: int) -> Float[np.ndarray, "n k"]:
+        """Return the lists of a column (n, count), NaN where a row has another count or is ragged.
+
+        Raises:
+            InputError: the column is missing or occurs more than once.
+        """
+        found = self.strings(name).str.extract_all(_LISTED.pattern)
+        values, whole = np.full((len(self), count), np.nan), (found.list.len() == count).fill_null(value=False)
+        numbers = found.filter(whole).explode().cast(pl.Float64, strict=False).fill_null(float("nan"))
+        values[whole.to_numpy()] = numbers.to_numpy().reshape(-1, count)
+        values[self.ragged] = np.nan
         return values
 
     def refuse(self, row: int, what: str, hint: str = "") -> NoReturn:

@@ -14,7 +14,8 @@ from palpate.sensors.force_torque.section import FORCE_TORQUE, compensation
 from palpate.sensors.fused.estimator import FusedEstimator
 from palpate.sensors.fused.locator import FusedLocator, FusionSettings
 from palpate.sensors.taxels.estimator import TaxelEstimator
-from palpate.sensors.taxels.section import SKIN, guess_with_wrench, skin_tare
+from palpate.sensors.taxels.guess import guess_with_wrench
+from palpate.sensors.taxels.section import SKIN, skin_tare
 from palpate.setup.body import GivenBody
 from palpate.setup.built import BuiltEstimator, Guess
 from palpate.setup.setup import SensorKind, Setup

@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.files.atomic import write_text
+from palpate.files.logs.numbering import numbered_alike
 from palpate.files.models import read_model, write_model
 from palpate.files.tables.lines import open_input, read_some
 from palpate.files.tables.stated import Stated
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 _PLACES = ("x", "y", "z")
 _NORMALS = ("nx", "ny", "nz")
-_IDS = ("id", "taxel", "taxel_id", "index", "number")  # names of the column that says which taxel a row is
+_IDS = ("id", "taxel", "taxel_id", "index", "number", "cell", "channel", "name")  # of the column that says which it is
 _MODULE = 12  # numbers of a module in iCub's files
 _PAD, _NONE = -2, -1  # in taxel2Repr: a thermal pad, no module
 _REPRESENTS = 3  # which taxel of a module stands for it there
@@ -45,9 +46,9 @@ def read_taxel_places(path: str | Path) -> TaxelPlaces:
     """Return the `TaxelPlaces` of a file: the model, iCub's positions, a table, or a URDF's frames.
 
     A table has columns x, y, z and, where known, nx, ny, nz and module, in metres or a unit that it states (`x [mm]`,
-    `x_mm`). A column id (or taxel, taxel_id, index, number) orders the taxels: ids from 0 are their indices, others
-    are taken by size. In iCub's files rows of zeros are no taxel; normals that are zero, or equal all over a body that
-    is not flat, are not known.
+    `x_mm`). A column id (or taxel, taxel_id, index, number, cell, channel, name) orders the taxels: ids from 0 are
+    their indices, others are taken by size; of a name its numbers count. In iCub's files rows of zeros are no taxel;
+    normals that are zero, or equal all over a body that is not flat, are not known.
 
     Raises:
         InputError: the file cannot be read, is of another kind, has a row, id, module or unit that cannot be used, no
@@ -92,7 +93,7 @@ def holds_taxels(path: Path) -> bool:
             return False
         length = np.linalg.norm(rows[:, 3:], axis=1)
         return bool(len(rows) % _MODULE == 0 and ((length == 0) | (np.abs(length - 1.0) < 0.6)).all())
-    names = {split_unit(name.strip())[0].lower() for name in re.split(r"[,;\t]", lines[0].decode(errors="replace"))}
+    names = {_unit(name.strip())[0].lower() for name in re.split(r"[,;\t]", lines[0].decode(errors="replace"))}
     return {*_PLACES} <= names <= {*_PLACES, *_NORMALS, "module", *_IDS}
 
 
@@ -210,7 +211,8 @@ def _read_table(path: Path) -> TaxelPlaces:
     from palpate.files.tables.table import read_table  # here: it loads polars
 
     table = read_table(path)
-    columns = {split_unit(name)[0].strip().lower(): name for name in reversed(table.names)}
+    parts = {name: _unit(name) for name in reversed(table.names)}
+    columns = {bare.strip().lower(): name for name, (bare, _) in parts.items()}
     if not columns.keys() >= set(_PLACES):
         raise InputError(
             f"has no places of taxels: its columns are {', '.join(table.names[:12])}.",
@@ -219,7 +221,7 @@ def _read_table(path: Path) -> TaxelPlaces:
             "taxels`.",
         )
     stated = Stated.of_dialect(table.dialect).units
-    units = [stated.get(columns[name], "") or "m" for name in _PLACES]
+    units = [stated.get(columns[name]) or parts[columns[name]][1] or "m" for name in _PLACES]
     if len({*units}) > 1 or units[0] not in UNITS:
         hint = f"Write one of {', '.join(UNITS)}, the same for all three."
         raise InputError(f"x, y, z must be in one known unit, not in {', '.join(units)}.", where=str(path), hint=hint)
@@ -235,25 +237,45 @@ def _read_table(path: Path) -> TaxelPlaces:
             table.refuse(int(np.argmax(odd)), "module must be a whole number, -1: none")
         module = given.astype(np.int64)
     named = next((columns[name] for name in _IDS if name in columns), None)
-    index = np.arange(len(positions)) if named is None else _ordered(table, named)
+    index, ids = (np.arange(len(positions)), None) if named is None else _ordered(table, named)
     count = int(index.max(initial=-1)) + 1
     placed, facing, of = np.full((count, 3), np.nan), np.full((count, 3), np.nan), np.full(count, -1)
     placed[index], facing[index], of[index] = positions, normals, module
     facing, notes = _unit_normals(placed, facing)
-    return TaxelPlaces(placed, facing, module=of, notes=notes)
+    return TaxelPlaces(placed, facing, module=of, notes=notes, ids=ids)
 
 
-def _ordered(table: TextTable, name: str) -> Int[np.ndarray, " n"]:
-    """Return the index (n,) of each row's taxel: its id if ids begin at 0, else its rank among them."""
+def _unit(name: str) -> tuple[str, str]:
+    """Return quantity and unit of a column's name, of `x_mm` and `x mm` too."""
+    match = re.fullmatch(rf"([xyz])[ _]({'|'.join(UNITS)})", name.strip(), re.IGNORECASE)
+    return (match[1], match[2].lower()) if match else split_unit(name)
+
+
+def _ordered(table: TextTable, name: str) -> tuple[Int[np.ndarray, " n"], tuple[int, ...]]:
+    """Return the index (n,) of each row's taxel, its id if ids begin at 0, else its rank; and the id of each index."""
+    ids = _ids(table, name)
+    values, first, index = np.unique(ids, return_index=True, return_inverse=True)
+    if len(values) < len(ids):
+        twice = np.setdiff1d(np.arange(len(ids)), first)
+        table.refuse(int(twice[0]), f"{name} {ids[twice[0]]} names two taxels")
+    if values[:1].tolist() == [0]:
+        return ids, tuple(range(int(values[-1]) + 1))
+    return np.asarray(index, dtype=np.int64).ravel(), tuple(values.tolist())
+
+
+def _ids(table: TextTable, name: str) -> Int[np.ndarray, " n"]:
+    """Return the ids (n,) in a column: whole numbers, or the numbers in names that are numbered alike."""
+    texts = table.strings(name).to_list()
+    groups = numbered_alike(text for text in texts if text)
+    if len(groups) == 1 and groups[0].pattern != "*" and len(groups[0].names) == len(texts):
+        ordered = groups[0].ordered()
+        single = dict(zip(groups[0].names, groups[0].numbers, strict=True))
+        return np.array([single[text][0] if len(single[text]) == 1 else ordered.index(text) for text in texts])
     ids = table.numbers([name], strict=True)[0][:, 0]
     odd = ~(ids == np.round(ids)) | (ids < 0) | (ids > _MOST)  # NaN too
     if odd.any():
         table.refuse(int(np.argmax(odd)), f"{name} must be a whole number from 0 to {_MOST:,}")
-    values, first, index = np.unique(ids, return_index=True, return_inverse=True)
-    if len(values) < len(ids):
-        twice = np.setdiff1d(np.arange(len(ids)), first)
-        table.refuse(int(twice[0]), f"{name} {ids[twice[0]]:.0f} names two taxels")
-    return ids.astype(np.int64) if values[:1].tolist() == [0.0] else np.asarray(index, dtype=np.int64).ravel()
+    return ids.astype(np.int64)
 
 
 def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:

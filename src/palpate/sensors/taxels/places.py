@@ -34,6 +34,8 @@ class TaxelPlaces(Value):
         noise: (6,) standard deviations of the wrench of a poke [N, N m]; empty: not known.
         provenance: origin of the places.
         notes: notes for the user, a sentence each.
+        ids: (k,) number of each taxel in the names of a log's columns, as the file of the places states it; None: it
+            states none. A model does not store it.
 
     Raises:
         InputError: arrays that are not of k taxels.
@@ -50,6 +52,7 @@ class TaxelPlaces(Value):
     noise: Float[np.ndarray, " six"] = field(default_factory=lambda: np.zeros(0))
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
     notes: tuple[str, ...] = ()
+    ids: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.positions)

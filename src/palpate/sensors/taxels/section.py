@@ -2,71 +2,54 @@
 
 from __future__ import annotations
 
-import math
-import re
-from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
+from math import prod
 from typing import Any, ClassVar
 
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.files.logs import LogContents
 from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.models import read_model
+from palpate.files.units import CELL_UNITS, ELECTRIC_UNITS, FORCE_UNITS, PRESSURE_UNITS, known_unit
 from palpate.sensors.taxels.estimator import HEAD, TaxelEstimator
+from palpate.sensors.taxels.guess import guess_skin
 from palpate.sensors.taxels.health import examine
 from palpate.sensors.taxels.intensity import Intensity
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.skin_map.files import read_skin_map
-from palpate.sensors.taxels.skin_map.model import SkinMap
-from palpate.setup import guess
-from palpate.setup.body import GivenBody
-from palpate.setup.built import BuiltEstimator, Guess
-from palpate.setup.makers import named_pose, pose_columns
-from palpate.setup.names import time_column, wrench_columns
+from palpate.sensors.taxels.skin_map.model import SkinMap, flat_map
+from palpate.setup.built import BuiltEstimator
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
 from palpate.setup.wrench import first_seconds, noted_filter
 from palpate.signals.recording import CELLS
 
-RATE = 100.0  # Hz
-FEWEST = 16  # cells: fewer columns of numbers can be anything
-_TEXT = """\
-[skin]
-map = "skin_map.toml"                # written by: palpate map skin MESH --sheet {rows}x{columns} ...
-rows = {rows}
-columns = {columns}
-bits = 8                             # of a whole-number reading; 0: readings are floats
-# intensity = "intensity.toml"       # written by: palpate calibrate intensity; without it a count is taken for 1 N
-{where}# tare = 1.0                         # s: the log starts so long untouched
-
-[contacts]
-on = 6.0                             # a touch begins where a cell stands so many deviations of its noise above its rest
-off = 3.0                            # and reaches as far as cells that stand so many above
-# unequal = 0.02                     # share by which a cell's gain may be off from its curve: it widens the ellipses
-
-"""
 REST = 5.0  # s of a stream from which the same is taken, where no tare says how long
 
 
 @dataclass(frozen=True)
 class RigSkin:
-    """The [skin] table of a rig: a sheet with its map, or taxels anywhere, and how a log stores them.
+    """The [skin] table of a rig: a sheet with its map or its pitch, or taxels anywhere, and how a log stores them.
 
     Attributes:
         map: file of `palpate map skin`, for a sheet.
+        pitch: [m] between the cells of a flat sheet, or between its rows and between its columns; see `flat_map`.
         taxels: file of taxel places, for taxels anywhere.
         count: number of readings in a frame, where no places are known yet.
         rows, columns: of the sheet; None: as in the map.
+        order: "columns" where a sheet's numbers are recorded, or named, column by column; "rows": row by row.
         bits: of a reading; 0: readings are floats.
         intensity: file of `palpate calibrate intensity`; None: intensities are taken for forces.
-        cells: columns of a table with the readings, row by row for a sheet.
+        cells: columns of a table with the readings, row by row for a sheet; or a field path: a pattern of columns
+            ("S* [kPa]"), an array, a column of lists, or a field of messages ("sensors[0].values"). None: found by the
+            numbers in names.
         topic: of a bag with the readings.
+        unit: of the readings without an intensity: of a force, or of a pressure, which the cells' areas turn into
+            forces; or counts, V, Ohm, taken as they are. None: counts, or N.
         rate: [Hz] of frames without times.
         masked: cells [row, column], or indices of taxels, that are not used.
         tare: [s] at the start of the log in which nothing touches.
@@ -76,14 +59,17 @@ class RigSkin:
     """
 
     map: str | None = None
+    pitch: float | tuple[float, float] | None = None
     taxels: str | None = None
     count: int | None = None
     rows: int | None = None
     columns: int | None = None
+    order: str = "rows"
     bits: int = 8
     intensity: str | None = None
-    cells: tuple[str, ...] | None = None
+    cells: tuple[str, ...] | str | None = None
     topic: str | None = None
+    unit: str | None = None
     rate: float | None = None
     masked: tuple[int, ...] | tuple[tuple[int, int], ...] = ()
     tare: float | None = None
@@ -91,21 +77,44 @@ class RigSkin:
     def __post_init__(self) -> None:
         for name in ("map", "taxels"):
             require_path(name, getattr(self, name))
-        if self.map is not None and (self.taxels is not None or self.count is not None):
+        places = [name for name in ("map", "pitch", "taxels") if getattr(self, name) is not None]
+        if len(places) > 1 or (self.sheet and self.count is not None):
             raise ValueError(
-                "map, taxels and count exclude each other: map is for a sheet, taxels and count for taxels anywhere"
+                "map, pitch, taxels and count exclude each other: map and pitch are for a sheet, taxels and count for "
+                "taxels anywhere"
             )
-        if self.map is None and self.taxels is None and self.count is None:
-            raise ValueError("map or taxels is missing: a file of the places of a sheet's cells, or a file of taxels")
-        if self.map is None and (self.rows or self.columns):
-            raise ValueError("rows and columns are for a sheet, which needs a map")
+        if not places and self.count is None:
+            raise ValueError(
+                "map, pitch or taxels is missing: a file of the places of a sheet's cells, the pitch [m] of a flat "
+                "sheet, or a file of taxels"
+            )
+        if not self.sheet and (self.rows or self.columns or self.order != "rows"):
+            raise ValueError("rows, columns and order are for a sheet, which needs a map or a pitch")
+        if self.order not in ("rows", "columns"):
+            raise ValueError(f'order must be "rows" or "columns", not {self.order!r}')
+        if self.pitch is not None and not (self.rows and self.columns):
+            raise ValueError("a pitch needs rows and columns, the numbers of the flat sheet's rows and columns")
+        if self.unit is not None and not known_unit(self.unit, {**CELL_UNITS, **ELECTRIC_UNITS}):
+            raise ValueError(f"unknown unit {self.unit!r}: known are {', '.join({**CELL_UNITS, **ELECTRIC_UNITS})}")
+        if self.intensity is not None and self.unit is not None and not self.electric:
+            raise ValueError("unit and intensity exclude each other: an intensity turns readings as they are to forces")
         if self.count is not None and self.count < 1:
             raise ValueError("count must be positive")
-        if any(isinstance(cell, int) == (self.map is not None) for cell in self.masked):
+        if any(isinstance(cell, int) == self.sheet for cell in self.masked):
             raise ValueError("masked must be [row, column] of cells of a sheet, or numbers of taxels")
         if not 0 <= self.bits <= 16:
             raise ValueError(f"bits must be between 1 and 16, or 0 for floats, not {self.bits}")
-        require_positive(self, "rate", "tare")
+        require_positive(self, "rate", "tare", "pitch")
+
+    @property
+    def sheet(self) -> bool:
+        """True for a sheet, with rows and columns; False for taxels anywhere."""
+        return self.map is not None or self.pitch is not None
+
+    @property
+    def electric(self) -> bool:
+        """True if the unit is that of a number which is taken as it is: counts, V, Ohm."""
+        return self.unit is not None and known_unit(self.unit, ELECTRIC_UNITS) is not None
 
 
 class SkinSection(SensorSection):
@@ -122,6 +131,8 @@ class SkinSection(SensorSection):
         Raises:
             InputError: the rig states no map, or one that cannot be read or has other rows and columns.
         """
+        if self.table.pitch is not None:
+            return flat_map(self.table.rows or 0, self.table.columns or 0, self.table.pitch)
         if self.table.map is None:
             hint = "Make one with `palpate map skin`, then name its file: map = FILE."
             raise InputError("the rig's [skin] is not a sheet: it has no map.", where="skin.map", hint=hint)
@@ -162,12 +173,16 @@ class SkinSection(SensorSection):
         lacking = places.there & ~np.isfinite(places.normals).all(axis=1)
         if not lacking.any():
             return places
+        if link.stated is None and np.nanmax(places.positions[:, 2]) == np.nanmin(places.positions[:, 2]):
+            said = "the taxels lie at one z, and +z is taken for their normals: columns nx, ny, nz would state them"
+            normals = np.where(lacking[:, None], (0.0, 0.0, 1.0), places.normals)
+            return replace(places, normals=normals, notes=(*places.notes, said))
         if link.stated is None:
             raise InputError(
                 f"does not state the normals of {np.count_nonzero(lacking)} of {np.count_nonzero(places.there)} "
                 "taxels.",
                 where=str(path),
-                hint="Name the link's mesh in [surface], from which they are then taken.",
+                hint="Add columns nx, ny, nz, or name the link's mesh in [surface], from which they are then taken.",
             )
         normals = places.normals.copy()
         normals[lacking] = link.surface().project(places.positions[lacking])[1]
@@ -192,10 +207,11 @@ class SkinSection(SensorSection):
             GeometryError: as by `taxels`.
         """
         options: dict[str, Any] = {"bits": self.table.bits or None, "masked": self.table.masked}
-        if self.table.map is not None:
+        if self.table.sheet:
             return TaxelBody.sheet(self.map, **options)
         places = self.taxels
-        return TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, **options)
+        body = TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, **options)
+        return replace(body, notes=(*body.notes, *places.notes))
 
     def shape(self) -> tuple[int, ...]:
         """Return the shape of a frame: (rows, columns) of a sheet, or (number of readings,).
@@ -204,19 +220,40 @@ class SkinSection(SensorSection):
             InputError: the file of the map or of the taxels cannot be read.
         """
         table = self.table
-        if table.map is not None:
+        if table.sheet:
             if table.rows and table.columns:  # as the map says too, or `map` refuses it
                 return table.rows, table.columns
             return self.map.rows, self.map.columns
         return (int(table.count or 0),) if table.taxels is None else (len(self._read),)
 
+    def channel(self) -> ArrayChannel:
+        """Return the channel of the readings: which numbers of a log they are, in which order and unit.
+
+        Raises:
+            InputError: the file of the map or of the taxels cannot be read; for a unit of pressure, as by `body`.
+            GeometryError: as by `body`.
+        """
+        table = self.table
+        read = None if table.intensity is not None or table.electric else table.unit or ""
+        ids = None if table.taxels is None else self._read.ids
+        names = (CELLS, self.shape(), table.cells, table.topic, self._scale(), SkinSection.name)
+        return ArrayChannel(*names, order=table.order, ids=ids, unit=read)
+
+    def _scale(self) -> float | tuple[float, ...]:
+        """Return the force [N] of one unit of a reading; for a pressure, of each taxel by its area."""
+        unit = known_unit(self.table.unit or "N", CELL_UNITS)
+        if unit is None or unit in FORCE_UNITS:
+            return 1.0 if unit is None else FORCE_UNITS[unit]
+        body, areas = self.body, np.ones(prod(self.shape()))
+        areas[slice(None) if body.numbers is None else body.numbers] = PRESSURE_UNITS[unit] * body.areas
+        return tuple(areas.tolist())
+
 
 def _layout(setup: Setup) -> LogLayout:
     skin = setup.of(SkinSection)
-    cells = ArrayChannel(CELLS, skin.shape(), skin.table.cells, skin.table.topic, table="skin")
     common = setup.common
     common["rate"] = skin.table.rate or setup.time.rate
-    return LogLayout(wrench=None, arrays=(cells,), **common)
+    return LogLayout(wrench=None, arrays=(skin.channel(),), **common)
 
 
 def _build(setup: Setup) -> BuiltEstimator:
@@ -254,86 +291,6 @@ def skin_tare(setup: Setup) -> float | None:
     return setup.estimate.tare or setup.of(SkinSection).table.tare
 
 
-def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Guess a skin from images, arrays of frames, or many columns of numbers next to a time."""
-    if contents.topics:
-        return _of_topic(log, contents)
-    frames = [(name, shape) for name, shape in contents.names.items() if math.prod(shape) >= FEWEST]
-    if frames:
-        name, shape = frames[0]
-        where = f"rate = {RATE:g}                        # Hz, of frames without times: it is not known, correct it\n"
-        return _guessed(shape, f"array {name!r} holds frames", where, rate=RATE)
-    there = list(contents.names)
-    time, known = time_column(there), _other_columns(there)
-    cells = tuple(name for name in there if name not in known)
-    if time is None or len(cells) < FEWEST or wrench_columns(there) is not None:
-        return None
-    (unit, doubts), (orientation, _) = guess.time_unit(log, time), guess.orientation_table(named_pose(there))
-    named = "" if len(known) == 1 else f"cells = {guess.quoted(cells)}\n"
-    why = f"{len(cells)} columns in addition to the time look like cells"
-    around = (guess.time_table(time, unit), orientation)
-    found = _guessed((len(cells),), why, named, around, cells=cells, time=time, time_unit=unit)
-    return replace(found, remarks=(*doubts, *found.remarks))
-
-
-def guess_with_wrench(log: Path, contents: LogContents) -> Guess | None:
-    """Return the `Guess` of a skin in a log with wrenches, an array topic or columns numbered alike; None: no skin.
-
-    Raises:
-        InputError: the log cannot be read.
-    """
-    if contents.topics:
-        arrays = tuple(topic for topic in contents.topics if topic.kind.endswith("MultiArray"))
-        return _of_topic(log, replace(contents, topics=arrays)) if arrays else None
-    there = list(contents.names)
-    known = _other_columns(there)
-    kinds = Counter(_NUMBERS.sub("#", name) for name in there if name not in known)
-    alike, count = kinds.most_common(1)[0] if kinds else ("", 0)
-    if count < FEWEST or "#" not in alike:
-        return None
-    cells = tuple(name for name in there if name not in known and _NUMBERS.sub("#", name) == alike)
-    why = f"{count} columns that are numbered alike look like cells"
-    return _guessed((count,), why, f"cells = {guess.quoted(cells)}\n", cells=cells)
-
-
-def _other_columns(there: list[str]) -> set[str | None]:
-    return {time_column(there), *pose_columns(there), *(wrench_columns(there) or ())}
-
-
-def _of_topic(log: Path, contents: LogContents) -> Guess | None:
-    found = guess.array_topic(log, contents, lambda shape: math.prod(shape) >= FEWEST)
-    if found is None:
-        return None
-    topic, size = found
-    why = f"topic {topic!r} holds {'images' if len(size) == 2 else 'arrays'} of {' x '.join(map(str, size))} numbers"
-    around = ("", guess.pose_table(guess.topics_of(contents, "pose")))
-    return _guessed(size, why, f"topic = {guess.quoted(topic)}\n", around, topic=topic)
-
-
-def _guessed(
-    shape: tuple[int, ...],
-    why: str,
-    where: str,
-    around: tuple[str, str] = ("", ""),
-    *,
-    cells: tuple[str, ...] | None = None,
-    topic: str | None = None,
-    **time: Any,
-) -> Guess:
-    """Return the guess of a sheet; numbers in one row are arranged as nearly square as possible."""
-    rows, columns = shape if len(shape) == 2 else _square(math.prod(shape))
-    layout = LogLayout(wrench=None, arrays=(ArrayChannel(CELLS, (rows, columns), cells, topic, table="skin"),), **time)
-    text = around[0] + _TEXT.format(rows=rows, columns=columns, where=where) + around[1]
-    remark = f"check the sheet's {rows} rows and {columns} columns, and the bits of a reading"
-    return Guess(why, layout, text, (remark,))
-
-
-def _square(count: int) -> tuple[int, int]:
-    rows = next(k for k in range(int(count**0.5), 0, -1) if count % k == 0)
-    return rows, count // rows
-
-
-_NUMBERS = re.compile(r"\d+")
 _NO_WRENCH = "cells measure no wrench"
 SKIN = SensorKind(
     name="skin",
@@ -343,7 +300,7 @@ SKIN = SensorKind(
     channels=(CELLS,),
     layout=_layout,
     build=_build,
-    guess=_guess,
+    guess=guess_skin,
     paths=("map", "taxels", "intensity"),
     refused={
         "payload": f"{_NO_WRENCH}, so no payload is in their readings",

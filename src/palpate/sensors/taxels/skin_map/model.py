@@ -127,3 +127,19 @@ class SkinMap:
         along = make_interp_spline(np.arange(float(count[0])), values, k=degrees[0])
         across = make_interp_spline(np.arange(float(count[1])), np.moveaxis(along.c, 1, 0), k=degrees[1])
         return NdBSpline((along.t, across.t), np.moveaxis(across.c, 1, 0), degrees, extrapolate=True)
+
+
+def flat_map(rows: int, columns: int, pitch: float | tuple[float, float]) -> SkinMap:
+    """Return the `SkinMap` of a flat sheet about the origin: columns run along x, rows along y, z is outward.
+
+    Args:
+        rows: number of rows.
+        columns: number of columns.
+        pitch: [m] between cells; or between rows, and between columns.
+    """
+    along = pitch if isinstance(pitch, tuple) else (pitch, pitch)
+    y, x = (side * (np.arange(count) - (count - 1) / 2) for side, count in zip(along, (rows, columns), strict=True))
+    centres = np.zeros((rows, columns, 3))
+    centres[..., 0], centres[..., 1] = x, y[:, None]
+    normals = np.broadcast_to([0.0, 0.0, 1.0], centres.shape)
+    return SkinMap(centres, normals, np.full((rows, columns), along[0] * along[1]), along)

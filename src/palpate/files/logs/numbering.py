@@ -1,0 +1,283 @@
+"""Determine which number of a log is which taxel: by a field path, by the numbers in names, by shapes of arrays."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+
+from palpate.errors import InputError
+from palpate.files.logs.layout import ArrayChannel
+from palpate.files.tables.stated import Stated
+from palpate.files.units import CELL_UNITS, FORCE_UNITS, known_unit, near, split_unit
+from palpate.signals.recording import CELLS
+
+Shapes = Mapping[str, tuple[int, ...]]
+SINGLE = "array"  # what the one array of an .npy is called
+USUAL = (CELLS, "frames", SINGLE)
+"""Names of arrays of frames."""
+_NUMBER = re.compile(r"\d+")
+_JOIN = r"(?:\W|_)*"
+_ROW_FIRST = re.compile(rf"(?:^|[^a-z])(?:r|row|y){_JOIN}\*{_JOIN}(?:c|col|column|x){_JOIN}\*", re.IGNORECASE)
+_COLUMN_FIRST = re.compile(rf"(?:^|[^a-z])(?:c|col|column|x){_JOIN}\*{_JOIN}(?:r|row|y){_JOIN}\*", re.IGNORECASE)
+_GRID = re.compile(rf"\*{_JOIN}\*", re.IGNORECASE)
+_LOAD_CELL = re.compile(r"(?:lc|load[\W_]*cell)", re.IGNORECASE)
+_AXIS = re.compile(r"(?<![a-z])[xyz](?![a-z])", re.IGNORECASE)
+_BESIDE = re.compile(  # names of columns that sit next to taxels and are none
+    r"(?:.*[\W_])?(?:frames?|frame_?id|seq|sequence|samples?|index|idx|counter|count|packet|no|nr|sum|total|max|min|"
+    r"mean|avg|average|temp\w*|label|class|phase|state|event|status|mode|type|id|board_?id|sensor_?id|cop\w*|"
+    r"center_of_pressure\w*|ref|f_[nt])|unnamed.*",
+    re.IGNORECASE,
+)
+
+
+def is_taxel(name: str) -> bool:
+    """Return whether a name can be a taxel's, and is not that of a counter, a sum, a label or the like."""
+    return not _BESIDE.fullmatch(split_unit(name)[0].strip())
+
+
+@dataclass(frozen=True)
+class NumberedColumns:
+    """Columns whose names differ in their numbers alone.
+
+    Attributes:
+        pattern: the name, with * in place of each number that varies.
+        names: of the columns.
+        numbers: of each, those that vary; row and column, in this order, if `sure`.
+        grid: whether the two numbers are those of a row and a column, of each of which there is one.
+        sure: whether letters state which of them is the row.
+    """
+
+    pattern: str
+    names: tuple[str, ...]
+    numbers: tuple[tuple[int, ...], ...]
+    grid: bool
+    sure: bool
+
+    def shape(self, order: str = "rows") -> tuple[int, ...]:
+        """Return (rows, columns) of a grid, or (count,)."""
+        if not self.grid:
+            return (len(self.names),)
+        rows, columns = (len({number[k] for number in self.numbers}) for k in (0, 1))
+        return (columns, rows) if order == "columns" and not self.sure else (rows, columns)
+
+    def ordered(self, order: str = "rows") -> tuple[str, ...]:
+        """Return the names by their numbers; row by row, or column by column if `order` is "columns"."""
+        turned = self.grid and self.sure and order == "columns"
+        keys = [number[::-1] for number in self.numbers] if turned else self.numbers
+        return tuple(name for _, name in sorted(zip(keys, self.names, strict=True)))
+
+    def of(self, ids: Sequence[int]) -> tuple[str, ...]:
+        """Return the names of taxels by their ids, or by rank where both count without a gap; () if they do not fit."""
+        if any(len(number) != 1 for number in self.numbers):
+            return self.ordered() if len(ids) == len(self.names) and _gapless(ids) else ()
+        named = dict(zip((number[0] for number in self.numbers), self.names, strict=True))
+        if named.keys() >= set(ids):
+            return tuple(named[each] for each in ids)
+        same = len(named) == len(ids) and _gapless(ids) and _gapless(named)
+        return tuple(named[key] for key in sorted(named)) if same else ()
+
+
+def _gapless(numbers: Iterable[int]) -> bool:
+    there = set(numbers)
+    return max(there) - min(there) + 1 == len(there)
+
+
+def numbered_alike(names: Iterable[str]) -> list[NumberedColumns]:
+    """Return the columns that are numbered alike, the largest group first; a number that occurs twice makes none."""
+    groups: dict[str, dict[tuple[int, ...], str]] = {}
+    shown: dict[str, str] = {}
+    twice = set[str]()
+    for name in names:
+        bare = split_unit(name)[0].strip()
+        if numbers := tuple(map(int, _NUMBER.findall(bare))):
+            pattern = _NUMBER.sub("*", bare)
+            key = pattern.lower()
+            shown.setdefault(key, pattern)
+            group = groups.setdefault(key, {})
+            twice |= {key} if numbers in group else set()
+            group[numbers] = name
+    found = [_group(shown[key], group) for key, group in groups.items() if key not in twice]
+    return sorted(found, key=lambda each: -len(each.names))
+
+
+def _group(pattern: str, group: Mapping[tuple[int, ...], str]) -> NumberedColumns:
+    places = list(zip(*group, strict=True))
+    varying = [k for k, place in enumerate(places) if len({*place}) > 1]
+    parts = pattern.split("*")
+    text = parts[0] + "".join(("*" if k in varying else str(place[0])) + parts[k + 1] for k, place in enumerate(places))
+    numbers = [tuple(number[k] for k in varying) for number in group]
+    grid, sure = False, False
+    if len(varying) == 2:
+        first, turned = bool(_ROW_FIRST.search(text)), bool(_COLUMN_FIRST.search(text))
+        full = len({a for a, _ in numbers}) * len({b for _, b in numbers}) == len(numbers)
+        grid, sure = full and (first or turned or bool(_GRID.search(text))), first or turned
+        numbers = [number[::-1] for number in numbers] if turned else numbers
+    return NumberedColumns(text, tuple(group.values()), tuple(numbers), grid, sure)
+
+
+def axes_of(groups: Sequence[NumberedColumns]) -> tuple[NumberedColumns, ...]:
+    """Return three groups that differ in x, y, z alone, as the three axes of taxels; () if there are none."""
+    alike: dict[str, dict[str, NumberedColumns]] = {}
+    for group in groups:
+        for match in _AXIS.finditer(group.pattern):
+            head, tail = group.pattern[: match.start()], group.pattern[match.end() :]
+            alike.setdefault(f"{head}?{tail}".lower(), {})[match[0].lower()] = group
+    threes = (tuple(three[axis] for axis in "xyz") for three in alike.values() if three.keys() == set("xyz"))
+    return next((three for three in threes if len({each.numbers for each in three}) == 1), ())
+
+
+def three_axes(path: Path, what: str, one: str = "") -> InputError:
+    """Return the error of a log with three numbers a taxel; `one` is the field path of a single axis."""
+    hint = f'To use the normal axis alone, write cells = "{one}" in [skin].' if one else ""
+    what = f"has three axes a taxel ({what}), and a skin is read with one number a taxel."
+    return InputError(what, where=str(path), hint=hint)
+
+
+def single_cells(path: Path, names: Sequence[str]) -> InputError:
+    """Return the error of a log with the forces of a few load cells."""
+    what = f"has {len(names)} single-axis cells ({shortened(names)}), as under a plate, which are not read yet."
+    hint = "Sum them to one force, or name a skin's taxels in [skin] of a rig: cells = [...]."
+    return InputError(what, where=str(path), hint=hint)
+
+
+def require_units(array: ArrayChannel, columns: Sequence[str], stated: Stated, path: Path) -> None:
+    """Check that a log states no other unit of a channel's numbers than that in which they are read.
+
+    Args:
+        array: the channel.
+        columns: of the channel.
+        stated: units that the log `path` states.
+        path: of the log.
+
+    Raises:
+        InputError: it does, or names and unit are those of load cells.
+    """
+    for name in columns if array.unit is not None else ():
+        said = stated.unit(name) or stated.unit(name.partition("[")[0])
+        known, read = known_unit(said, CELL_UNITS), known_unit(array.unit or "N", CELL_UNITS)
+        if known in FORCE_UNITS and _LOAD_CELL.match(name):
+            raise single_cells(path, columns)
+        if said and known != read and (known or array.unit):
+            what = f"the log states that {name!r} is in {said!r}, but it is read in {array.unit or 'counts'!r}."
+            raise InputError(what, where=str(path), hint=f'Write unit = "{known or said}" in [{array.table}].')
+
+
+def array_columns(array: ArrayChannel, shapes: Shapes, names: Sequence[str], path: Path) -> Sequence[str]:
+    """Return the columns of an array channel, in the order in which they are recorded.
+
+    Args:
+        array: the channel; its columns, if it has some, are not a tuple of names.
+        shapes: name -> () of a column, or the shape of one sample of an array.
+        names: of the log's columns that are not used otherwise, with those of arrays.
+        path: of the log.
+
+    Raises:
+        InputError: several arrays or groups of columns could be meant, or none; the number of columns or the rows and
+            columns that names state are others than the channel's; or taxels have three axes.
+    """
+    made = {name: shape for name, shape in shapes.items() if shape and f"{name}[0]" in names}
+    plain = [name for name in names if name in shapes]
+    name = _array(array, made, path)
+    if name is not None:
+        return _array_names(array, name, made[name], path)
+    if made and not plain:
+        wanted = array.columns if isinstance(array.columns, str) else "frames" if array.name == CELLS else array.name
+        raise InputError(f"has no array {wanted!r}.", where=str(path), hint=near(wanted, made))
+    return _by_names(array, plain, path)
+
+
+def _array(array: ArrayChannel, made: Shapes, path: Path) -> str | None:
+    """Return the name of the array that holds a channel; None if there is none."""
+    if isinstance(array.columns, str):
+        return array.columns if array.columns in made else None
+    names = USUAL if array.name == CELLS else (array.name, SINGLE)
+    usual = next((name for name in names if name in made), None)
+    fitting = [name for name, shape in made.items() if prod(shape) in (array.size, 3 * array.size)]
+    if usual is None and len(fitting) > 1:
+        raise _several(array, fitting, path)
+    return usual or next(iter(fitting), None)
+
+
+def _array_names(array: ArrayChannel, name: str, shape: tuple[int, ...], path: Path) -> Sequence[str]:
+    """Return the names of an array's numbers; raise InputError if the array has another shape than the channel."""
+    there, wanted = (tuple(side for side in sides if side != 1) for sides in (shape, array.recorded))
+    if there not in (wanted, (array.size,)):
+        said = " x ".join(map(str, shape))
+        if prod(shape) == 3 * array.size:
+            raise three_axes(path, f"{name} of shape n x {said}")
+        what = f"holds {name} of shape n x {said}, not n x {' x '.join(map(str, array.recorded))}."
+        raise InputError(what, where=str(path), hint=array.mend)
+    return [f"{name}[{k}]" for k in range(array.size)]
+
+
+def _by_names(array: ArrayChannel, names: Sequence[str], path: Path) -> Sequence[str]:
+    """Return the columns that are numbered alike, by their numbers; else all, in the order of the log."""
+    stated = array.columns if isinstance(array.columns, str) else None
+    names = names if stated is None else matching(stated, names)
+    groups = numbered_alike(names)
+    axes = axes_of(groups)
+    fitting = [group for group in groups if group not in axes and len(group.names) >= array.size]
+    fitting = [group for group in fitting if array.ids is not None or len(group.names) == array.size]
+    if len(axes) and not fitting and array.size in (len(axes[0].names), 3 * len(axes[0].names)):
+        raise three_axes(path, f"{axes[0].pattern}, {axes[1].pattern}, {axes[2].pattern}", axes[2].pattern)
+    if len(fitting) > 1:
+        raise _several(array, [group.pattern for group in fitting], path)
+    if fitting:
+        return _numbered(array, fitting[0], path)
+    taxels = [name for name in names if is_taxel(name)]
+    return sized(array, taxels if len(taxels) == array.size else names, path)
+
+
+def _numbered(array: ArrayChannel, group: NumberedColumns, path: Path) -> Sequence[str]:
+    """Return the columns of a group by ids or numbers; raise InputError if these are not those of the channel."""
+    if array.ids is not None:
+        if found := group.of(array.ids):
+            return found
+        what = f"the numbers of {group.pattern!r} are {_listed(group)}, but the taxels' ids are {shortened(array.ids)}."
+        hint = "Give the columns and the places the same ids, or list the columns: cells = [...] in [skin]."
+        raise InputError(what, where=str(path), hint=hint)
+    shape = group.shape(array.order)
+    if len(shape) == 2 and len(array.shape) == 2 and shape != array.shape:
+        what = f"the names {group.pattern!r} state {shape[0]} x {shape[1]} {array.name}, not {array.described}."
+        turned = ' If their first number is the column, write order = "columns" in [skin].' if not group.sure else ""
+        raise InputError(what, where=str(path), hint=f"{array.mend}{turned}")
+    return group.ordered(array.order)
+
+
+def matching(path: str, names: Iterable[str]) -> list[str]:
+    """Return the names that fit a field path, in which * is any text, and [] any index."""
+    parts = (re.escape(part) for part in re.split(r"(\*|\[\])", path))
+    text = re.compile("".join({r"\*": ".*", r"\[\]": r"\[\d+\]"}.get(part, part) for part in parts), re.IGNORECASE)
+    return [name for name in names if text.fullmatch(name) or text.fullmatch(split_unit(name)[0].strip())]
+
+
+def _several(array: ArrayChannel, found: Sequence[str], path: Path) -> InputError:
+    what = f"{len(found)} could be the {array.name}: {', '.join(found[:6])}."
+    return InputError(what, where=str(path), hint=f'Name one, as cells = "{found[0]}" in [{array.table}].')
+
+
+def sized(array: ArrayChannel, columns: Sequence[str], path: Path) -> Sequence[str]:
+    """Return the columns of a channel.
+
+    Raises:
+        InputError: there are more or fewer than numbers in the channel.
+    """
+    if (count := len(columns)) != array.size:
+        named = array.columns is not None
+        has = f"names {count} columns" if named else f"has {count} columns in addition to the time"
+        what = f"{has}, but {array.size} {array.name} ({array.described}) are needed."
+        raise InputError(what, where=array.table if named else str(path), hint=array.mend)
+    return columns
+
+
+def _listed(group: NumberedColumns) -> str:
+    return shortened([number[0] if len(number) == 1 else number for number in sorted(group.numbers)])
+
+
+def shortened(values: Sequence[object]) -> str:
+    """Return values as a list in words, without the middle of a long one."""
+    listed = [str(value) for value in values]
+    return ", ".join(listed if len(listed) < 7 else [*listed[:3], "...", *listed[-2:]])

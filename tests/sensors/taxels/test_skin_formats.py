@@ -1,0 +1,168 @@
+"""A log of a skin in the format of a maker or a recorder is read taxel by taxel, or refused with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from palpate.errors import InputError
+from palpate.files.logs import read_recording
+from palpate.files.logs.samples import SampleReader
+from palpate.live.replay import bare
+from palpate.setup import load_rig
+from palpate.setup.new import Proposal, propose_rig
+from palpate.signals.recording import CELLS
+from tests.support.skin_formats import COLUMNS, FRAMES, PITCH, REFUSED, RIGHT, ROWS, TIME, table
+
+
+def _frames(log: Path, proposal: Proposal, *more: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return times from the first on, and frames, as the proposed rig reads them, with its sheet's true size."""
+    edited = {"rows": ROWS, "columns": COLUMNS, "pitch": PITCH}
+    lines = [line for line in proposal.text.splitlines() if line.partition(" =")[0] not in edited]
+    stated = "\n".join(f"{key} = {value}" for key, value in edited.items())
+    rig = log.parent / "rig.toml"
+    rig.write_text("\n".join(lines).replace("[skin]", "\n".join(["[skin]", stated, *more])) + "\n")
+    recording = read_recording(log, load_rig(rig).layout())
+    return recording.time - recording.time[0], recording.channels[CELLS]
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_a_format_is_read_taxel_by_taxel(name: str, tmp_path: Path) -> None:
+    file, write, newtons, rate = RIGHT[name]
+    write(tmp_path / file)
+    proposal = propose_rig(tmp_path / file, None, tmp_path, rate=rate)
+    time, frames = _frames(tmp_path / file, proposal)
+    known = np.isfinite(frames)
+    assert np.count_nonzero(~known) == (name == "long_lost")
+    np.testing.assert_allclose(frames[known], newtons * FRAMES[known], rtol=1e-9)
+    np.testing.assert_allclose(time, TIME, atol=1e-6)
+    sized = "nothing states the sheet's rows and columns" not in proposal.text + " ".join(proposal.remarks)
+    assert sized == (f"rows = {ROWS}\ncolumns = {COLUMNS}\n" in proposal.text)
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_format_that_holds_too_little_is_refused(name: str, tmp_path: Path) -> None:
+    file, write, reason = REFUSED[name]
+    write(tmp_path / file)
+    with pytest.raises(InputError, match=reason):
+        propose_rig(tmp_path / file, None, tmp_path)
+
+
+@pytest.mark.parametrize(("name", "path"), [("axes", "*_z"), ("axes_blocks", "z*")])
+def test_a_field_path_picks_one_axis(name: str, path: str, tmp_path: Path) -> None:
+    file, write, _ = REFUSED[name]
+    write(tmp_path / file)
+    stated = Proposal(f'[skin]\ncells = "{path}"\n', "", "", ())
+    if name == "axes":
+        np.testing.assert_array_equal(_frames(tmp_path / file, stated)[1], FRAMES)
+    else:
+        assert _frames(tmp_path / file, stated)[1].shape == FRAMES.shape
+
+
+def _read(folder: Path, skin: str, names: list[str], values: np.ndarray) -> np.ndarray:
+    """Return the frames of a table of these columns, as a rig with these lines of [skin] reads them."""
+    table(names, values)(folder / "log.csv")
+    (folder / "rig.toml").write_text(f"[skin]\n{skin}\n")
+    return read_recording(folder / "log.csv", load_rig(folder / "rig.toml").layout()).channels[CELLS]
+
+
+ORDERS: list[tuple[Sequence[int], Sequence[int], str]] = [  # ids of places and of columns, and the former's name
+    (range(24), range(24), "id"),
+    (range(24), range(1, 25), "taxel"),
+    (range(5, 29), range(5, 29), "index"),
+    ([*range(3, 15), *range(20, 32)], [*range(3, 15), *range(20, 32)], "number"),
+    (range(1, 25), range(26), "id"),
+    (range(1, 25), range(1, 25), "name"),
+]
+
+
+def test_places_and_columns_in_any_order_are_the_same_taxels(tmp_path: Path) -> None:
+    """Ids join them: shuffled rows of places, shuffled columns, ids from 1 and from 0, gaps, names."""
+    rng = np.random.default_rng(3)
+    for ids, columns, named in ORDERS:
+        rows = [f"{'S' * (named == 'name')}{i},{0.01 * k},0,0" for k, i in enumerate(ids)]
+        shuffled = "\n".join(rows[k] for k in map(int, rng.permutation(len(rows))))
+        (tmp_path / "places.csv").write_text(f"{named},x,y,z\n{shuffled}\n")
+        order = np.array(columns)
+        start = order.min() if len(order) == len(rows) else 1  # more columns than places: the same ids
+        values = np.arange(len(FRAMES))[:, None] + (order - start)
+        picked = rng.permutation(len(order))
+        found = _read(tmp_path, 'taxels = "places.csv"', [f"S{order[k]}" for k in picked], values[:, picked])
+        np.testing.assert_array_equal(found[0], np.array(ids) - min(ids))
+
+
+@pytest.mark.parametrize(
+    ("ids", "columns"), [([*range(1, 13), *range(14, 26)], range(24)), (range(24), [*range(12), *range(13, 25)])]
+)
+def test_ids_that_do_not_fit_are_refused(ids: list[int], columns: list[int], tmp_path: Path) -> None:
+    rows = [f"{i},{0.01 * k},0,0" for k, i in enumerate(ids)]
+    (tmp_path / "places.csv").write_text("\n".join(["id,x,y,z", *rows, ""]))
+    with pytest.raises(InputError, match="the taxels' ids are"):
+        _read(tmp_path, 'taxels = "places.csv"', [f"S{k}" for k in columns], FRAMES.reshape(len(FRAMES), -1))
+
+
+SHEET = f"pitch = 0.005\nrows = {ROWS}\ncolumns = {COLUMNS}\n"
+DOWN = FRAMES.swapaxes(1, 2).reshape(len(FRAMES), -1)  # column by column
+
+
+def test_numbers_that_run_down_the_columns_are_read_so(tmp_path: Path) -> None:
+    skin = f'{SHEET}order = "columns"\n'
+    first = [f"c_{column}_{row}" for column in range(COLUMNS) for row in range(ROWS)]
+    letters = [f"r{row}c{column}" for column in range(COLUMNS) for row in range(ROWS)]
+    for names in ([f"p{k}" for k in range(24)], first, letters):
+        np.testing.assert_array_equal(_read(tmp_path, skin, names, DOWN), FRAMES)
+    layout = load_rig(tmp_path / "rig.toml").layout()
+    for frames in (DOWN, FRAMES.swapaxes(1, 2)):
+        np.savez(tmp_path / "log.npz", time=TIME, pad=frames)
+        np.testing.assert_array_equal(read_recording(tmp_path / "log.npz", layout).channels[CELLS], FRAMES)
+    np.testing.assert_array_equal(SampleReader(layout, tmp_path).readings(DOWN), FRAMES)
+    raw = read_recording(tmp_path / "log.npz", bare(layout)).channels[CELLS]
+    np.testing.assert_array_equal(SampleReader(layout, tmp_path).readings(raw), FRAMES)
+
+
+@pytest.mark.parametrize(
+    ("skin", "names", "reason"),
+    [
+        ("", [f"t_{k // 6}_{k % 6}" for k in range(24)], 'state 4 x 6 cells, not 6 x 4.*order = "columns"'),
+        ("", [f"{side}{k}" for side in "lr" for k in range(24)], 'cells = "l\\*"'),
+        ("", [f"S{k} [kPa]" for k in range(24)], 'unit = "kPa"'),
+        ('unit = "N"', [f"S{k} [kPa]" for k in range(24)], 'unit = "kPa"'),
+        ('cells = "taxel_*"', [f"S{k}" for k in range(24)], "names 0 columns"),
+        ("", [f"S{k}" for k in range(23)], "has 23 columns"),
+    ],
+)
+def test_what_names_contradict_is_refused(skin: str, names: list[str], reason: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=reason):
+        _read(tmp_path, SHEET + skin, names, np.resize(FRAMES, (len(FRAMES), len(names))))
+
+
+def test_a_frame_of_another_size_is_not_known(tmp_path: Path) -> None:
+    """Of a text with frames of several lines; one that was cut at the end is none."""
+    texts = ["\n".join(" ".join(f"{x:g}" for x in row) for row in frame) for frame in FRAMES.tolist()]
+    texts[3], texts[-1] = texts[3].partition("\n")[2], texts[-1][:40]
+    texts[5] = "B" + texts[5][texts[5].index(" ") :]
+    (tmp_path / "log.txt").write_text("\n\n".join(texts))
+    (tmp_path / "rig.toml").write_text(f"[skin]\n{SHEET}rate = 100\n")
+    found = read_recording(tmp_path / "log.txt", load_rig(tmp_path / "rig.toml").layout()).channels[CELLS]
+    wanted = FRAMES[:-1].copy()
+    wanted[3], wanted[5, 0, 0] = np.nan, 0.0
+    np.testing.assert_array_equal(found, wanted)
+
+
+def test_episodes_in_one_file_are_refused(tmp_path: Path) -> None:
+    """As LeRobot's data sets of version 3 have them: their times each begin at 0."""
+    numbers = {f"taxel_{k}": FRAMES.reshape(len(FRAMES), -1)[:, k] for k in range(24)}
+    for episodes, found in ((1, True), (2, False)):
+        rows = pl.DataFrame({"time": TIME, "episode_index": np.arange(len(TIME)) % episodes, **numbers})
+        rows.write_parquet(tmp_path / "log.parquet")
+        (tmp_path / "rig.toml").write_text(f"[skin]\n{SHEET}")
+        layout = load_rig(tmp_path / "rig.toml").layout()
+        if found:
+            assert len(read_recording(tmp_path / "log.parquet", layout)) == len(TIME)
+        else:
+            with pytest.raises(InputError, match=r"holds 2 episodes.*episode_index"):
+                read_recording(tmp_path / "log.parquet", layout)
