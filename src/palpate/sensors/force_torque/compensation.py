@@ -15,8 +15,9 @@ from palpate.sensors.force_torque.model import ForceTorque
 from palpate.signals.filters import Filter
 from palpate.signals.motion import Motion
 from palpate.signals.payload import Payload
-from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
+from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, VIBRATION, Recording
 from palpate.signals.rest import at_rest
+from palpate.signals.vibration import Vibration
 from palpate.signals.wrench_sensor import Placement, Tare, square_root
 from palpate.signals.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
@@ -49,12 +50,13 @@ class _Readings(NamedTuple):
 
 
 class _Compensated(NamedTuple):
-    """Samples as wrenches, like `Measured`, with the readings that the wrenches were computed from."""
+    """Samples as wrenches, like `Measured`, with the readings that they were computed from, and their `VIBRATION`."""
 
     time: Float[np.ndarray, " n"]
     wrench: Float[np.ndarray, "n 6"]
     status: Int8[np.ndarray, " n"]
     readings: _Readings
+    vibration: Float[np.ndarray, "n 36"] | None = None
 
 
 @called_as("palpate.Compensation(palpate.ForceTorque(noise=(0.02, 0.001)), palpate.Payload(mass=0.4))")
@@ -98,6 +100,8 @@ class Compensation:
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
         self._doubts = square_root(load.covariance if self._imu is None else np.zeros((12, 12)))
         self._turns, self.revision = bool(self.needs_orientation), 0
+        self._smoothing: tuple[float, Filter | None, float | None] = (1.0, None, None)
+        self._vibration: Vibration | None = None
         self._kept, self._means = (1.0, np.ones(6)), dict[int, Float[np.ndarray, "6 6"]]()
         self._stated, self.zeros_taken = self._load.copy(), 0
         self._untare()
@@ -120,10 +124,19 @@ class Compensation:
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
         """Yield the same samples, with the channels `ACCELERATION` and `UNSTEADY` where `motion` provides them.
 
+        With an orientation and a known noise they have `VIBRATION`, too.
+
         Raises:
             InputError: channels that the source of accelerations needs are missing.
         """
-        return iter(blocks) if self.motion is None else self.motion.stream(iter(blocks))
+        if self.motion is None:
+            return iter(blocks)
+        moved = self.motion.stream(iter(blocks))
+        if self.noise is None:
+            return moved
+        white, _, _ = self._smoothing
+        self._vibration = Vibration(white * self.noise, *self._smoothing[1:])
+        return self._vibration.stream(moved, lambda block: self.measure(block).wrench)
 
     def measure(self, recording: Recording) -> _Compensated:
         """Return a recording as `Measured`: contacts' wrenches (n, 6) [N, N m] in the sensor's frame, with statuses.
@@ -132,7 +145,8 @@ class Compensation:
             InputError: forces or torques are missing, or an orientation is needed (payload with weight, wrenches in the
                 base frame) and there is none.
         """
-        return self._compensated(self._readings(recording), self._zero)
+        made = self._compensated(self._readings(recording), self._zero)
+        return made._replace(vibration=recording.channels.get(VIBRATION))
 
     def single(
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
@@ -230,6 +244,8 @@ class Compensation:
         self._place(wrenches, *measured.readings[2:], share, *constant, located, covariances)
         if self._imu is not None:
             covariances += self._tilted(measured.readings, placement.matrix, free=self._unsure is self._doubts)
+        if measured.vibration is not None and measured.vibration.any():
+            covariances += placement.matrix @ measured.vibration.reshape(-1, 6, 6) @ placement.matrix.T
         return located, None if self.noise is None else covariances
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
@@ -244,6 +260,7 @@ class Compensation:
             InputError: the filter's cut-off does not fit the rate.
         """
         spectrum = self.sensor.spectrum
+        self._smoothing = share, filter, rate
         self._kept = 1.0, np.ones(6)
         if filter is not None and rate is not None and spectrum is not None and share < 1.0:
             self._kept = share, spectrum.kept(filter, rate)
@@ -405,7 +422,10 @@ class Compensation:
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on the motion, a sentence each; () without a payload or a `Motion`."""
-        return () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
+        if self.motion is None or self.payload is None:
+            return ()
+        vibrating = () if self._vibration is None else self._vibration.notes()
+        return (*self.motion.notes(self.payload.mass), *vibrating)
 
     def warnings(self) -> tuple[str, ...]:
         """Return (): there are no warnings."""
