@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
 from palpate.signals._curvature import Curvature, WindowSettings, curvature, part_of, pose_period, settings_of
-from palpate.signals._delayed import gathered, with_columns
+from palpate.signals._delayed import with_columns
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
@@ -72,7 +72,9 @@ class Motion:
         self._forget()
 
     def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
-        """Return an iterator over the blocks with ACCELERATION (n, 3) and UNSTEADY (n, 1) [m/s^2]; with source "none", UNSTEADY alone.
+        """Return an iterator over the blocks with ACCELERATION (n, 3) and UNSTEADY (n, 1) [m/s^2].
+
+        With source "none" they have UNSTEADY alone.
 
         A block comes up to 16,384 rows late.
 
@@ -80,7 +82,7 @@ class Motion:
             InputError: the channels that the source needs are missing.
         """
         self._forget()
-        return with_columns(blocks, self._taken, self._answers, self._with_channels, 4)
+        return with_columns(blocks, self._answers, self._with_channels, 4)
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
         """Return notes on the rows so far, one sentence each; in newtons if the payload's mass [kg] is given."""
@@ -140,11 +142,11 @@ class Motion:
                 where=block.source,
             )
 
-    def _answers(self, pieces: Iterator[Float[np.ndarray, "n 8"]]) -> Iterator[Float[np.ndarray, "m 4"]]:
+    def _answers(self, blocks: Iterator[Recording]) -> Iterator[Float[np.ndarray, "m 4"]]:
         """Yield acceleration and UNSTEADY, (m, 4), by chunks."""
         settings: WindowSettings | None = None
         before, rows = np.zeros((0, 8)), np.zeros((0, 8))
-        for piece, last in gathered(pieces, 8):
+        for piece, last in _gathered(map(self._taken, blocks)):
             rows = np.concatenate([rows, piece])
             if settings is None and (last or len(rows) >= CHUNK):
                 settings = settings_of(rows[:CHUNK, 0], self.window, SCALES[-1], CHUNK)
@@ -251,3 +253,15 @@ def _widened(seen: Bool[np.ndarray, " n"], half: int) -> Bool[np.ndarray, " n"]:
     counts = np.concatenate([np.zeros(half + 1, dtype=int), np.cumsum(seen), np.full(half, np.count_nonzero(seen))])
     return counts[2 * half + 1 :] > counts[: -2 * half - 1]
 
+
+
+def _gathered(pieces: Iterator[np.ndarray]) -> Iterator[tuple[np.ndarray, bool]]:
+    """Yield pieces joined until they are long enough to work on, and whether they are the last."""
+    small, count = [np.zeros((0, 8))], 0
+    for piece in pieces:
+        small.append(piece)
+        count += len(piece)
+        if count >= CHUNK // 8:
+            yield np.concatenate(small), False
+            small, count = [piece[:0]], 0
+    yield np.concatenate(small), True

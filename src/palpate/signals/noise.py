@@ -156,7 +156,7 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
     count, length = segments.shape[:2]
     taper = np.hanning(length)
     middle = segments.mean(axis=1, keepdims=True)
-    left = segments - middle if wander else straightened(segments)
+    left = segments - middle if wander else _straightened(segments)
     waves = np.fft.rfft(left * taper[:, None], axis=1)[:, 1:]
     density = 2.0 * np.mean(np.abs(waves) ** 2, axis=0) / (length * np.sum(taper**2))
     density[-1] /= 2.0  # at half the rate two sides are one
@@ -260,7 +260,7 @@ def _unheld(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:
     return readings[:: min(max(held, 1), MOST_HELD)]
 
 
-def straightened(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l k"]:
+def _straightened(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l k"]:
     """Subtract from each window its straight line."""
     length = windows.shape[1]
     line: Float[np.ndarray, "l 1"] = np.arange(1.0, length + 1.0)[:, None] - (length + 1) / 2
@@ -275,7 +275,7 @@ def _judged(
     length = int(np.clip(len(readings) // 20, min(FEWEST, len(readings)), WINDOW))  # shorter in a short log
     count = len(readings) // length
     windows = readings[: count * length].reshape(count, length, readings.shape[1])
-    variance = np.sum(straightened(windows) ** 2, axis=1) / (length - 2)
+    variance = np.sum(_straightened(windows) ** 2, axis=1) / (length - 2)
     least = np.maximum(resolution_of(readings) ** 2 / 12.0, 1e-30)
     quiet = np.stack([_quiet(column, SPREAD) for column in (variance + least).T], axis=1)
     whole = np.all(quiet, axis=1, keepdims=True)
@@ -293,7 +293,7 @@ def _between_presses(
     if len(readings) < 4 * SHORT:
         return None
     windows: Float[np.ndarray, "w l k"] = np.moveaxis(sliding_window_view(readings, SHORT, axis=0)[::STRIDE], 2, 1)
-    variance, resolution = np.sum(straightened(windows) ** 2, axis=1) / (SHORT - 2), resolution_of(readings)
+    variance, resolution = np.sum(_straightened(windows) ** 2, axis=1) / (SHORT - 2), resolution_of(readings)
     least = np.maximum(resolution**2 / 12.0, 1e-30)
     quiet = np.all([_quiet(column, SHORT_SPREAD, np.median) for column in (variance + least).T], axis=0)
     if not quiet.any():

@@ -4,132 +4,169 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.signals._delayed import gathered, with_columns
+from palpate.signals._delayed import HeldRows, with_columns
 from palpate.signals.filters import Filter
-from palpate.signals.noise import straightened
 from palpate.signals.recording import ORIENTATION, POSITION, VIBRATION, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 
-WINDOW = 0.2  # s: two periods of 10 Hz, and shorter than most touches
-FEWEST = 12  # samples of a window
-AROUND = 5  # windows before and after one that are averaged with it
-SETTLING = 2  # windows around those in motion in which the arm still vibrates
-TOUCHED = 3.0  # times the median variance around: in such a window a touch begins or ends
+ENOUGH = 1024  # rows that are worked on at a time, or more
+WINDOW = 0.2  # s: two periods of 10 Hz
+POSES = 8  # of a window, from which it is seen whether the arm moves
+AROUND = 2  # windows before and after one whose covariances are averaged, and in which an arm settles
+TOUCHED = 3.0  # times the median variance: in such a window a touch begins or ends
+BURST = 10.0  # times the variance around: what exceeds it is a touch, not a burst of vibration
 TURNING, TRAVEL = np.radians(2.0), 0.01  # rad/s and m/s: a slower arm is at rest
-EXCESS = 2.0  # times the noise's variance: up to it, the noise explains the scatter
+EXCESS = 1.5  # times the largest variance that noise alone is expected to have in a window
+_CUBIC = 4  # coefficients
+_FORCE = [0, 7, 14]  # variances of the force in a covariance by rows
+_Wrenches = Callable[[Recording], Float[np.ndarray, "n 6"]]
 
 
 @takes_arrays
 class Vibration:
-    """The covariance by which a free wrench vibrates while the arm moves, learned from the wrenches around each sample.
+    """The covariances by which a free wrench vibrates while the arm moves, from the wrenches around each sample.
 
-    The log is cut into windows of 0.2 s. In each, the covariance of the wrench about its straight line is computed: a
-    steady touch is not in it. It is averaged over the windows within a second in which the arm moves; those of more
-    than 3 times the median variance are left out, as a touch begins or ends in them. What exceeds twice the noise's
-    variance in some direction is vibration. An arm that turns by less than 2 degrees a second and travels less than
-    10 mm a second is at rest, and 0.4 s after its motion nothing is added.
+    The log is cut into windows of 0.2 s. The covariance of a window is that of the wrench about its cubic polynomial:
+    a tone of 10 Hz keeps 92 % of its amplitude, and a touch that begins within 50 ms has at most 11 % of its force. It
+    is averaged over the windows within 0.5 s in which the arm moves, without those of more than 3 times their median
+    variance. A window of more variance keeps its own, up to 10 times the mean. Directions in which the noise explains
+    the covariance do not vibrate. An arm that turns by less than 2 degrees a second and travels less than 10 mm a
+    second is at rest: nothing is added from 0.4 s after its motion on.
 
     Args:
         noise: (6, 6) covariance of one reading [N, N m], as it remains after the filter.
         filter: filter that the wrenches pass afterwards; None: none.
         rate: [Hz] of the samples, for the filter.
+
+    Attributes:
+        covariances: list of (6, 6) [N, N m] in the sensor's frame, by the numbers in VIBRATION; number 0 is zero.
     """
 
     def __init__(
         self, noise: Float[np.ndarray, "6 6"], filter: Filter | None = None, rate: float | None = None
     ) -> None:
-        self._scale = np.sqrt(np.maximum(np.diag(noise), 1e-24))
+        scale = np.sqrt(np.maximum(np.diag(noise), 1e-24))
+        self._scale = np.outer(scale, scale)
         self._filter, self._rate = filter, rate
-        self._largest = 0.0
+        self.covariances = [np.zeros((6, 6))]
 
-    def stream(
-        self, blocks: Iterator[Recording], wrenches: Callable[[Recording], Float[np.ndarray, "n 6"]]
-    ) -> Iterator[Recording]:
-        """Return an iterator over the blocks with VIBRATION (n, 36), the covariance in the sensor's frame by rows.
+    def stream(self, blocks: Iterator[Recording], wrenches: _Wrenches) -> Iterator[Recording]:
+        """Return an iterator over the blocks with VIBRATION (n, 1), numbers of `covariances`.
 
         Args:
             blocks: of the log, in order, with ORIENTATION.
-            wrenches: returns a block's wrenches (n, 6) [N, N m] without the payload, in the sensor's frame; NaN in
-                unusable samples.
+            wrenches: returns a block's wrenches (n, 6) [N, N m] in the sensor's frame, with or without the payload; a
+                cubic polynomial follows the weight of a turning one.
         """
-        self._largest = 0.0
-
-        def taken(block: Recording) -> Float[np.ndarray, "n 19"]:
-            place = block.channels.get(POSITION, np.zeros((len(block), 3)))
-            turn = rotation_from_quaternion(block.channels[ORIENTATION]).reshape(-1, 9)
-            return np.column_stack([block.time, wrenches(block), turn, place])
-
-        return with_columns(blocks, taken, self._by_row, _with_vibration, 36)
+        return with_columns(blocks, partial(self._numbers, wrenches), _with_number, 1)
 
     def notes(self) -> tuple[str, ...]:
         """Return a note on the largest vibration so far; () if there was none."""
-        if not self._largest:
+        largest = max(float(np.sqrt(np.trace(each[:3, :3]))) for each in self.covariances)
+        if not largest:
             return ()
-        said = f"the wrench vibrates by up to {self._largest:.2g} N while the arm moves: covariances were widened by it"
+        said = f"the wrench vibrates by up to {largest:.2g} N while the arm moves: covariances were widened by it"
         advice = "" if self._filter is not None else "; with a [filter] in the rig, lighter touches are found then"
         return (said + advice,)
 
-    def _by_row(self, pieces: Iterator[Float[np.ndarray, "n 19"]]) -> Iterator[Float[np.ndarray, "m 36"]]:
-        """Yield the covariances of the rows, from their `taken` columns."""
-        rows, seen, answered, step, length = np.zeros((0, 19)), np.zeros((0, 48)), 0, 0.0, 0
-        for piece, last in gathered(pieces, 19):
-            rows = np.concatenate([rows, piece])
+    def _numbers(self, wrenches: _Wrenches, blocks: Iterator[Recording]) -> Iterator[Float[np.ndarray, "m 1"]]:
+        """Yield the numbers of the rows; windows are counted from the first row, and known ones are forgotten."""
+        held, step, length, done = HeldRows(), WINDOW, 0, 0
+        path, covariance = np.zeros((0, 12)), np.zeros((0, 36))  # of windows from `first` on
+        first = answered = 0
+        for block in chain(blocks, [None]):
+            if block is not None:
+                held.add(block)
+                if held.count - done < ENOUGH:
+                    continue
             if not length:
-                step, length = _window(rows[:, 0])
-            count = len(rows) // length
-            windows = rows[: count * length, 1:].reshape(count, length, 18)
-            seen, rows = np.concatenate([seen, self._seen(windows)]), rows[count * length :]
-            ready = len(seen) if last else max(answered, len(seen) - AROUND - 1)
-            found = self._vibration(_around(seen, step * length)[answered:ready])
-            yield np.repeat(found, length, axis=0)
+                step, length = _window(held.values(0, held.count, lambda rows: rows.time))
+            done, last = held.count, block is None
+            end = held.count // length
+            path = np.concatenate([path, _path(held, (first + len(path)) * length, end * length, length)])
+            moving = _moving(path, step * length)
+            seen = slice(len(covariance), len(path) if last else max(len(covariance), len(path) - 1))
+            if moving[seen].any():
+                span = (first + seen.start) * length, (first + seen.stop) * length
+                fresh = self._seen(held.values(*span, wrenches).reshape(-1, length, 6))
+            else:
+                fresh = np.full((seen.stop - seen.start, 36), np.nan)
+            covariance = np.concatenate([covariance, fresh])
+            ready = seen.stop if last else max(answered, seen.stop - AROUND)
+            found = _around(covariance, moving[: seen.stop])[answered:ready]
+            numbers = self._numbered(found, length)
+            yield np.repeat(numbers, length)[:, None]
             if last:  # the rest is shorter than a window
-                yield np.repeat(found[-1:] if len(found) else np.zeros((1, 36)), len(rows), axis=0)
+                yield np.repeat(numbers[-1:] if len(numbers) else np.zeros(1), held.count - end * length)[:, None]
             known = max(0, ready - AROUND - 1)
-            seen, answered = seen[known:], ready - known
+            first, answered = first + known, ready - known
+            path, covariance = path[known:], covariance[known:]
+            held.forget((first + len(covariance)) * length)
 
-    def _seen(self, windows: Float[np.ndarray, "w l 18"]) -> Float[np.ndarray, "w 48"]:
-        """Return the mean rotation and position (12) of each window, and the covariance (36) of its wrench."""
-        count, length = windows.shape[:2]
-        wrench = straightened(windows[:, :, :6])
+    def _seen(self, windows: Float[np.ndarray, "w l 6"]) -> Float[np.ndarray, "w 36"]:
+        """Return the covariance of the wrench in each window, after the filter."""
+        count, length, _ = windows.shape
+        wrench = _without_cubic(windows)
         if self._filter is None or self._rate is None:
-            covariance = np.einsum("wli,wlj->wij", wrench, wrench) / (length - 2)
-        else:
-            wave = np.fft.rfft(wrench * np.hanning(length)[:, None], axis=1)
-            wave *= self._filter.gain(np.fft.rfftfreq(length, 1.0 / self._rate), self._rate)[:, None]
-            power = length * np.sum(np.hanning(length) ** 2) / 2.0  # two sides are one
-            covariance = np.einsum("wfi,wfj->wij", wave, wave.conj()).real / power
-        return np.concatenate([windows[:, :, 6:].mean(axis=1), covariance.reshape(count, 36)], axis=1)
+            return np.einsum("wli,wlj->wij", wrench, wrench).reshape(count, 36) / (length - _CUBIC)
+        taper = np.hanning(length)
+        wave = np.fft.rfft(wrench * taper[:, None], axis=1)
+        wave *= self._filter.gain(np.fft.rfftfreq(length, 1.0 / self._rate), self._rate)[:, None]
+        two_sides = 2.0 / (length * np.sum(taper**2))
+        return two_sides * np.einsum("wfi,wfj->wij", wave, wave.conj()).real.reshape(count, 36)
 
-    def _vibration(self, covariance: Float[np.ndarray, "w 36"]) -> Float[np.ndarray, "w 36"]:
-        """Return what exceeds the noise in each covariance."""
-        some = covariance.any(axis=1)
-        both = np.outer(self._scale, self._scale)
-        size, axes = np.linalg.eigh(covariance[some].reshape(-1, 6, 6) / both)
-        more = np.where(size > EXCESS, size - 1.0, 0.0)
-        made = np.zeros_like(covariance)
-        left = np.einsum("wik,wk,wjk->wij", axes, more, axes) * both
-        made[some] = left.reshape(-1, 36)
-        strength = np.sqrt(np.trace(left[:, :3, :3], axis1=1, axis2=2))
-        self._largest = max(self._largest, float(strength.max(initial=0.0)))
-        return made
+    def _numbered(self, covariance: Float[np.ndarray, "w 36"], length: int) -> Float[np.ndarray, " w"]:
+        """Return the number of what exceeds the noise in each covariance, which is of windows of `length` samples.
+
+        The largest variance of white noise of variance 1 is about (1 + sqrt(6 / length))^2 [Marchenko and Pastur 1967].
+        """
+        numbers = np.zeros(len(covariance))
+        noise = EXCESS * (1.0 + (6.0 / (length - _CUBIC)) ** 0.5) ** 2
+        for k in np.flatnonzero(covariance.any(axis=1)):
+            size, axes = np.linalg.eigh(covariance[k].reshape(6, 6) / self._scale)
+            if size[-1] > noise:
+                numbers[k] = len(self.covariances)
+                more = np.where(size > noise, size - 1.0, 0.0)
+                self.covariances.append(np.einsum("ik,k,jk->ij", axes, more, axes) * self._scale)
+        return numbers
 
 
-def _around(seen: Float[np.ndarray, "w 48"], seconds: float) -> Float[np.ndarray, "w 36"]:
-    """Return for each window the mean covariance of the windows around it in which the arm moves; 0 at rest."""
-    covariance, moving = seen[:, 12:], _moving(seen[:, :12], seconds)
-    size = np.where(moving, covariance[:, 0] + covariance[:, 7] + covariance[:, 14], np.nan)
-    mean = np.zeros_like(covariance)
-    for k in np.flatnonzero(np.convolve(moving, np.ones(2 * SETTLING + 1), "same")[: len(seen)]):
+def _path(held: HeldRows, first: int, end: int, length: int) -> Float[np.ndarray, "w 12"]:
+    """Return the mean rotation (9) and position (3) of the poses of each window; NaN where none is known."""
+    every = length // POSES
+    turns = held.values(first, end, lambda rows: rows.channels[ORIENTATION], every)
+    places = held.values(first, end, lambda rows: rows.channels.get(POSITION, np.zeros((len(rows), 3))), every)
+    rows = np.column_stack([rotation_from_quaternion(turns).reshape(-1, 9), places]).reshape(-1, POSES, 12)
+    known = np.isfinite(rows)
+    with np.errstate(invalid="ignore"):
+        return np.sum(rows, axis=1, where=known) / known.sum(axis=1)
+
+
+def _without_cubic(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l k"]:
+    """Subtract from each window its cubic polynomial."""
+    basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, windows.shape[1]), _CUBIC))[0]
+    return windows - np.einsum("lc,wck->wlk", basis, np.einsum("mc,wmk->wck", basis, windows))
+
+
+def _around(covariance: Float[np.ndarray, "w 36"], moving: Bool[np.ndarray, " w"]) -> Float[np.ndarray, "w 36"]:
+    """Return the covariance of each window, by those of the windows around it in which the arm moves; 0 at rest."""
+    size = covariance[:, _FORCE].sum(axis=1)
+    usable, made = moving & np.isfinite(size), np.zeros_like(covariance)
+    for k in np.flatnonzero(np.convolve(usable, np.ones(2 * AROUND + 1))[AROUND : AROUND + len(usable)]):
         near = slice(max(0, k - AROUND), k + AROUND + 1)
-        known = size[near][np.isfinite(size[near])]
-        if len(known):
-            mean[k] = covariance[near][size[near] <= TOUCHED * np.median(known)].mean(axis=0)
-    return mean
+        kept = usable[near] & (size[near] <= TOUCHED * np.median(size[near][usable[near]]))
+        made[k] = covariance[near][kept].mean(axis=0)
+        usual = made[k, _FORCE].sum()
+        if size[k] > usual:  # not NaN
+            made[k] = covariance[k] * min(1.0, BURST * usual / size[k])
+    return made
 
 
 def _moving(path: Float[np.ndarray, "w 12"], seconds: float) -> Bool[np.ndarray, " w"]:
@@ -141,12 +178,12 @@ def _moving(path: Float[np.ndarray, "w 12"], seconds: float) -> Bool[np.ndarray,
 
 
 def _window(time: Float[np.ndarray, " n"]) -> tuple[float, int]:
-    """Return the usual step [s] of times, and the rows of a window."""
+    """Return the usual step [s] of times, and the number of samples of a window."""
     steps = np.diff(time)
     steps = steps[steps > 0]
     step = float(np.median(steps)) if len(steps) else WINDOW
-    return step, max(FEWEST, round(WINDOW / step))
+    return step, POSES * max(2, round(WINDOW / step / POSES))
 
 
-def _with_vibration(block: Recording, covariance: Float[np.ndarray, "n 36"]) -> Recording:
-    return replace(block, channels={**block.channels, VIBRATION: covariance})
+def _with_number(block: Recording, number: Float[np.ndarray, "n 1"]) -> Recording:
+    return replace(block, channels={**block.channels, VIBRATION: number})

@@ -56,7 +56,7 @@ class _Compensated(NamedTuple):
     wrench: Float[np.ndarray, "n 6"]
     status: Int8[np.ndarray, " n"]
     readings: _Readings
-    vibration: Float[np.ndarray, "n 36"] | None = None
+    vibration: Float[np.ndarray, "n 1"] | None = None
 
 
 @called_as("palpate.Compensation(palpate.ForceTorque(noise=(0.02, 0.001)), palpate.Payload(mass=0.4))")
@@ -134,9 +134,9 @@ class Compensation:
         moved = self.motion.stream(iter(blocks))
         if self.noise is None:
             return moved
-        white, _, _ = self._smoothing
-        self._vibration = Vibration(white * self.noise, *self._smoothing[1:])
-        return self._vibration.stream(moved, lambda block: self.measure(block).wrench)
+        white, *filtered = self._smoothing
+        self._vibration = Vibration(white * self.noise, *filtered)
+        return self._vibration.stream(moved, self._vibrating)
 
     def measure(self, recording: Recording) -> _Compensated:
         """Return a recording as `Measured`: contacts' wrenches (n, 6) [N, N m] in the sensor's frame, with statuses.
@@ -245,7 +245,7 @@ class Compensation:
         if self._imu is not None:
             covariances += self._tilted(measured.readings, placement.matrix, free=self._unsure is self._doubts)
         if measured.vibration is not None and measured.vibration.any():
-            covariances += placement.matrix @ measured.vibration.reshape(-1, 6, 6) @ placement.matrix.T
+            covariances += self._shaken(measured.vibration, placement.matrix)
         return located, None if self.noise is None else covariances
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
@@ -548,6 +548,19 @@ class Compensation:
         hangs = inside @ load[:3] - load[9] * readings.acceleration
         errors = matrix @ payload.load_jacobian(turn - self._mean[:3], hangs - self._mean[3]) @ factor.T
         return errors @ errors.swapaxes(1, 2)
+
+    def _vibrating(self, recording: Recording) -> Float[np.ndarray, "n 6"]:
+        """Return wrenches (n, 6) in the sensor's frame; without the payload only where accelerations are known."""
+        if self._turned or ACCELERATION in recording.channels:
+            return self.measure(recording).wrench
+        return recording.wrenches()
+
+    def _shaken(self, numbers: Float[np.ndarray, "n 1"], matrix: Float[np.ndarray, "6 6"]) -> np.ndarray:
+        """Return the covariances (n, 6, 6) of the vibration, in the frame of `matrix`."""
+        known = [np.zeros((6, 6))] if self._vibration is None else self._vibration.covariances
+        starts = np.flatnonzero(np.diff(numbers[:, 0], prepend=-1.0))
+        each = np.stack([known[int(number)] for number in numbers[starts, 0]])
+        return np.repeat(matrix @ each @ matrix.T, np.diff(starts, append=len(numbers)), axis=0)
 
     def _compensated(
         self, readings: _Readings, zero: Float[np.ndarray, "6"], load: Float[np.ndarray, "11"] | None = None
