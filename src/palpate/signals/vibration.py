@@ -9,6 +9,7 @@ from itertools import chain
 
 import numpy as np
 from jaxtyping import Bool, Float
+from numpy.lib.stride_tricks import sliding_window_view
 
 from palpate.signals._delayed import HeldRows, with_columns
 from palpate.signals.filters import Filter
@@ -115,7 +116,7 @@ class Vibration:
         count, length, _ = windows.shape
         wrench = _without_cubic(windows)
         if self._filter is None or self._rate is None:
-            return np.einsum("wli,wlj->wij", wrench, wrench).reshape(count, 36) / (length - _CUBIC)
+            return (wrench.swapaxes(1, 2) @ wrench).reshape(count, 36) / (length - _CUBIC)
         taper = np.hanning(length)
         wave = np.fft.rfft(wrench * taper[:, None], axis=1)
         wave *= self._filter.gain(np.fft.rfftfreq(length, 1.0 / self._rate), self._rate)[:, None]
@@ -127,14 +128,13 @@ class Vibration:
 
         The largest variance of white noise of variance 1 is about (1 + sqrt(6 / length))^2 [Marchenko and Pastur 1967].
         """
-        numbers = np.zeros(len(covariance))
+        numbers, some = np.zeros(len(covariance)), np.flatnonzero(covariance.any(axis=1))
         noise = EXCESS * (1.0 + (6.0 / (length - _CUBIC)) ** 0.5) ** 2
-        for k in np.flatnonzero(covariance.any(axis=1)):
-            size, axes = np.linalg.eigh(covariance[k].reshape(6, 6) / self._scale)
-            if size[-1] > noise:
-                numbers[k] = len(self.covariances)
-                more = np.where(size > noise, size - 1.0, 0.0)
-                self.covariances.append(np.einsum("ik,k,jk->ij", axes, more, axes) * self._scale)
+        size, axes = np.linalg.eigh(covariance[some].reshape(-1, 6, 6) / self._scale)
+        for k in np.flatnonzero(size[:, -1] > noise):
+            numbers[some[k]] = len(self.covariances)
+            more = np.where(size[k] > noise, size[k] - 1.0, 0.0)
+            self.covariances.append((axes[k] * more) @ axes[k].T * self._scale)
         return numbers
 
 
@@ -152,20 +152,22 @@ def _path(held: HeldRows, first: int, end: int, length: int) -> Float[np.ndarray
 def _without_cubic(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l k"]:
     """Subtract from each window its cubic polynomial."""
     basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, windows.shape[1]), _CUBIC))[0]
-    return windows - np.einsum("lc,wck->wlk", basis, np.einsum("mc,wmk->wck", basis, windows))
+    return windows - basis @ (basis.T @ windows)
 
 
 def _around(covariance: Float[np.ndarray, "w 36"], moving: Bool[np.ndarray, " w"]) -> Float[np.ndarray, "w 36"]:
     """Return the covariance of each window, by those of the windows around it in which the arm moves; 0 at rest."""
-    size = covariance[:, _FORCE].sum(axis=1)
-    usable, made = moving & np.isfinite(size), np.zeros_like(covariance)
-    for k in np.flatnonzero(np.convolve(usable, np.ones(2 * AROUND + 1))[AROUND : AROUND + len(usable)]):
-        near = slice(max(0, k - AROUND), k + AROUND + 1)
-        kept = usable[near] & (size[near] <= TOUCHED * np.median(size[near][usable[near]]))
-        made[k] = covariance[near][kept].mean(axis=0)
-        usual = made[k, _FORCE].sum()
-        if size[k] > usual:  # not NaN
-            made[k] = covariance[k] * min(1.0, BURST * usual / size[k])
+    pad = np.full((AROUND, 37), np.nan)
+    size = np.where(moving, covariance[:, _FORCE].sum(axis=1), np.nan)
+    padded = np.concatenate([pad, np.column_stack([size, covariance]), pad])
+    near = sliding_window_view(padded, 2 * AROUND + 1, axis=0)  # (w, 37, 5)
+    count = np.isfinite(near[:, 0]).sum(axis=1, keepdims=True)
+    median = np.take_along_axis(np.sort(near[:, 0], axis=1), np.maximum(count - 1, 0) // 2, axis=1)  # NaN come last
+    kept = near[:, 0] <= TOUCHED * median  # not NaN
+    made = np.sum(near[:, 1:], axis=2, where=kept[:, None]) / np.maximum(kept.sum(axis=1, keepdims=True), 1)
+    usual = made[:, _FORCE].sum(axis=1)
+    burst = size > usual  # not NaN
+    made[burst] = covariance[burst] * np.minimum(1.0, BURST * usual / np.where(burst, size, 1.0))[burst, None]
     return made
 
 
