@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def a_recording(added: np.ndarray, rate: float = 500.0) -> Recording:
 
 def vibration(recording: Recording, *cuts: int, **options: object) -> np.ndarray:
     cut = [0, *cuts, len(recording)]
-    blocks = [recording.picked(slice(a, b)) for a, b in zip(cut, cut[1:], strict=False)]
+    blocks = [recording.picked(slice(a, b)) for a, b in pairwise(cut)]
     made = Vibration(np.diag(NOISE**2), **options)
     numbers = [block.channels[VIBRATION][:, 0] for block in made.stream(iter(blocks), Recording.wrenches)]
     return np.stack(made.covariances)[np.concatenate(numbers).astype(int)]

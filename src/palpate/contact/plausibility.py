@@ -167,16 +167,15 @@ class Plausibility:
 
     Args:
         locator: on the surface.
-        unfiltered: turns a recording into wrenches (n, 6) [N, N m] about the surface's frame, their covariances and statuses.
+        unfiltered: turns a recording into wrenches (n, 6) [N, N m] about the surface's frame, force first, covariances
+            and statuses.
         mount: T_sensor_surface.
 
     Attributes:
         stated: what a rig states of the wrench: fields of `Known`.
     """
 
-    def __init__(
-        self, locator: Locator, unfiltered: Callable[[Recording], _Sensed], mount: Pose
-    ) -> None:
+    def __init__(self, locator: Locator, unfiltered: Callable[[Recording], _Sensed], mount: Pose) -> None:
         self._locator, self._unfiltered, self._mount = locator, unfiltered, mount
         self.stated: Mapping[str, Any] = {}
 

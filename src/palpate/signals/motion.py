@@ -21,6 +21,7 @@ SCALES = (0.5, 1.5)  # times the window, to see an arm move: long ones see slow 
 SEEN = 4.0  # times the standard deviation of the acceleration's length: at rest less than one in a million windows
 ARM = 0.5  # m from the sensor to where the arm turns, where only orientations are recorded
 FEWEST, MEDIAN_LENGTH = 50, 1.5382  # samples at rest; median length of a normal 3-vector
+LOSS = 14.0  # a swing at f loses (pi f window)^2 over it
 UNKNOWN = 10.0  # m/s^2: about 1 g, for the rows where the acceleration should be known and is not
 
 
@@ -193,7 +194,8 @@ class Motion:
     def _felt(self, found: Curvature, rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:
         """Return the acceleration in the sensor's frame, and its noise, (n, 4)."""
         value, lost = found.value, ~np.isfinite(found.value[:, 0])
-        unsure = np.where(found.borrowed, np.hypot(np.linalg.norm(value, axis=1), found.noise), found.noise) / 3**0.5
+        noise = np.hypot(found.noise, _lost(value, found.half))
+        unsure = np.where(found.borrowed, np.hypot(np.linalg.norm(value, axis=1), noise), noise) / 3**0.5
         inside = np.einsum("nji,nj->ni", rotations, np.where(lost[:, None], 0.0, value))
         inside[~np.isfinite(inside).all(axis=1)] = 0.0  # no pose: the row gets no answer anyway
         unknown = UNKNOWN if self.source == "poses" else UNKNOWN * float(np.linalg.norm(self.lever)) / ARM
@@ -248,11 +250,19 @@ def error_at_rest(recording: Recording, motion: Motion) -> float:
     return float(np.median(known)) / MEDIAN_LENGTH if len(known) >= FEWEST else 0.0
 
 
+def _lost(value: Float[np.ndarray, "n k"], half: int) -> Float[np.ndarray, " n"]:
+    """Return the size of what a window loses, by the second difference over its halves, (pi f window)^2 of a swing."""
+    change = np.zeros(len(value))
+    if len(value) > 2 * half:
+        bend = value[2 * half :] - 2 * value[half:-half] + value[: -2 * half]
+        change[half:-half] = np.nan_to_num(np.linalg.norm(bend, axis=1))
+    return change / LOSS
+
+
 def _widened(seen: Bool[np.ndarray, " n"], half: int) -> Bool[np.ndarray, " n"]:
     """Return also the rows half a window around a seen one: a swinging acceleration passes through zero."""
     counts = np.concatenate([np.zeros(half + 1, dtype=int), np.cumsum(seen), np.full(half, np.count_nonzero(seen))])
     return counts[2 * half + 1 :] > counts[: -2 * half - 1]
-
 
 
 def _gathered(pieces: Iterator[np.ndarray]) -> Iterator[tuple[np.ndarray, bool]]:
