@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from palpate.calibration.clock import suspected_offset
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
 from palpate.files.logs import LogContents, join, open_log
@@ -211,8 +212,20 @@ def _build(setup: Setup) -> BuiltEstimator:
             f"the noise is not known, so there are no covariances: {where}; state noise in the rig's [force_torque] "
             "or log a second at rest"
         )
-    made.warnings += [] if head is None else [*_wrong_noise(setup, seen), *_turned(sensor, head)]
+    made.warnings += [] if head is None else [*_wrong_noise(setup, seen), *_turned(sensor, head), *_late(setup, head)]
     return made
+
+
+def _late(setup: Setup, head: Recording) -> list[str]:
+    """Return a warning if the forces fit the weight far better with another clock of the poses, in a list."""
+    payload = setup.of(ForceTorqueSection).payload
+    if payload is None or payload.imu is not None or head.frame == "base" or ORIENTATION not in head.channels:
+        return []
+    offset = suspected_offset(head.time, head.wrenches(), head.channels[ORIENTATION], payload)
+    if not offset:
+        return []
+    way = "late" if offset < 0 else "early"
+    return [f"the orientations seem to be {abs(offset):.2g} s {way}: run `palpate calibrate clock` on this log"]
 
 
 def _turned(sensor: Compensation, head: Recording) -> list[str]:
