@@ -134,8 +134,8 @@ class Compensation:
         moved = self.motion.stream(iter(blocks))
         if self.noise is None:
             return moved
-        white, *filtered = self._smoothing
-        self._vibration = Vibration(white * self.noise, *filtered)
+        share, filter, rate = self._smoothing
+        self._vibration = Vibration(share * self.noise, filter, rate)
         return self._vibration.stream(moved, self._vibrating)
 
     def measure(self, recording: Recording) -> _Compensated:
