@@ -1,12 +1,12 @@
 """Arms that move, vibrate and touch nothing, or are touched while they do.
 
 A sensor at 500 Hz (0.02 N, 0.001 N m) carries 0.1 to 3 kg, identified from 24 poses. It goes from place to place in
-moves of 0.6 to 2.5 s with peaks of 0.5 to 5 m/s^2, half of them and the last one followed by a rest. While it moves, and for some 0.1 s
-after, the load is shaken along and about random axes by three tones of 10 to 60 Hz whose amplitude and phase wander,
-0.2 to 2 m/s^2 in all at full speed. Poses come at 100 Hz, with 0.1 mm and 0.01 degrees of noise. Truth is the course in
-closed form, and Newton's and Euler's laws. The residual force is what the weight leaves of a free reading, or weight
-and the course's true acceleration; with an IMU, weight and what it reads. Touches have 3 to 6 times its rms while they
-last, or 0.2 N.
+moves of 0.6 to 2.5 s with peaks of 0.5 to 5 m/s^2, half of them and the last one followed by a rest. While it moves,
+and for some 0.1 s after, the load is shaken along and about random axes by three tones of 10 to 60 Hz whose amplitude
+and phase wander, 0.2 to 2 m/s^2 in all at full speed. Poses come at 100 Hz, with 0.1 mm and 0.01 degrees of noise.
+Truth is the course in closed form, and Newton's and Euler's laws. The residual force is what the weight leaves of a
+free reading, or weight and the course's true acceleration; with an IMU, weight and what it reads. Touches have 3 to 6
+times its rms while they last, or 0.2 N.
 """
 
 from collections.abc import Iterator
@@ -122,7 +122,7 @@ def _touches(arm: Arm, rng: np.random.Generator) -> tuple[list[slice], np.ndarra
         span = slice(start, min(start + count, len(size)))
         edge = np.minimum(np.arange(count), np.arange(count)[::-1]) / (EDGE * RATE)
         shape = 0.5 - 0.5 * np.cos(np.pi * np.minimum(edge, 1.0))
-        force = max(rng.uniform(*CAN) * np.sqrt(np.mean(size[span] ** 2)), LEAST)
+        force = max(rng.uniform(*CAN) * float(np.mean(size[span] ** 2)) ** 0.5, LEAST)
         added[span] += (shape * force)[: span.stop - start, None] * units[k]
         spans.append(span)
     return spans, points, added
@@ -155,7 +155,9 @@ def _arm(source: str, rng: np.random.Generator) -> Arm:
 
 def _load(rng: np.random.Generator) -> Load:
     centre = np.array([0.0, 0.0, 0.04]) + rng.normal(0.0, 0.01, 3)
-    return Load(float(np.exp(rng.uniform(*np.log([0.1, 3.0])))), centre, rng.normal(0, 4.0, 3), rng.normal(0, 0.1, 3))
+    return Load(
+        float(np.exp(rng.uniform(np.log(0.1), np.log(3.0)))), centre, rng.normal(0, 4.0, 3), rng.normal(0, 0.1, 3)
+    )
 
 
 def _payload(load: Load, rng: np.random.Generator) -> palpate.Payload:

@@ -224,7 +224,6 @@ class Motion:
         return replace(block, channels={**channels, ACCELERATION: acceleration, UNSTEADY: unsteady})
 
 
-@takes_arrays
 def error_at_rest(recording: Recording, motion: Motion) -> float:
     """Return the standard deviation [m/s^2] of recorded accelerations along each axis where poses show that none acts.
 
