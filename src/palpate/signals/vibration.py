@@ -37,9 +37,9 @@ class Vibration:
     The log is cut into windows of 0.2 s. The covariance of a window is that of the wrench about its cubic polynomial:
     a tone of 10 Hz keeps 92 % of its amplitude, and a touch that begins within 50 ms has at most 11 % of its force. It
     is averaged over the windows within 0.5 s in which the arm moves, without those of more than 3 times their median
-    variance. A window of more variance keeps its own, up to 10 times the mean. Directions in which the noise explains
-    the covariance do not vibrate. An arm that turns by less than 2 degrees a second and travels less than 10 mm a
-    second is at rest: nothing is added from 0.4 s after its motion on.
+    variance. A window of more variance keeps its own, up to 10 times the mean. Where the noise explains the mean, and
+    in directions in which it explains the covariance, nothing vibrates. An arm that turns by less than 2 degrees a
+    second and travels less than 10 mm a second is at rest: nothing is added from 0.4 s after its motion on.
 
     Args:
         noise: (6, 6) covariance of one reading [N, N m], as it remains after the filter.
@@ -69,9 +69,9 @@ class Vibration:
         return with_columns(blocks, partial(self._numbers, wrenches), _with_number, 1)
 
     def notes(self) -> tuple[str, ...]:
-        """Return a note on the largest vibration so far; () if there was none."""
-        largest = max(float(np.sqrt(np.trace(each[:3, :3]))) for each in self.covariances)
-        if not largest:
+        """Return a note on the largest vibration so far, in a tuple; () if it is within the noise."""
+        largest = max(float(np.trace(each[:3, :3])) for each in self.covariances) ** 0.5
+        if largest <= np.trace(self._scale[:3, :3]) ** 0.5:
             return ()
         said = f"the wrench vibrates by up to {largest:.2g} N while the arm moves: covariances were widened by it"
         advice = "" if self._filter is not None else "; with a [filter] in the rig, lighter touches are found then"
@@ -101,8 +101,8 @@ class Vibration:
                 fresh = np.full((seen.stop - seen.start, 36), np.nan)
             covariance = np.concatenate([covariance, fresh])
             ready = seen.stop if last else max(answered, seen.stop - AROUND)
-            found = _around(covariance, moving[: seen.stop])[answered:ready]
-            numbers = self._numbered(found, length)
+            mean, own = _around(covariance, moving[: seen.stop])
+            numbers = self._numbered(mean[answered:ready], own[answered:ready], length)
             yield np.repeat(numbers, length)[:, None]
             if last:  # the rest is shorter than a window
                 yield np.repeat(numbers[-1:] if len(numbers) else np.zeros(1), held.count - end * length)[:, None]
@@ -123,14 +123,17 @@ class Vibration:
         two_sides = 2.0 / (length * np.sum(taper**2))
         return two_sides * np.einsum("wfi,wfj->wij", wave, wave.conj()).real.reshape(count, 36)
 
-    def _numbered(self, covariance: Float[np.ndarray, "w 36"], length: int) -> Float[np.ndarray, " w"]:
-        """Return the number of what exceeds the noise in each covariance, which is of windows of `length` samples.
+    def _numbered(
+        self, mean: Float[np.ndarray, "w 36"], own: Float[np.ndarray, "w 36"], length: int
+    ) -> Float[np.ndarray, " w"]:
+        """Return the number of what exceeds the noise in each window of `length` samples, 0 if `mean` does not.
 
         The largest variance of white noise of variance 1 is about (1 + sqrt(6 / length))^2 [Marchenko and Pastur 1967].
         """
-        numbers, some = np.zeros(len(covariance)), np.flatnonzero(covariance.any(axis=1))
         noise = EXCESS * (1.0 + (6.0 / (length - _CUBIC)) ** 0.5) ** 2
-        size, axes = np.linalg.eigh(covariance[some].reshape(-1, 6, 6) / self._scale)
+        numbers, some = np.zeros(len(mean)), np.flatnonzero(mean.any(axis=1))
+        some = some[np.linalg.eigvalsh(mean[some].reshape(-1, 6, 6) / self._scale)[:, -1] > noise]
+        size, axes = np.linalg.eigh(own[some].reshape(-1, 6, 6) / self._scale)
         for k in np.flatnonzero(size[:, -1] > noise):
             numbers[some[k]] = len(self.covariances)
             more = np.where(size[k] > noise, size[k] - 1.0, 0.0)
@@ -155,8 +158,10 @@ def _without_cubic(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w 
     return windows - basis @ (basis.T @ windows)
 
 
-def _around(covariance: Float[np.ndarray, "w 36"], moving: Bool[np.ndarray, " w"]) -> Float[np.ndarray, "w 36"]:
-    """Return the covariance of each window, by those of the windows around it in which the arm moves; 0 at rest."""
+def _around(
+    covariance: Float[np.ndarray, "w 36"], moving: Bool[np.ndarray, " w"]
+) -> tuple[Float[np.ndarray, "w 36"], Float[np.ndarray, "w 36"]]:
+    """Return the mean covariance of the windows around each in which the arm moves, and its own if that is larger."""
     pad = np.full((AROUND, 37), np.nan)
     size = np.where(moving, covariance[:, _FORCE].sum(axis=1), np.nan)
     padded = np.concatenate([pad, np.column_stack([size, covariance]), pad])
@@ -164,11 +169,11 @@ def _around(covariance: Float[np.ndarray, "w 36"], moving: Bool[np.ndarray, " w"
     count = np.isfinite(near[:, 0]).sum(axis=1, keepdims=True)
     median = np.take_along_axis(np.sort(near[:, 0], axis=1), np.maximum(count - 1, 0) // 2, axis=1)  # NaN come last
     kept = near[:, 0] <= TOUCHED * median  # not NaN
-    made = np.sum(near[:, 1:], axis=2, where=kept[:, None]) / np.maximum(kept.sum(axis=1, keepdims=True), 1)
-    usual = made[:, _FORCE].sum(axis=1)
+    mean = np.sum(near[:, 1:], axis=2, where=kept[:, None]) / np.maximum(kept.sum(axis=1, keepdims=True), 1)
+    usual, own = mean[:, _FORCE].sum(axis=1), mean.copy()
     burst = size > usual  # not NaN
-    made[burst] = covariance[burst] * np.minimum(1.0, BURST * usual / np.where(burst, size, 1.0))[burst, None]
-    return made
+    own[burst] = covariance[burst] * np.minimum(1.0, BURST * usual / np.where(burst, size, 1.0))[burst, None]
+    return mean, own
 
 
 def _moving(path: Float[np.ndarray, "w 12"], seconds: float) -> Bool[np.ndarray, " w"]:
