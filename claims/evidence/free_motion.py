@@ -46,7 +46,7 @@ def rows(small: bool) -> Iterator[Row]:
     for source in SOURCES:
         yield _free(source, count)
     for source in SOURCES:
-        yield from _touched(source, 2 if small else 60)
+        yield from _touched(source, 2 if small else 25)
 
 
 @dataclass(frozen=True)
