@@ -134,8 +134,9 @@ class Compensation:
         moved = self.motion.stream(iter(blocks))
         if self.noise is None:
             return moved
-        share, filter, rate = self._smoothing
-        self._vibration = Vibration(share * self.noise, filter, rate)
+        if self._vibration is None:  # blocks of an earlier log keep their numbers
+            share, filter, rate = self._smoothing
+            self._vibration = Vibration(share * self.noise, filter, rate)
         return self._vibration.stream(moved, self._vibrating)
 
     def measure(self, recording: Recording) -> _Compensated:
@@ -260,7 +261,7 @@ class Compensation:
             InputError: the filter's cut-off does not fit the rate.
         """
         spectrum = self.sensor.spectrum
-        self._smoothing = share, filter, rate
+        self._smoothing, self._vibration = (share, filter, rate), None
         self._kept = 1.0, np.ones(6)
         if filter is not None and rate is not None and spectrum is not None and share < 1.0:
             self._kept = share, spectrum.kept(filter, rate)
@@ -557,9 +558,9 @@ class Compensation:
 
     def _shaken(self, numbers: Float[np.ndarray, "n 1"], matrix: Float[np.ndarray, "6 6"]) -> np.ndarray:
         """Return the covariances (n, 6, 6) of the vibration, in the frame of `matrix`."""
-        known = [np.zeros((6, 6))] if self._vibration is None else self._vibration.covariances
-        starts = np.flatnonzero(np.diff(numbers[:, 0], prepend=-1.0))
-        each = np.stack([known[int(number)] for number in numbers[starts, 0]])
+        known = [] if self._vibration is None else self._vibration.covariances
+        starts, none = np.flatnonzero(np.diff(numbers[:, 0], prepend=-1.0)), np.zeros((6, 6))
+        each = np.stack([known[int(k)] if k < len(known) else none for k in numbers[starts, 0]])
         return np.repeat(matrix @ each @ matrix.T, np.diff(starts, append=len(numbers)), axis=0)
 
     def _compensated(
