@@ -52,7 +52,7 @@ def rows(small: bool) -> Iterator[Row]:
     count, lasting = (1, 10.0) if small else (20, 30.0)
     yield from _clock(USUAL, count, lasting, True)
     yield from _clock(QUICK, count, lasting, False)
-    yield from _far(4 if small else 40)
+    yield from _far(2 if small else 40)
     yield from _inertia(8.0 if small else 60.0)
 
 
