@@ -21,10 +21,14 @@ def more_calls(made: dict[str, dict[str, Any]], *, small: bool) -> None:
 
 
 def _poses_and_motion() -> None:
+    from palpate.calibration.clock import suspected_offset
+    from palpate.contact.locate import Locator
     from palpate.control.control_law import Sensed
     from palpate.control.probe_face import ProbeFace
     from palpate.control.stability import Admittance, DelayedRobot
     from palpate.signals.acceleration import kind_of_acceleration
+    from palpate.signals.payload import Payload
+    from palpate.signals.vibration import Vibration
     from palpate.spatial.live_track import LiveTrack
     from palpate.spatial.pose import Pose
     from palpate.surfaces import Sphere
@@ -37,6 +41,9 @@ def _poses_and_motion() -> None:
     Pose.from_matrix(np.eye(4))
     track.lag(time)
     kind_of_acceleration(np.tile([0.0, 0.0, 9.8], (5, 1)), "m/s^2")
+    suspected_offset(time, np.zeros((20, 6)), still, Payload())
+    Vibration(np.eye(6))
+    Locator(Sphere(0.02), noise=np.eye(6)).least_forces(np.tile(np.eye(6), (5, 1, 1)))
     face = ProbeFace.of(Sphere(0.02).mesh(300))
     plain = Plain(face, 5.0, Admittance(10.0, 290.0), 0.5, stiffest=2500.0)
     plain.start(Sensed())

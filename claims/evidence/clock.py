@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from claims.evidence.moving import Swing, moving_wrenches
 from claims.row import Row
 from palpate import Payload, Recording
-from palpate.calibration.clock import identify_offset
+from palpate.calibration.clock import identify_offset, suspected_offset
 from palpate.signals.motion import Motion
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY
 from palpate.spatial.pose import rotation_from_quaternion
@@ -52,7 +52,33 @@ def rows(small: bool) -> Iterator[Row]:
     count, lasting = (1, 10.0) if small else (20, 30.0)
     yield from _clock(USUAL, count, lasting, True)
     yield from _clock(QUICK, count, lasting, False)
+    yield from _far(2 if small else 40)
     yield from _inertia(8.0 if small else 60.0)
+
+
+def _far(count: int) -> Iterator[Row]:
+    """Poses at 100 Hz that are 0.1 to 1 s off, and on time, of an arm that is touched for 1 s in every 4."""
+    rng, hinted, near, wrong = np.random.default_rng(62), 0, 0, 0
+    for k in range(count):
+        time = np.arange(round(30.0 * 500)) / 500
+        swing, late = (USUAL if k % 2 else QUICK).draw(rng), rng.uniform(0.1, 1.0) * rng.choice([-1.0, 1.0])
+        wrenches = moving_wrenches(LOAD, swing.at(time)) + rng.normal(size=(len(time), 6)) * NOISE
+        wrenches[:, 2] -= np.where(time % 4.0 > 3.0, 5.0, 0.0)
+        posed = np.arange(-2.0, 32.0, 0.01)
+        stamped = _noisy(swing.at(posed).quaternion, rng)
+        for offset in (late, 0.0):
+            track = PoseTrack(offset=-offset)
+            track.add(posed, stamped)
+            quaternions = track.at(time)[0]
+            hint = suspected_offset(time, wrenches, quaternions, PAYLOAD)
+            hinted, wrong = hinted + (offset != 0.0 and hint != 0.0), wrong + (offset == 0.0 and hint != 0.0)
+            if offset:
+                found = identify_offset(time, wrenches, time, quaternions, payload=PAYLOAD)
+                near += abs(found.offset - offset) <= 0.02
+    what = f"{count} logs with poses 0.1 to 1 s off, touched a quarter of the time"
+    yield Row(f"{what}: a hint at `calibrate clock`", "all", f"{hinted}", hinted == count)
+    yield Row(f"{what}: offset within 20 ms", ">= 95 %", f"{near / count:.1%}", near >= 0.95 * count)
+    yield Row(f"{count} logs on one clock: hints", "0", f"{wrong}", wrong == 0)
 
 
 def _clock(motions: Motions, count: int, lasting: float, judged: bool) -> Iterator[Row]:

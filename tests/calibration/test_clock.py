@@ -170,7 +170,10 @@ def test_an_arm_that_rests_for_half_of_the_log_is_no_contradiction() -> None:
         assert abs(z(found, 0.04)) < 4.0
 
 
-def test_an_offset_beyond_the_search_is_said() -> None:
+def test_a_search_is_made_wider_while_the_best_offset_is_at_its_edge(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = identify_offset(*a_log(0.3), search=(-0.1, 0.1))
+    assert found.offset == pytest.approx(identify_offset(*a_log(0.3)).offset, abs=1e-6)
+    monkeypatch.setattr("palpate.calibration.clock.WIDEST", 0.0)
     with pytest.raises(InputError, match="edge of the search"):
         identify_offset(*a_log(0.3), search=(-0.1, 0.1))
 

@@ -7,10 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import palpate
+from palpate import Payload
 from palpate.cli import main
+from palpate.files.logs import join, open_log
+from palpate.files.logs.layout import LogLayout
+from palpate.files.models import write_model
 from palpate.setup import load_rig
 from palpate.signals.recording import ORIENTATION
-from palpate_lab.simulation.session import Session, simulate_session
+from palpate_lab.simulation.session import GRAVITY, Session, simulate_session
 from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 from palpate_lab.simulation.session_mcap import CLOCK_OFFSET, write_session_mcap
 
@@ -68,9 +73,16 @@ def test_it_starts_from_the_offset_that_the_rig_has_and_finds_the_same(made: Pat
     assert "guessed" not in out.read_text()
 
 
-def test_beyond_the_search_it_says_so_and_writes_nothing(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_at_the_edge_of_the_search_it_looks_further(made: Path, tmp_path: Path) -> None:
+    code, out = clock(made / "free_motion.mcap", RIG, tmp_path, "--search", "0.02")
+    assert code == 0
+    assert abs(load_rig(out).orientation.offset - CLOCK_OFFSET) < 1e-3
+
+
+def test_beyond_the_widest_search_it_says_so_and_writes_nothing(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("palpate.calibration.clock.WIDEST", 0.0)
     code, out = clock(made / "free_motion.mcap", RIG, tmp_path, "--search", "0.02")
     assert code == 1
     assert "edge of the search" in capsys.readouterr().err
@@ -85,17 +97,43 @@ def in_columns(session: Session, late: int, path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("late", "said"), [(0, "on one clock"), (8, "are 40.")])
-def test_columns_are_judged_and_what_to_do_is_said(
-    session: Session, late: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("late", [0, 8])
+def test_columns_are_calibrated(
+    session: Session, late: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Eight rows at 200 Hz are 40 ms."""
     code, out = clock(in_columns(session, late, tmp_path / "log.csv"), '[surface]\nkind = "plane"\n', tmp_path)
     assert code == 0
     assert load_rig(out).orientation.offset == pytest.approx(-late / 200.0, abs=1e-3)
-    told = capsys.readouterr().out
-    assert said in told
-    assert ("offset is not applied" in told) == (late > 0)
+    assert ("on one clock" in capsys.readouterr().out) == (late == 0)
+
+
+@pytest.mark.parametrize("form", ["file", "arrays"])
+def test_an_offset_acts_on_columns(session: Session, form: str, tmp_path: Path) -> None:
+    """Rows with the orientations of eight rows ago get theirs; the last eight have none."""
+    path = in_columns(session, 8, tmp_path / "log.csv")
+    names = path.read_text().splitlines()[0].split(",")
+    arrays = dict(zip(names, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
+    log = join(list(open_log(path if form == "file" else arrays, LogLayout(offset=-0.04)).blocks()))
+    true = session.free_motion.channels[ORIENTATION][8:]
+    found = log.channels[ORIENTATION]
+    assert np.isnan(found[-8:]).all()
+    assert np.abs(np.abs(np.sum(found[:-8] * true[:-8], axis=1)) - 1.0).max() < 1e-9
+    np.testing.assert_array_equal(log.wrenches(), np.column_stack([arrays[name] for name in names[1:7]]))
+
+
+@pytest.mark.parametrize("late", [0, 30, 110])
+def test_estimate_names_the_calibration_of_a_late_clock(session: Session, late: int, tmp_path: Path) -> None:
+    """30 rows at 200 Hz are 0.15 s. The payload is that of the session."""
+    log = in_columns(session, late, tmp_path / "log.csv")
+    load = session.load
+    payload = Payload(load.mass * GRAVITY, load.force_bias, load.center_of_mass, load.torque_bias)
+    write_model(tmp_path / "payload.toml", payload)
+    rig = tmp_path / "rig.toml"
+    rig.write_text('[surface]\nkind = "sphere"\nradius = 0.05\n[force_torque]\npayload = "payload.toml"\n')
+    said = [note for note in palpate.estimate(log, rig).notes if "calibrate clock" in note]
+    assert len(said) == (late > 0)
+    assert not late or abs(float(said[0].split(" s late")[0].split()[-1]) - late / 200) <= 0.021
 
 
 def test_wrenches_that_were_turned_with_the_poses_are_refused(

@@ -43,14 +43,14 @@ def test_wrong_units_are_doubted_and_right_ones_are_not(torque: float, length: f
 def test_nothing_pressed_is_not_doubted() -> None:
     assert lines_of_action(np.zeros((5, 6)), CENTRE, SIZE) == ""
     assert lines_of_action(np.full((5, 6), np.nan), CENTRE, SIZE) == ""
-    assert never_at_rest(np.full((5, 6), np.nan), 1.0) == ""
+    assert never_at_rest(np.full((5, 6), np.nan), np.ones(1)) == ""
 
 
 def test_a_force_that_never_rests_is_said() -> None:
     wrenches = np.tile([3.0, 0, 4.0, 0, 0, 0], (100, 1))
-    assert "never below 5 N" in never_at_rest(wrenches, 1.0)
+    assert "never below 5 N" in never_at_rest(wrenches, np.ones(1))
     wrenches[:10] = 0.0
-    assert never_at_rest(wrenches, 1.0) == ""
+    assert never_at_rest(wrenches, np.ones(1)) == ""
 
 
 def test_noise_is_told_from_steps_whatever_touches_come_and_go() -> None:

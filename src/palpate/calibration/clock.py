@@ -23,6 +23,10 @@ LEAST = 30  # averages without which there is no point
 CAUCHY = 4.0  # standard deviations of a component, some 2.4 of the length: keeps 95 % of the efficiency
 CLUSTER = 1.0  # s within which residuals may be alike (interpolated poses, a sensor's own filter)
 SURE = 30.0  # gain in log-likelihood over the middle of the search that noise alone does not make
+WIDEST = 4.0  # s: a search of more is not made wider
+SUSPECTED, FEW = 1.6, 400  # s and averages of the search that suggests a calibration
+TURNING = np.radians(5.0)  # rad/s
+CLEARLY, LEAST_OFFSET = 0.5, 0.05  # share of the residual at 0, and s, that suggest one
 FLAT = 0.03  # s: an offset that is not known better is no answer
 
 
@@ -72,7 +76,8 @@ def identify_offset(
         quaternions: (k, 4) x, y, z, w: sensor in base.
         payload: weight and bias; touches may then fill most of the log. None: they are fitted, and the sensor must be
             free in most of the log.
-        search: lowest and highest offset [s] of the search.
+        search: lowest and highest offset [s] of the search. While the best one is at the edge, it is made twice as
+            wide, up to 8 s.
         max_gap: [s] between poses, beyond which there is no orientation.
         noise: (6,) standard deviations of one reading; None: from the log.
 
@@ -88,9 +93,10 @@ def identify_offset(
         raise InputError(f"the search must go from a lower to a higher offset, not from {low} to {high}.")
     known = None if payload is None else np.concatenate([payload.weight, payload.force_bias])
     whole = _averaged(track, time, wrenches, known, noise)
-    grid = np.linspace(low, high, int(np.clip(np.ceil((high - low) / GRID), 20, 2000)) + 1)
-    problem = whole.usable(grid, COARSE)
-    costs = np.array([problem.cost(offset) for offset in grid])
+    grid, costs = _searched(whole, low, high)
+    while np.argmin(costs) in (0, len(grid) - 1) and high - low <= WIDEST:
+        low, high = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
+        grid, costs = _searched(whole, low, high)
     best = int(np.argmin(costs))
     gain = (np.median(costs) - costs[best]) / 2
     if not gain > SURE:  # NaN too
@@ -101,6 +107,56 @@ def identify_offset(
             hint="Search a wider range, or check that both clocks count from the same moment.",
         )
     return _judged(whole.usable(grid[best - 1 : best + 2], FINE), float(grid[best]))
+
+
+@takes_arrays
+def suspected_offset(
+    time: Float[np.ndarray, " n"],
+    wrenches: Float[np.ndarray, "n 6"],
+    quaternions: Float[np.ndarray, "n 4"],
+    payload: Payload,
+) -> float:
+    """Return an offset [s] of the poses' clock that explains the forces far better than 0; 0 if none does.
+
+    It is the one of -1.6 to 1.6 s at which the median residual while the poses turn is least, if that is less than half
+    of the one at 0 and the offset is 50 ms or more.
+
+    Args:
+        time: (n,) [s].
+        wrenches: (n, 6) [N, N m] in the sensor frame, as logged.
+        quaternions: (n, 4) x, y, z, w: sensor in base, on the clock of the poses.
+        payload: weight and bias.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
+    track = PoseTrack()
+    track.add(time, quaternions)
+    grid = np.linspace(-SUSPECTED, SUSPECTED, 2 * round(SUSPECTED / GRID) + 1)
+    try:
+        whole = _averaged(track, time, wrenches, np.concatenate([payload.weight, payload.force_bias]), None)
+        problem = _turning(whole).usable(grid[[0, -1, len(grid) // 2]], FEW)
+    except InputError:  # too short, or no poses
+        return 0.0
+    residuals = [np.nanmedian(np.linalg.norm(problem.fit(problem.columns(each))[1], axis=1)) for each in grid]
+    best = int(np.nanargmin(residuals))
+    clear = residuals[best] < CLEARLY * residuals[len(grid) // 2] and abs(grid[best]) >= LEAST_OFFSET
+    return float(grid[best]) if clear and 0 < best < len(grid) - 1 else 0.0
+
+
+def _turning(whole: _Problem) -> _Problem:
+    """Return the problem with the averages during which the poses turn."""
+    before, after = (whole.track.at(whole.time + span)[0] for span in (-STEP, STEP))
+    cosine = np.abs(np.sum(before * after, axis=1))
+    turning = cosine < np.cos(TURNING * STEP)  # not NaN; half of the angle over two steps
+    return replace(whole, time=whole.time[turning], force=whole.force[turning])
+
+
+def _searched(whole: _Problem, low: float, high: float) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Return a grid of offsets and their costs."""
+    grid = np.linspace(low, high, int(np.clip(np.ceil((high - low) / GRID), 20, 2000)) + 1)
+    problem = whole.usable(grid, COARSE)
+    return grid, np.array([problem.cost(offset) for offset in grid])
 
 
 @dataclass(frozen=True)

@@ -174,6 +174,20 @@ class Locator:
         bounds = self.friction, self.torsion
         return Locator(self.surface, self.method, *bounds, noise, *self._given, self.indentation, self.accuracy)
 
+    @takes_arrays
+    def least_forces(self, covariances: Float[np.ndarray, "n 6 6"] | None) -> Float[np.ndarray, " k"]:
+        """Return the force [N], (n,) or (1,), at which a contact begins along the least certain axis.
+
+        Args:
+            covariances: (n, 6, 6) of wrenches [N, N m], force first; None: the noise.
+
+        Raises:
+            InputError: covariances have another shape.
+        """
+        if covariances is None or self._given != (None, None):
+            return np.array([self.on])
+        return np.maximum(self.on, ON * np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)[:, :3].max(axis=1)))
+
     def compiled(self, known: bool) -> tuple[Any, ...]:
         """Return the arguments with which a compiled loop locates the wrenches that it makes, as a tuple.
 

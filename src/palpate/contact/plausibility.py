@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Int8
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
@@ -20,6 +20,7 @@ UNLOADED = (Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID, Status.NO_POSE)
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line as much as contact does
 MANY = 0.1  # of the loaded samples without an explanation: worth a sentence
 NEAR = 0.01  # of the body's size
+_Sensed = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None, Int8[np.ndarray, " n"]]
 STICKIEST = 3.0  # friction beyond which it is none: 72 degrees
 
 
@@ -62,20 +63,21 @@ def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray
 
 
 @takes_arrays
-def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
+def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: Float[np.ndarray, " k"]) -> str:
     """Return a warning if the force never falls below the threshold of contact, else "".
 
     Args:
         wrenches: (n, 6) [N, N m], force first.
-        on: force [N] at which a contact begins.
+        on: (n,) or (1,) force [N] at which a contact begins.
 
     Raises:
-        InputError: wrenches of another shape.
+        InputError: arrays of other shapes.
     """
     strength = np.linalg.norm(wrenches[:, :3], axis=1)
-    least = float(np.percentile(strength[np.isfinite(strength)], 1)) if np.isfinite(strength).any() else 0.0
-    if least <= on:
+    known = np.isfinite(strength)
+    if not known.any() or np.percentile((strength - on)[known], 1) <= 0.0:
         return ""
+    least = float(np.percentile(strength[known], 1))
     return f"the force is never below {least:.3g} N: if nothing touches at times, bias or payload is not removed"
 
 
@@ -165,16 +167,15 @@ class Plausibility:
 
     Args:
         locator: on the surface.
-        unfiltered: turns a recording into wrenches (n, 6) about the surface's frame, force first [N, N m].
+        unfiltered: turns a recording into wrenches (n, 6) [N, N m] about the surface's frame, force first, covariances
+            and statuses.
         mount: T_sensor_surface.
 
     Attributes:
         stated: what a rig states of the wrench: fields of `Known`.
     """
 
-    def __init__(
-        self, locator: Locator, unfiltered: Callable[[Recording], Float[np.ndarray, "n 6"]], mount: Pose
-    ) -> None:
+    def __init__(self, locator: Locator, unfiltered: Callable[[Recording], _Sensed], mount: Pose) -> None:
         self._locator, self._unfiltered, self._mount = locator, unfiltered, mount
         self.stated: Mapping[str, Any] = {}
 
@@ -194,11 +195,12 @@ class Plausibility:
             InputError: a channel is missing or has another shape.
         """
         surface = self._locator.surface
-        sensed = self._unfiltered(recording) @ self._mount.wrench_matrix().T  # saturated: a wrong unit does that
+        wrenches, covariances, _ = self._unfiltered(recording)
+        sensed = wrenches @ self._mount.wrench_matrix().T  # saturated: a wrong unit does that
         judged = (
             *self._meanings(recording, sensed),
             lines_of_action(sensed, self._mount.apply(surface.centre), surface.size),
-            never_at_rest(sensed, self._locator.on),
+            never_at_rest(sensed, self._locator.least_forces(covariances)),
         )
         return [warning for warning in judged if warning]
 

@@ -103,7 +103,7 @@ class WrenchEstimator(ContactEstimator):
         self.rate, self.drift, self.threads, self.kelvin = rate, drift, 0, np.nan
         shape = None if drift is None else ContactShape(self.locator, placed, self.placement)
         self._wrenches = SurfaceWrenches(self.sensor, placed, filter, rate, drift, shape, logs=not live)
-        self.plausibility = Plausibility(self.locator, self._unfiltered, self.mount)
+        self.plausibility = Plausibility(self.locator, self.contact_wrenches, self.mount)
         self._live: LiveLoop | None = None
         if filter is None and isinstance(self.sensor, CompiledSensor) and self.sensor.loop:
             self._live = LiveLoop(self.sensor, self.locator, placed)
@@ -205,9 +205,6 @@ class WrenchEstimator(ContactEstimator):
         self._widened(out[:count])
         counts[:count] = 1
         return count
-
-    def _unfiltered(self, recording: Recording) -> Float[np.ndarray, "n 6"]:
-        return self.contact_wrenches(recording).wrench
 
     def _located(self, pieces: Iterable[tuple[Piece, Wrenches]]) -> Iterator[tuple[Piece, Located]]:
         for piece, wrenches in pieces:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -11,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
 from palpate.signals._curvature import Curvature, WindowSettings, curvature, part_of, pose_period, settings_of
+from palpate.signals._delayed import with_columns
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
@@ -20,6 +20,8 @@ CHUNK = 8192  # rows worked on at a time, counted from the first of the log: ans
 SCALES = (0.5, 1.5)  # times the window, to see an arm move: long ones see slow motion, short ones quick motion
 SEEN = 4.0  # times the standard deviation of the acceleration's length: at rest less than one in a million windows
 ARM = 0.5  # m from the sensor to where the arm turns, where only orientations are recorded
+FEWEST, MEDIAN_LENGTH = 50, 1.5382  # samples at rest; median length of a normal 3-vector
+LOSS = 14.0  # a swing at f loses (pi f window)^2 over it
 UNKNOWN = 10.0  # m/s^2: about 1 g, for the rows where the acceleration should be known and is not
 
 
@@ -31,8 +33,8 @@ class Motion:
     |---|---|---|
     | none | none: at rest | size of the acceleration left out, where the poses show any; 0 at rest |
     | poses | second derivative of the lever's path p + R c | of the derivative's noise |
-    | motion | as recorded, plus that of the lever, R c | of the added part |
-    | imu | as recorded, a specific force: f + R^T g, plus that of the lever, R c | of the added part |
+    | motion | as recorded, plus that of the lever, R c | of the added part, and `error` |
+    | imu | as recorded, a specific force: f + R^T g, plus that of the lever, R c | of the added part, and `error` |
 
     Near the ends of the log and of gaps, the nearest acceleration is kept, with a standard deviation as large as
     itself; where there is none, it is 0 and UNSTEADY about 1 g.
@@ -42,6 +44,7 @@ class Motion:
         window: [s] over which paths are fitted. A swing at f loses (pi f window)^2 / 14 of its acceleration.
         gravity: (3,) [m/s^2] in the base, which an IMU needs (`Payload.gravity`).
         lever: (3,) [m] c, the payload's centre of mass in the sensor's frame; None: the sensor's origin.
+        error: [m/s^2] standard deviation of recorded accelerations along each axis (`error_at_rest`).
 
     Raises:
         InputError: an unknown source, or an IMU without gravity.
@@ -54,6 +57,7 @@ class Motion:
         window: float = 0.2,
         gravity: Float[np.ndarray, "3"] | None = None,
         lever: Float[np.ndarray, "3"] | None = None,
+        error: float = 0.0,
     ) -> None:
         if source not in SOURCES:
             raise InputError(
@@ -63,13 +67,15 @@ class Motion:
             what = "an IMU also measures gravity, and its direction in the base is not known."
             raise InputError(what, where="acceleration", hint="Use a payload, which states it, or another kind.")
         self.source, self.gravity = source, gravity
-        self.window = window
+        self.window, self.error = window, error
         self.lever = np.zeros(3) if lever is None else np.asarray(lever, dtype=np.float64)
         self._placed = True  # positions are recorded
         self._forget()
 
     def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
-        """Yield the blocks with ACCELERATION (n, 3) and UNSTEADY (n, 1) [m/s^2]; with source "none", UNSTEADY alone.
+        """Return an iterator over the blocks with ACCELERATION (n, 3) and UNSTEADY (n, 1) [m/s^2].
+
+        With source "none" they have UNSTEADY alone.
 
         A block comes up to 16,384 rows late.
 
@@ -77,16 +83,7 @@ class Motion:
             InputError: the channels that the source needs are missing.
         """
         self._forget()
-        waiting: deque[Recording] = deque()
-        ready = np.zeros((0, 4))
-        for found in self._answers(self._taken(blocks, waiting)):
-            ready = np.concatenate([ready, found])
-            while waiting and len(ready) >= len(waiting[0]):
-                block = waiting.popleft()
-                yield self._with_channels(block, ready[: len(block)])
-                ready = ready[len(block) :]
-        for block in waiting:  # without rows
-            yield self._with_channels(block, ready)
+        return with_columns(blocks, self._answers, self._with_channels, 4)
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
         """Return notes on the rows so far, one sentence each; in newtons if the payload's mass [kg] is given."""
@@ -101,8 +98,14 @@ class Motion:
                 f"the sensor moved in {share:.1%} of the samples, and no acceleration is known: "
                 f"covariances were widened by up to {size}{assumed}"
             )
-        elif self.source != "none" and self._largest:
+        elif self.source == "poses" and self._largest:
             said.append(f"accelerations were computed from poses: covariances were widened by up to {size}")
+        elif self.source != "none" and self.error:
+            wide = f"{self.error:.2g} m/s^2" if mass is None else f"{mass * self.error:.2g} N"
+            said.append(
+                f"the recorded accelerations are {self.error:.2g} m/s^2 off along each axis where the poses show none: "
+                f"covariances were widened by {wide}"
+            )
         if said and self._span > 1.5 * self.window:
             said.append(f"poses have a low rate: motion is seen over {self._span:.2g} s, and faster motion is not seen")
         if self._unknown:
@@ -113,14 +116,12 @@ class Motion:
         self._rows = self._moving = self._unknown = 0
         self._largest = self._span = 0.0
 
-    def _taken(self, blocks: Iterator[Recording], waiting: deque[Recording]) -> Iterator[Float[np.ndarray, "n 8"]]:
-        """Yield time, quaternion and position of each block, (n, 8), and keep the block in `waiting`."""
-        for block in blocks:
-            waiting.append(block)
-            self._require(block)
-            missing = np.full((len(block), 3), np.nan)
-            poses = block.channels.get(ORIENTATION, np.full((len(block), 4), np.nan))
-            yield np.column_stack([block.time, poses, block.channels.get(POSITION, missing)])
+    def _taken(self, block: Recording) -> Float[np.ndarray, "n 8"]:
+        """Return time, quaternion and position, (n, 8)."""
+        self._require(block)
+        missing = np.full((len(block), 3), np.nan)
+        poses = block.channels.get(ORIENTATION, np.full((len(block), 4), np.nan))
+        return np.column_stack([block.time, poses, block.channels.get(POSITION, missing)])
 
     def _require(self, block: Recording) -> None:
         has = set(block.channels)
@@ -142,11 +143,11 @@ class Motion:
                 where=block.source,
             )
 
-    def _answers(self, pieces: Iterator[Float[np.ndarray, "n 8"]]) -> Iterator[Float[np.ndarray, "m 4"]]:
+    def _answers(self, blocks: Iterator[Recording]) -> Iterator[Float[np.ndarray, "m 4"]]:
         """Yield acceleration and UNSTEADY, (m, 4), by chunks."""
         settings: WindowSettings | None = None
         before, rows = np.zeros((0, 8)), np.zeros((0, 8))
-        for piece, last in _gathered(pieces):
+        for piece, last in _gathered(map(self._taken, blocks)):
             rows = np.concatenate([rows, piece])
             if settings is None and (last or len(rows) >= CHUNK):
                 settings = settings_of(rows[:CHUNK, 0], self.window, SCALES[-1], CHUNK)
@@ -193,7 +194,8 @@ class Motion:
     def _felt(self, found: Curvature, rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:
         """Return the acceleration in the sensor's frame, and its noise, (n, 4)."""
         value, lost = found.value, ~np.isfinite(found.value[:, 0])
-        unsure = np.where(found.borrowed, np.hypot(np.linalg.norm(value, axis=1), found.noise), found.noise) / 3**0.5
+        noise = np.hypot(found.noise, _lost(value, found.half))
+        unsure = np.where(found.borrowed, np.hypot(np.linalg.norm(value, axis=1), noise), noise) / 3**0.5
         inside = np.einsum("nji,nj->ni", rotations, np.where(lost[:, None], 0.0, value))
         inside[~np.isfinite(inside).all(axis=1)] = 0.0  # no pose: the row gets no answer anyway
         unknown = UNKNOWN if self.source == "poses" else UNKNOWN * float(np.linalg.norm(self.lever)) / ARM
@@ -214,11 +216,46 @@ class Motion:
         if self.source in ("motion", "imu") and (not self.lever.any() or ORIENTATION not in channels):
             acceleration, unsteady = np.zeros_like(acceleration), np.zeros_like(unsteady)
         if self.source in ("motion", "imu"):
+            unsteady = np.hypot(unsteady, self.error)
             acceleration = channels[ACCELERATION] + acceleration
         if self.source == "imu" and self.gravity is not None:
             rotations = rotation_from_quaternion(channels[ORIENTATION])
             acceleration = acceleration + np.einsum("nji,j->ni", rotations, self.gravity)
         return replace(block, channels={**channels, ACCELERATION: acceleration, UNSTEADY: unsteady})
+
+
+def error_at_rest(recording: Recording, motion: Motion) -> float:
+    """Return the standard deviation [m/s^2] of recorded accelerations along each axis where poses show that none acts.
+
+    It is the median of their length over that of a normal vector of deviation 1, with the bias of an accelerometer and
+    the tilt of its axes. It is 0 if the recording has no orientations, or under 50 such samples.
+
+    Args:
+        recording: with ACCELERATION.
+        motion: source of the accelerations, "motion" or "imu".
+
+    Raises:
+        InputError: the recording has no accelerations.
+    """
+    if ORIENTATION not in recording.channels:
+        return 0.0
+    still = Motion(window=motion.window, lever=motion.lever).stream(iter([recording]))
+    length = [
+        np.linalg.norm(felt.channels[ACCELERATION], axis=1)[seen.channels[UNSTEADY][:, 0] == 0.0]
+        for seen, felt in zip(still, motion.stream(iter([recording])), strict=True)
+    ]
+    known = np.concatenate(length)
+    known = known[np.isfinite(known)]
+    return float(np.median(known)) / MEDIAN_LENGTH if len(known) >= FEWEST else 0.0
+
+
+def _lost(value: Float[np.ndarray, "n k"], half: int) -> Float[np.ndarray, " n"]:
+    """Return the size of what a window loses, by the second difference over its halves, (pi f window)^2 of a swing."""
+    change = np.zeros(len(value))
+    if len(value) > 2 * half:
+        bend = value[2 * half :] - 2 * value[half:-half] + value[: -2 * half]
+        change[half:-half] = np.nan_to_num(np.linalg.norm(bend, axis=1))
+    return change / LOSS
 
 
 def _widened(seen: Bool[np.ndarray, " n"], half: int) -> Bool[np.ndarray, " n"]:

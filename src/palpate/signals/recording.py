@@ -20,6 +20,7 @@ ORIENTATION = "orientation"  # (n, 4) quaternion x, y, z, w: sensor in base
 POSITION = "position"  # (n, 3) m: of the sensor's origin in the base
 ACCELERATION = "acceleration"  # (n, 3) m/s^2: of the sensor's origin, in the sensor's frame
 UNSTEADY = "unsteady"  # (n, 1) m/s^2: standard deviation, along each axis, of what ACCELERATION leaves out
+VIBRATION = "vibration"  # (n, 1) number of the covariance by which an arm vibrates, which the sensor keeps; 0: none
 AVERAGED = "averaged"  # (n, 1) readings of the wrench of which FORCE and TORQUE are the mean; 0: interpolated
 TEMPERATURE = "temperature"  # (n, 1) K or degrees C: of the sensor, of which only changes matter
 VOLTAGE = "voltage"  # (n, 3 k) V: of load cells, cell by cell x, y, z
@@ -34,6 +35,7 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always 
     POSITION: (3,),
     ACCELERATION: (3,),
     UNSTEADY: (1,),
+    VIBRATION: (1,),
     AVERAGED: (1,),
     TEMPERATURE: (1,),
     REFERENCE: (6,),

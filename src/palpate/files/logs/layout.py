@@ -123,7 +123,7 @@ class LogLayout:
         urdf: description with these links: the pose is computed from joint states instead.
         joints_topic: of joint states; None: the only one.
         acceleration_topic: None: no acceleration.
-        offset: [s] added to the stamps of the poses of a topic to put them on the samples' clock.
+        offset: [s] added to the stamps of the poses to put them on the samples' clock.
         pose_file: table of the poses, in the folder of the log; "{log}" in it is the log's name without its suffix.
             `orientation`, `position` and their forms are of that table then. None: the log has the poses.
         pose_time, pose_time_unit: column of the times in `pose_file`, and its unit; None: as `time`, and as the table

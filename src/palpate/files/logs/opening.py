@@ -185,16 +185,30 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
             folder holds neither images nor the bag of one recording; or the layout is invalid (for images).
     """
     layout = layout or LogLayout()
-    log = HeldLog(path, layout) if isinstance(path, Mapping) else _opened(Path(path), layout)
-    if (poses := pose_path(layout.pose_file, log.path)) is not None:
-        if not isinstance(log, ColumnLog):
-            hint = "Name its topic of poses, or two frames, in the rig's [orientation], without file."
-            raise InputError(f"is no table, so the poses of {poses.name} cannot be joined.", where=str(path), hint=hint)
-        log.poses = open_log(poses, pose_layout(layout))
+    log = _opened(path, layout)
+    poses = pose_path(layout.pose_file, log.path)
+    if poses is not None:
+        return _posed(log, open_log(poses, pose_layout(layout)))
+    if layout.offset and isinstance(log, ColumnLog) and ORIENTATION in plan(layout, log.contents().names, log.path):
+        itself = replace(layout, pose_file=log.path.name, pose_time_unit=layout.time_unit)
+        return _posed(_opened(path, itself), open_log(path, replace(pose_layout(itself), rate=layout.rate)))
     return log
 
 
-def _opened(path: Path, layout: LogLayout) -> Log:
+def _posed(log: Log, poses: Log) -> Log:
+    """Return the log, to whose rows the poses of a table are joined."""
+    if not isinstance(log, ColumnLog):
+        hint = "Name its topic of poses, or two frames, in the rig's [orientation], without file."
+        what = f"is no table, so the poses of {poses.path.name} cannot be joined."
+        raise InputError(what, where=str(log.path), hint=hint)
+    log.poses = poses
+    return log
+
+
+def _opened(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout) -> Log:
+    if isinstance(path, Mapping):
+        return HeldLog(path, layout)
+    path = Path(path)
     kind = _kind(path)
     if kind in (_VIDEO, _FRAMES):
         return (VideoLog if kind == _VIDEO else FrameFolder)(path, layout)

@@ -27,6 +27,7 @@ def pose_layout(layout: LogLayout) -> LogLayout:
     return replace(
         layout,
         pose_file=None,
+        offset=0.0,
         time=layout.pose_time or layout.time,
         time_unit=layout.pose_time_unit,
         rate=None,

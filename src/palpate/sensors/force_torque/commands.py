@@ -158,10 +158,11 @@ class CalibrateClock(Calibration):
     its weight and bias are used, and the log may hold touches. Comments in the rig stay.
 
     Args:
-        log: MCAP or bag with topics of wrenches and poses; a log of columns is judged too.
+        log: log with wrenches and poses, as topics or as columns.
         rig: TOML of the set-up.
         output: rig to write; it may be the same file.
-        search: seconds to either side of the rig's offset that are searched.
+        search: seconds to either side of the rig's offset that are searched; twice as far, and again, up to 4 s, while
+            the best offset lies at the edge.
     """
 
     replaces = "rig"
@@ -202,7 +203,6 @@ class CalibrateClock(Calibration):
             max_gap=setup.orientation.max_gap,
             noise=None if noise is None else noise.six(),
         )
-        columns = layout.pose_file is None and not contents(self.log).topics
         known = measured([1e3 * found.offset], [1e3 * found.deviation], "ms")
         return CalibrationResult(
             [
@@ -213,7 +213,7 @@ class CalibrateClock(Calibration):
                 ("left out", str(found.validation)),
             ],
             found,
-            notes=[*recording.notes, *found.notes, *_findings(found, columns=columns)],
+            notes=[*recording.notes, *found.notes, *_findings(found)],
         )
 
     def write(self, found: CalibrationResult) -> None:
@@ -227,16 +227,10 @@ class CalibrateClock(Calibration):
         update_offset(self.rig, self.output, round(found.model.offset, 7), comment=comment)
 
 
-def _findings(found: ClockOffset, *, columns: bool) -> list[str]:
+def _findings(found: ClockOffset) -> list[str]:
     said: list[str] = []
     if abs(found.offset) < SURE * found.deviation:
         said.append("poses and wrenches are on one clock, as far as this log can tell")
-    elif columns:
-        size, way = 1e3 * abs(found.offset), "late" if found.offset < 0 else "early"
-        said.append(
-            f"the orientations of this log are {size:.1f} ms {way}, "
-            "and a rig's offset is not applied to orientations in columns: shift them before writing the log"
-        )
     if found.deviation > 2e-3:
         turning = "turn further, faster or longer to know it better"
         said.append(f"the offset is known to {np.ceil(1e3 * found.deviation):.0f} ms: {turning}")

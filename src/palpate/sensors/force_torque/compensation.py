@@ -15,8 +15,9 @@ from palpate.sensors.force_torque.model import ForceTorque
 from palpate.signals.filters import Filter
 from palpate.signals.motion import Motion
 from palpate.signals.payload import Payload
-from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
+from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, VIBRATION, Recording
 from palpate.signals.rest import at_rest
+from palpate.signals.vibration import Vibration
 from palpate.signals.wrench_sensor import Placement, Tare, square_root
 from palpate.signals.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
@@ -51,12 +52,13 @@ class _Readings(NamedTuple):
 
 
 class _Compensated(NamedTuple):
-    """Samples as wrenches, like `Measured`, with the readings that the wrenches were computed from."""
+    """Samples as wrenches, like `Measured`, with the readings that they were computed from, and their `VIBRATION`."""
 
     time: Float[np.ndarray, " n"]
     wrench: Float[np.ndarray, "n 6"]
     status: Int8[np.ndarray, " n"]
     readings: _Readings
+    vibration: Float[np.ndarray, "n 1"] | None = None
 
 
 @called_as("palpate.Compensation(palpate.ForceTorque(noise=(0.02, 0.001)), palpate.Payload(mass=0.4))")
@@ -103,6 +105,8 @@ class Compensation:
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
         self._doubts = square_root(load.covariance if self._imu is None else np.zeros((12, 12)))
         self._turns, self.revision = bool(self.needs_orientation), 0
+        self._smoothing: tuple[float, Filter | None, float | None] = (1.0, None, None)
+        self._vibration: Vibration | None = None
         self._kept, self._means = (1.0, np.ones(6)), dict[int, Float[np.ndarray, "6 6"]]()
         self._stated, self.zeros_taken = self._load.copy(), 0
         self._untare()
@@ -125,10 +129,20 @@ class Compensation:
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
         """Yield the same samples, with the channels `ACCELERATION` and `UNSTEADY` where `motion` provides them.
 
+        With an orientation and a known noise they have `VIBRATION`, too.
+
         Raises:
             InputError: channels that the source of accelerations needs are missing.
         """
-        return iter(blocks) if self.motion is None else self.motion.stream(iter(blocks))
+        if self.motion is None:
+            return iter(blocks)
+        moved = self.motion.stream(iter(blocks))
+        if self.noise is None:
+            return moved
+        if self._vibration is None:  # blocks of an earlier log keep their numbers
+            share, filter, rate = self._smoothing
+            self._vibration = Vibration(share * self.noise, filter, rate)
+        return self._vibration.stream(moved, self._vibrating)
 
     def measure(self, recording: Recording) -> _Compensated:
         """Return a recording as `Measured`: contacts' wrenches (n, 6) [N, N m] in the sensor's frame, with statuses.
@@ -137,7 +151,8 @@ class Compensation:
             InputError: forces or torques are missing, or an orientation is needed (payload with weight, wrenches in the
                 base frame) and there is none.
         """
-        return self._compensated(self._readings(recording), self._zero)
+        made = self._compensated(self._readings(recording), self._zero)
+        return made._replace(vibration=recording.channels.get(VIBRATION))
 
     def single(
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
@@ -237,6 +252,8 @@ class Compensation:
             untared = self._unsure is self._doubts
             factor = self._tilts if untared else self._unknown(self._tilts, followed=self._load is not self._stated)
             covariances += self._tilted(measured.readings, placement.matrix, factor)
+        if measured.vibration is not None and measured.vibration.any():
+            covariances += self._shaken(measured.vibration, placement.matrix)
         return located, None if self.noise is None else covariances
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
@@ -251,6 +268,7 @@ class Compensation:
             InputError: the filter's cut-off does not fit the rate.
         """
         spectrum = self.sensor.spectrum
+        self._smoothing, self._vibration = (share, filter, rate), None
         self._kept = 1.0, np.ones(6)
         if filter is not None and rate is not None and spectrum is not None and share < 1.0:
             self._kept = share, spectrum.kept(filter, rate)
@@ -401,9 +419,12 @@ class Compensation:
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on the motion and on the payload's error where it is followed, a tuple of sentences."""
-        moved = () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
+        if self.payload is None:
+            return ()
+        moved = () if self.motion is None else self.motion.notes(self.payload.mass)
+        vibrating = () if self._vibration is None else self._vibration.notes()
         found, large = self._payload_error()
-        return (*moved, found) if found and not large else moved
+        return (*moved, *vibrating, *([found] if found and not large else []))
 
     def warnings(self) -> tuple[str, ...]:
         """Return a sentence, in a tuple, if the payload is further off than its calibration allows; else ()."""
@@ -546,6 +567,19 @@ class Compensation:
         hangs = inside @ load[:3] - load[9] * readings.acceleration
         errors = matrix @ payload.load_jacobian(turn - self._mean[:3], hangs - self._mean[3]) @ factor.T
         return errors @ errors.swapaxes(1, 2)
+
+    def _vibrating(self, recording: Recording) -> Float[np.ndarray, "n 6"]:
+        """Return wrenches (n, 6) in the sensor's frame; without the payload only where accelerations are known."""
+        if self._turned or ACCELERATION in recording.channels:
+            return self.measure(recording).wrench
+        return recording.wrenches()
+
+    def _shaken(self, numbers: Float[np.ndarray, "n 1"], matrix: Float[np.ndarray, "6 6"]) -> np.ndarray:
+        """Return the covariances (n, 6, 6) of the vibration, in the frame of `matrix`."""
+        known = [] if self._vibration is None else self._vibration.covariances
+        starts, none = np.flatnonzero(np.diff(numbers[:, 0], prepend=-1.0)), np.zeros((6, 6))
+        each = np.stack([known[int(k)] if k < len(known) else none for k in numbers[starts, 0]])
+        return np.repeat(matrix @ each @ matrix.T, np.diff(starts, append=len(numbers)), axis=0)
 
     def _compensated(
         self, readings: _Readings, zero: Float[np.ndarray, "6"], load: Float[np.ndarray, "11"] | None = None

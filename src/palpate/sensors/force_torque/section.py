@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from palpate.calibration.clock import suspected_offset
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
 from palpate.files.logs import LogContents, join, open_log
@@ -32,7 +33,7 @@ from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
 from palpate.setup.tables import RigForceTorque
 from palpate.setup.wrench import wrench_estimator
 from palpate.signals.acceleration import turned_from_gravity, wrong_acceleration
-from palpate.signals.motion import Motion
+from palpate.signals.motion import Motion, error_at_rest
 from palpate.signals.noise import Noise, NoiseSpectrum, estimate_noise, log_noise, wrong_noise
 from palpate.signals.payload import Payload
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
@@ -211,8 +212,20 @@ def _build(setup: Setup) -> BuiltEstimator:
             f"the noise is not known, so there are no covariances: {where}; state noise in the rig's [force_torque] "
             "or log a second at rest"
         )
-    made.warnings += [] if head is None else [*_wrong_noise(setup, seen), *_turned(sensor, head)]
+    made.warnings += [] if head is None else [*_wrong_noise(setup, seen), *_turned(sensor, head), *_late(setup, head)]
     return made
+
+
+def _late(setup: Setup, head: Recording) -> list[str]:
+    """Return a warning if the forces fit the weight far better with another clock of the poses, in a list."""
+    payload = setup.of(ForceTorqueSection).payload
+    if payload is None or payload.imu is not None or head.frame == "base" or ORIENTATION not in head.channels:
+        return []
+    offset = suspected_offset(head.time, head.wrenches(), head.channels[ORIENTATION], payload)
+    if not offset:
+        return []
+    way = "late" if offset < 0 else "early"
+    return [f"the orientations seem to be {abs(offset):.2g} s {way}: run `palpate calibrate clock` on this log"]
 
 
 def _turned(sensor: Compensation, head: Recording) -> list[str]:
@@ -259,7 +272,10 @@ def _motion(setup: Setup, head: Recording | None) -> Motion | None:
     if payload.imu is not None:
         return None
     source = "poses" if stated.from_poses else recorded
-    return Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
+    made = Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
+    if source in ("motion", "imu"):
+        made.error = error_at_rest(head, made)
+    return made
 
 
 def _check(table: RigForceTorque | None, path: Path) -> None:
