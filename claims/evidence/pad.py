@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import polars as pl
 
-from claims.command import cli
+from claims.command import must
 from claims.evidence.covariance import CHI2_95
 from claims.row import Row, shared, skipped
 
@@ -55,9 +55,7 @@ def _estimated(log: Path, scratch: Path, method: str) -> pl.DataFrame:
     """contacts.csv, with the located point in the pad's frame as x, y [m]."""
     rig, out = scratch / "rig.toml", scratch / "contacts.csv"
     rig.write_text(RIG.format(method=method))
-    done = cli("estimate", log, "--rig", rig, "-o", out)
-    if done.returncode:
-        raise RuntimeError(done.stderr)
+    must("estimate", log, "--rig", rig, "-o", out)
     table = pl.read_csv(out, infer_schema_length=None)
     return table.with_columns((0.06 + pl.col("px")).alias("x"), (0.142 - pl.col("pz")).alias("y"))
 
@@ -105,8 +103,8 @@ def _ellipses(log: Path, scratch: Path) -> Iterator[Row]:
             ends = {"start": [time[part[0]] for part in parts], "end": [time[part[-1]] for part in parts]}
             pl.DataFrame({**ends, "px": at[0], "py": at[1], "pz": at[2]}).write_csv(scratch / "marks.csv")
             (scratch / "rig.toml").write_text(RIG.format(method="soft_finger"))
-            _done("calibrate", "mounting", log, *_FILES.format(scratch).split())
-            _done("estimate", log, "--rig", scratch / "new.toml", "-o", scratch / "contacts.csv")
+            must("calibrate", "mounting", log, *_FILES.format(scratch).split())
+            must("estimate", log, "--rig", scratch / "new.toml", "-o", scratch / "contacts.csv")
             table = pl.read_csv(scratch / "contacts.csv", infer_schema_length=None)[judge]
             off = table.select("px", "pz").to_numpy() - points[judge][:, [0, 2]]
             spread = table.select("var_xx", "var_xz", "var_zz").to_numpy()[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
@@ -117,12 +115,6 @@ def _ellipses(log: Path, scratch: Path) -> Iterator[Row]:
         met = all(float(share.split("%")[0]) >= 85.0 for share in held)
         what = f"mounting calibrated on one half, marks {called}: truth in the 95 % ellipse on the other"
         yield Row(what, ">= 85 %", text, met)
-
-
-def _done(*arguments: str | Path) -> None:
-    done = cli(*arguments)
-    if done.returncode:
-        raise RuntimeError(done.stderr)
 
 
 def _weights(log: Path, scratch: Path) -> Iterator[Row]:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import cache
-from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from claims.command import cli
 from claims.evidence.taxel_limit import priors_of
 from claims.row import Row, shared, skipped
-from palpate.cli import main
 from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
@@ -158,10 +156,7 @@ def _by_commands(sessions: int, pokes: int) -> Iterator[Row]:
             session = PokeBench.drawn(rng, skin=_skin(), errors=MIX, tip=HAND).session(rng, pokes)
             write_poke_session(session, _skin().cone, _skin().cad(rng), folder, rng)
             (folder / "rig.toml").write_text(RIG)
-            for order, layout in {
-                "ring12": None,
-                **{each: _layouts()[each] for each in ALSO},
-            }.items():
+            for order, layout in {"ring12": None, **{each: _layouts()[each] for each in ALSO}}.items():
                 stated = "ring12" if layout is None else str(_one_module(layout, folder / "one.csv"))
                 for flag in ([], ["--spacing", repr(SPACING)]):
                     found, said = _calibrated(folder, "--layout", stated, *flag)
@@ -177,9 +172,9 @@ def _by_commands(sessions: int, pokes: int) -> Iterator[Row]:
             same.append(float(np.nanmax(np.abs(found.positions - python.places.positions))))
     got = "; ".join(f"{what} {np.mean(each):.2f}" for what, each in off.items())
     what = f"by commands, {sessions} sessions of {pokes} pokes with CAD and mesh, mean error of places [mm]"
-    yield Row(what, "", got, None)
-    what = "the same, turned and mirrored: warned of"
-    yield Row(what, "all", f"{named} of {4 * sessions}", named == 4 * sessions)
+    yield Row(what, "", got)
+    got = f"{named} of {4 * sessions}"
+    yield Row("the same, turned and mirrored: warned of", "all", got, named == 4 * sessions)
     got = f"within {1e3 * max(same):.1g} mm"
     yield Row("the same: --spacing against the layout from Python", "1e-3 mm", got, max(same) < 1e-6)
 
@@ -192,11 +187,12 @@ def _one_module(layout: ModuleLayout, path: Path) -> Path:
 
 def _calibrated(folder: Path, *options: str) -> tuple[TaxelPlaces, str]:
     """Places by the command, and what it prints."""
-    printed, out = StringIO(), folder / "found.toml"
-    given = [f"{folder}/pokes.csv", "--rig", f"{folder}/rig.toml", "--start", f"{folder}/cad.txt", *options]
-    with redirect_stdout(printed):
-        main(["calibrate", "taxels", *given, "-o", f"{out}"])
-    return read_taxel_places(out), printed.getvalue()
+    out, given = (
+        folder / "found.toml",
+        (folder / "pokes.csv", "--rig", folder / "rig.toml", "--start", folder / "cad.txt"),
+    )
+    printed = cli("calibrate", "taxels", *given, *options, "-o", out).stdout
+    return read_taxel_places(out), printed
 
 
 def _icub() -> Iterator[Row]:
