@@ -38,7 +38,7 @@ def rows(small: bool) -> Iterator[Row]:
         yield from skipped("three ultrasound probes", "")
         return
     count = 1_000 if small else 10_000
-    for probe, (kind, crease) in product(PROBES, KINDS.items()):
+    for probe, (kind, crease) in product(PROBES[:: 2 if small else 1], KINDS.items()):
         mesh = palpate.Mesh.load(folder / f"data/probes/{probe}.stl", unit="mm", crease=radians(crease))
         yield from _judge(probe.removeprefix("UsProbe_"), mesh, kind, count)
 
