@@ -63,7 +63,7 @@ def rows(small: bool) -> Iterator[Row]:
         if not small or not (mesh or pokes > 60):
             yield _numbered(pokes, 2 if small else 60, mesh=mesh, cad=cad)
     yield _spaced(*((1, 60) if small else (20, 200)))
-    yield from _by_commands(1 if small else 4, 60 if small else 300)
+    yield from _by_commands(*((1, 60, ALSO[1:]) if small else (4, 300, ALSO)))
     yield from _icub(small)
 
 
@@ -147,7 +147,7 @@ def _spaced(sessions: int, pokes: int) -> Row:
     return Row(what, "0.6 to 1.4", got, met)
 
 
-def _by_commands(sessions: int, pokes: int) -> Iterator[Row]:
+def _by_commands(sessions: int, pokes: int, also: tuple[str, ...]) -> Iterator[Row]:
     """Sessions on disk, calibrated by `palpate calibrate taxels` with ring12 or a file of one module."""
     off = dict[str, list[float]]()
     same, named, stated = list[float](), 0, _skin().places
@@ -158,7 +158,7 @@ def _by_commands(sessions: int, pokes: int) -> Iterator[Row]:
             session = PokeBench.drawn(rng, skin=_skin(), errors=MIX, tip=HAND).session(rng, pokes)
             write_poke_session(session, _skin().cone, _skin().cad(rng), folder, rng, timing=QUICK, touches=1)
             (folder / "rig.toml").write_text(RIG)
-            for order, layout in {"ring12": None, **{each: _layouts()[each] for each in ALSO}}.items():
+            for order, layout in {"ring12": None, **{each: _layouts()[each] for each in also}}.items():
                 given = "ring12" if layout is None else str(_one_module(layout, folder / "one.csv"))
                 for flag in ([], ["--spacing", repr(SPACING)]):
                     found, said = _calibrated(folder, "--layout", given, *flag)
@@ -175,8 +175,8 @@ def _by_commands(sessions: int, pokes: int) -> Iterator[Row]:
     got = "; ".join(f"{what} {np.mean(each):.2f}" for what, each in off.items())
     what = f"by commands, {sessions} sessions of {pokes} pokes with CAD and mesh, mean error of places [mm]"
     yield Row(what, "", got)
-    got = f"{named} of {4 * sessions}"
-    yield Row("the same, turned and mirrored: warned of", "all", got, named == 4 * sessions)
+    tried = 2 * len(also) * sessions
+    yield Row(f"the same, {' and '.join(also)}: warned of", "all", f"{named} of {tried}", named == tried)
     got = f"within {1e3 * max(same):.1g} mm"
     yield Row("the same: --spacing against the layout from Python", "1e-3 mm", got, max(same) < 1e-6)
 
