@@ -79,7 +79,7 @@ def _coverage(name: str, body: Body, smooth: bool, force: tuple[float, float], c
     mesh = mesh_of(body, 20_000, smooth)
     locator = palpate.Locator(mesh, noise=NOISE, on=0.0, off=0.0)
     found = locator.run(located, covariances, sequential=False)
-    share, mean = held(found, points)
+    share, mean = coverage(found, points)
     spread = np.sqrt(np.einsum("nii->n", found.covariance[found.answered]))
     met = None
     if slack is not None:
@@ -89,14 +89,14 @@ def _coverage(name: str, body: Body, smooth: bool, force: tuple[float, float], c
     lost = int(np.count_nonzero(~found.answered))
     got += f"; {count:,} trials, {lost} not answered"
     if lost:
-        got += f" (of the answered {held(found[found.answered], points[found.answered])[0]:.2%})"
+        got += f" (of the answered {coverage(found[found.answered], points[found.answered])[0]:.2%})"
     what = (
         f"{name}, R = 10 mm, {kind}, {force[0]:g} to {force[1]:g} N: truth in the 95 % ellipse, mean squared distance"
     )
     return Row(what, "93 to 97 %, 2 +- 0.1" if force[0] >= 2 and smooth else "", got, met)
 
 
-def held(found: palpate.ContactEstimate, points: np.ndarray) -> tuple[float, float]:
+def coverage(found: palpate.ContactEstimate, points: np.ndarray) -> tuple[float, float]:
     """How often the 95 % ellipse holds the truth, and the mean squared distance where there is an answer."""
     square = squared_distance(found, points)
     return float(np.mean(square <= CHI2_95)), float(np.mean(square[found.answered]))

@@ -14,7 +14,7 @@ from scipy.optimize import minimize, nnls
 
 import palpate
 from claims.evidence.bodies import R, prism
-from claims.evidence.covariance import NOISE, held
+from claims.evidence.covariance import NOISE, coverage
 from claims.row import Row
 from palpate_lab.simulation import contact_wrenches
 from palpate_lab.simulation.contacts import directed_forces
@@ -47,7 +47,7 @@ def rows(small: bool) -> Iterator[Row]:
         noisy = wrenches + np.random.default_rng(37).standard_normal(wrenches.shape) * NOISE
         found = locator.run(noisy, sequential=False)
         lost = float(np.mean(~found.answered))
-        inside, _ = held(found, points)
+        inside, _ = coverage(found, points)
         error = 1e3 * np.linalg.norm(found.point - points, axis=1)
         middle, far = np.nanmedian(error), np.nanpercentile(error, 95)
         got = f"{lost:.2%}; {inside:.2%}; error median {middle:.2f}, p95 {far:.2f} mm"

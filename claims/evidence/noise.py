@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from claims.evidence.bodies import BODIES, R, mesh_of
-from claims.evidence.covariance import NOISE, held
+from claims.evidence.covariance import NOISE, coverage
 from claims.row import Row
 from palpate import ForceTorque, Locator, Pose, Recording
 from palpate.contact import ContactEstimate, WrenchEstimator
@@ -100,7 +100,8 @@ def _coverage(kind: str, made: Filter | None, logs: int) -> Row:
         noise = _rested(log)
         found.append(_answers(log, ForceTorque(noise.deviation, spectrum=noise.spectrum), made))
         touched.append(points)
-    count, (share, mean) = COUNT * logs, held(ContactEstimate.joined(found), np.concatenate(touched))
+    share, mean = coverage(ContactEstimate.joined(found), np.concatenate(touched))
+    count = COUNT * logs
     name = "raw" if made is None else made.describe(RATE).split(":")[0]
     scatter = 3.5 * (0.05 * 0.95 / count) ** 0.5 if logs < 100 else 0.0
     met = 0.90 - scatter <= share <= 0.97 + scatter
@@ -144,7 +145,8 @@ def _gains(stated: float, logs: int) -> Row:
         sensor = ForceTorque(noise.deviation, spectrum=noise.spectrum, gain_error=stated)
         found.append(_answers(log, sensor, FILTERS[2]))
         touched.append(points)
-    count, (share, mean) = COUNT * logs, held(ContactEstimate.joined(found), np.concatenate(touched))
+    share, mean = coverage(ContactEstimate.joined(found), np.concatenate(touched))
+    count = COUNT * logs
     scatter = 0.05 if logs < 100 else 0.0  # the touches of a log share its matrix
     met = 0.90 - scatter <= share <= 0.97 + scatter if stated else None
     got = f"{share:.2%}, {mean:.3f}; {count:,} touches in {logs} logs"

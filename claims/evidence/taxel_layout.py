@@ -150,7 +150,7 @@ def _spaced(sessions: int, pokes: int) -> Row:
 def _by_commands(sessions: int, pokes: int, also: tuple[str, ...]) -> Iterator[Row]:
     """Sessions on disk, calibrated by `palpate calibrate taxels` with ring12 or a file of one module."""
     off = dict[str, list[float]]()
-    same, named, stated = list[float](), 0, _skin().places
+    same, named, found = list[float](), 0, dict[tuple[str, bool], TaxelPlaces]()
     with TemporaryDirectory() as name:
         for seed in range(SEED, SEED + sessions):
             folder, rng = Path(name) / str(seed), np.random.default_rng(seed)
@@ -161,17 +161,16 @@ def _by_commands(sessions: int, pokes: int, also: tuple[str, ...]) -> Iterator[R
             for order, layout in {"ring12": None, **{each: _layouts()[each] for each in also}}.items():
                 given = "ring12" if layout is None else str(_one_module(layout, folder / "one.csv"))
                 for flag in ([], ["--spacing", repr(SPACING)]):
-                    found, said = _calibrated(folder, "--layout", given, *flag)
+                    found[order, bool(flag)], said = _calibrated(folder, "--layout", given, *flag)
                     what = f"{order}, {'5.5 mm stated' if flag else 'no spacing stated'}"
-                    away = np.linalg.norm(found.positions - _skin().places.positions, axis=1)
+                    away = np.linalg.norm(found[order, bool(flag)].positions - _skin().places.positions, axis=1)
                     off.setdefault(what, []).append(1e3 * float(away.mean()))
                     named += layout is not None and "numbers" in said
-                    stated = found if flag and layout is None else stated
             start = read_taxel_places(folder / "cad.txt")
             table = believed(read_pokes(folder / "pokes.csv"), start=start)
             link = Mesh.load(folder / "forearm.stl", "m")
             python = calibrate_taxels(table, surface=link, start=start, layout=_skin().layout)
-            same.append(float(np.nanmax(np.abs(stated.positions - python.places.positions))))
+            same.append(float(np.nanmax(np.abs(found["ring12", True].positions - python.places.positions))))
     got = "; ".join(f"{what} {np.mean(each):.2f}" for what, each in off.items())
     what = f"by commands, {sessions} sessions of {pokes} pokes with CAD and mesh, mean error of places [mm]"
     yield Row(what, "", got)

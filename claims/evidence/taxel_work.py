@@ -7,7 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
-from claims.evidence.taxel_limit import held_in_surface, priors_of
+from claims.evidence.taxel_limit import inside_ellipse, priors_of
 from claims.row import Row, shared, skipped
 from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.sensors.taxels.model import TaxelBody
@@ -138,7 +138,7 @@ def _judged(places: TaxelPlaces, touches: SkinTouches, several: int) -> _Judged:
             row = rows[int(far[:, 0].argmin())]
             away.append(float(far[:, 0].min()))
             off = found.estimate.point[[row]] - touches.point[k]
-            held.append(bool(held_in_surface(off, found.estimate.covariance[[row]])[0]))
+            held.append(bool(inside_ellipse(off, found.estimate.covariance[[row]])[0]))
         if several == 2:
             two = len(rows) == 2
             told.append(two and bool(min(max(far[0, 0], far[1, 1]), max(far[0, 1], far[1, 0])) < NEAR))
