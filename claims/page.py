@@ -40,8 +40,23 @@ def renew(theme: str, rows: Sequence[Row], measured: str) -> None:
     """Keep what was measured of a theme in figures.json, and write the page of all themes."""
     kept: Kept = json.loads(FIGURES.read_text(encoding="utf-8"))
     kept[theme] = {"measured": measured, "rows": [list(vars(row).values()) for row in rows]}
-    FIGURES.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    FIGURES.write_text(_kept(kept), encoding="utf-8")
     PAGE.write_text(page(kept), encoding="utf-8")
+
+
+def _kept(kept: Kept) -> str:
+    """Return figures.json: a row of a theme a line."""
+
+    def json_of(value: object) -> str:
+        return json.dumps(value, ensure_ascii=False)
+
+    themes = [
+        f'{json_of(theme)}: {{"measured": {json_of(one["measured"])}, "rows": [\n'
+        + ",\n".join(map(json_of, one["rows"]))
+        + "\n]}"
+        for theme, one in kept.items()
+    ]
+    return "{\n" + ",\n".join(themes) + "\n}\n"
 
 
 def page(kept: Kept, themes: Mapping[str, Mapping[str, str]] = THEMES) -> str:

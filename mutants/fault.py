@@ -13,19 +13,12 @@ __all__ = ["SOURCE", "Fault", "chosen", "faults_in", "written"]
 
 SOURCE = Path(__file__).resolve().parents[1] / "src"
 SWITCH = "_fault"  # as the switch is called in a file with faults
+_EITHER = (ast.Lt, ast.GtE), (ast.Gt, ast.LtE), (ast.Eq, ast.NotEq), (ast.Add, ast.Sub), (ast.And, ast.Or)
 _OTHER: dict[type, type] = {
-    ast.Lt: ast.GtE,
-    ast.GtE: ast.Lt,
-    ast.Gt: ast.LtE,
-    ast.LtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
+    **dict(_EITHER),
+    **{other: one for one, other in _EITHER},
     ast.Mult: ast.Add,
     ast.Div: ast.Mult,
-    ast.And: ast.Or,
-    ast.Or: ast.And,
 }
 _KINDS = ast.Compare, ast.BinOp, ast.BoolOp, ast.Constant, ast.Call
 _TESTED = {"console": "cli"}  # rooms whose tests are another's

@@ -20,6 +20,13 @@ def mesh_of(body: Body, facets: int, smooth: bool = True) -> palpate.Mesh:
     return palpate.Mesh.from_arrays(*body.mesh(facets), smooth=smooth)
 
 
+def on_facets(mesh: palpate.Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Facets (n,) and weights of their corners (n, 3) of points that are uniform in area."""
+    facets = rng.choice(len(mesh.areas), count, p=mesh.areas / mesh.areas.sum())
+    root, along = np.sqrt(rng.uniform(size=count)), rng.uniform(size=count)
+    return facets, np.stack([1 - root, root * (1 - along), root * along], axis=1)
+
+
 def curvature(body: Body, points: np.ndarray) -> np.ndarray:
     """Gaussian curvature [1/m^2]: determinant of how the normal turns along two tangents, by differences."""
     normals = body.normals(points)

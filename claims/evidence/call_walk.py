@@ -16,6 +16,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial, wraps
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,15 +33,8 @@ ROOMS = (
     *(f"palpate_lab.{room}" for room in ("benchmark", "papers", "peers", "viewer")),
 )
 ARRAYS = re.compile(r"\b(ArrayLike|ndarray|Vector|Image)\b")
-WRITTEN = {
-    "out",
-    "out_covariance",
-    "out_total",
-    "counts",
-    "rows",
-    "memory",
-    "state",
-}  # written into: a copy in another container would be of no use
+# written into: a copy in another container would be of no use
+WRITTEN = {"out", "out_covariance", "out_total", "counts", "rows", "memory", "state"}
 LARGEST = 2_000_000  # bytes in the arguments of a call that is kept
 SLOW = 0.5  # s: a callable that takes longer gets a few calls only
 FEW = 4
@@ -96,11 +90,8 @@ def public(rooms: Iterable[str] = ROOMS) -> Iterator[Known]:
         for module in (importlib.import_module(name) for name in names if "._" not in name):
             for name in module.__all__ if hasattr(module, "__all__") else _defined(module):
                 made = getattr(module, name)
-                if (
-                    callable(made)
-                    and id(made) not in seen
-                    and str(getattr(made, "__module__", "")).startswith("palpate")
-                ):
+                own = str(getattr(made, "__module__", "")).startswith("palpate")
+                if callable(made) and own and id(made) not in seen:
                     seen.add(id(made))
                     yield from _with_methods(f"{made.__module__}.{name}", made)
 
@@ -127,10 +118,10 @@ def _with_methods(name: str, made: Any) -> Iterator[Known]:
 
 def watch(known: Iterable[Known], seen: Seen) -> dict[str, Call]:
     """The first valid call of each, filled as they are made from now on, wherever that is; and what they were given."""
-    calls: dict[str, Call] = {}
+    calls, functions = dict[str, Call](), dict[int, Callable[..., Any]]()
     for each in known:
         if each.owner is None:
-            _patched(each, _watched(each, each.made, calls, seen))
+            functions[id(each.made)] = _watched(each, each.made, calls, seen)
         elif each.attribute == "__init__":
             if "__init__" in vars(each.owner):
                 each.owner.__init__ = _watched(each, each.owner.__init__, calls, seen)
@@ -138,20 +129,14 @@ def watch(known: Iterable[Known], seen: Seen) -> dict[str, Call]:
             value = vars(each.owner)[each.attribute]
             made = _watched(each, each.made, calls, seen)
             setattr(each.owner, each.attribute, type(value)(made) if not inspect.isfunction(value) else made)
+    for module in [module for name, module in sys.modules.items() if name.startswith("palpate")]:
+        for key, value in list(vars(module).items()):
+            if id(value) in functions:
+                setattr(module, key, functions[id(value)])
     return calls
 
 
-def _patched(known: Known, made: Callable[..., Any]) -> None:
-    for name, module in list(sys.modules.items()):
-        if name.startswith("palpate"):
-            for key, value in list(vars(module).items()):
-                if value is known.made:
-                    setattr(module, key, made)
-
-
 def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call], seen: Seen) -> Callable[..., Any]:
-    from functools import wraps
-
     @wraps(made)
     def call(*args: Any, **kwargs: Any) -> Any:
         if known.name in calls or _size((args, kwargs)) > LARGEST:
@@ -205,11 +190,8 @@ def wrong(value: Any) -> dict[str, Any]:
     """Wrong arguments in place of a valid one, by what is wrong."""
     made: dict[str, Any] = {"a word": "abc", "none": None, "an object": object(), "too large": 10**400}
     if not isinstance(value, np.ndarray | list | tuple):
-        return (
-            made
-            | {"nan": np.nan, "inf": np.inf, "negative": -1, "zero": 0, "huge": 1e300, "a list": [value, value]}
-            | {"complex": 1j}
-        )
+        numbers = {"nan": np.nan, "inf": np.inf, "negative": -1, "zero": 0, "huge": 1e300}
+        return made | numbers | {"a list": [value, value], "complex": 1j}
     array = np.asarray(value)
     made |= {"one axis more": array[None], "an axis behind": array[..., None], "complex": array * 1j, "one number": 1.0}
     made |= {"objects": array.astype(object) if array.size < 1000 else np.array([None]), "words": array.astype(str)}
@@ -239,30 +221,41 @@ class _Own:
         return np.array(self._array, dtype=dtype)
 
 
-def containers(value: np.ndarray) -> dict[str, tuple[Any, np.ndarray]]:
-    """The same numbers in other containers, each with the float64 (or int64, bool) array that it must be as good as."""
+def containers(value: np.ndarray) -> dict[str, Callable[[], tuple[Any, np.ndarray]]]:
+    """Ways to put the same numbers, each with the float64 (int64, bool) array that it must be as good as."""
     plain = value.astype(np.float64) if value.dtype.kind == "f" else value
-    locked, strided = plain.copy(), np.repeat(plain, 2, axis=-1)[..., ::2] if plain.ndim else plain
-    locked.flags.writeable = False
-    made: dict[str, Any] = {"read-only": locked, "strided": strided, "by columns": np.asarray(plain, order="F")}
-    made |= {"of another class": _Own(plain)}
+    made: dict[str, Callable[[], Any]] = {
+        "read-only": lambda: _locked(plain),
+        "strided": lambda: np.repeat(plain, 2, axis=-1)[..., ::2] if plain.ndim else plain,
+        "by columns": lambda: np.asarray(plain, order="F"),
+        "of another class": lambda: _Own(plain),
+    }
     if plain.size or plain.ndim == 1:  # a list of nothing has no other axes
-        made["a list"] = plain.tolist()
+        made["a list"] = plain.tolist
     if plain.ndim and "a list" in made:
-        made["a tuple"] = tuple(plain.tolist())
-    if plain.ndim == 1 and plain.size:
-        made["a Series"] = pl.Series(plain)
-    if plain.ndim == 2 and plain.size:
-        made["a DataFrame"] = pl.DataFrame(plain)
-    found = {name: (each, plain) for name, each in made.items()}
+        made["a tuple"] = lambda: tuple(plain.tolist())
+    if plain.ndim in (1, 2) and plain.size:
+        made |= (
+            {"a Series": lambda: pl.Series(plain)} if plain.ndim == 1 else {"a DataFrame": lambda: pl.DataFrame(plain)}
+        )
+    found = {name: partial(_as_good, make, plain) for name, make in made.items()}
     if plain.dtype.kind == "f":
-        with np.errstate(all="ignore"):
-            single = plain.astype(np.float32)
-        found["float32"] = single, single.astype(np.float64)
+        found["float32"] = partial(_as_good, lambda: plain.astype(np.float32))
         if np.isfinite(plain).all() and np.abs(plain).max(initial=0.0) < 1e6:
-            whole = np.round(plain).astype(np.int64)
-            found["int"] = whole, whole.astype(np.float64)
+            found["int"] = partial(_as_good, lambda: np.round(plain).astype(np.int64))
     return found
+
+
+def _as_good(make: Callable[[], Any], plain: np.ndarray | None = None) -> tuple[Any, np.ndarray]:
+    with np.errstate(all="ignore"):
+        made = make()
+    return made, made.astype(np.float64) if plain is None else plain
+
+
+def _locked(array: np.ndarray) -> np.ndarray:
+    made = array.copy()
+    made.flags.writeable = False
+    return made
 
 
 def answer(call: Call, changed: Mapping[str, Any]) -> tuple[str, Any]:
@@ -338,7 +331,13 @@ def _tried(
             if offer and left > 0:
                 call, kind, name, what = offer.pop()
                 value = call.bound.arguments[name]
-                yield call, kind, name, what, {name: (wrong if kind == "wrong" else containers)(value)[what]}
+                yield (
+                    call,
+                    kind,
+                    name,
+                    what,
+                    {name: wrong(value)[what] if kind == "wrong" else containers(value)[what]()},
+                )
                 left -= 1
 
 

@@ -44,9 +44,9 @@ def rows(small: bool) -> Iterator[Row]:
 def made() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Bodies [m] of several shells, or with walls deep inside that can be touched."""
     outer, inner = (trimesh.creation.icosphere(4, radius) for radius in (0.03, 0.025))
-    boxes = [_box((0.06, 0.03, 0.03)), _box((0.03, 0.06, 0.02), (0.01, 0.0, 0.01)), _box((0.02, 0.02, 0.02))]
+    boxes = [box((0.06, 0.03, 0.03)), box((0.03, 0.06, 0.02), (0.01, 0.0, 0.01)), box((0.02, 0.02, 0.02))]
     profile = np.array([(0, 0), (40, 0), (40, 90), (35, 90), (35, 6), (0, 6)]) * 1e-3
-    gripper = [_box((0.08, 0.02, 0.02)), *(_box((0.015, 0.02, 0.06), (s * 0.0325, 0.0, 0.035)) for s in (-1, 1))]
+    gripper = [box((0.08, 0.02, 0.02)), *(box((0.015, 0.02, 0.06), (s * 0.0325, 0.0, 0.035)) for s in (-1, 1))]
     bodies = {
         "sphere in a sphere": [outer, inner],
         "boxes that overlap": boxes,
@@ -57,7 +57,7 @@ def made() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return {name: (np.array(body.vertices), np.array(body.faces)) for name, body in joined.items()}
 
 
-def _box(sides: tuple[float, float, float], middle: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> trimesh.Trimesh:
+def box(sides: tuple[float, float, float], middle: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> trimesh.Trimesh:
     return trimesh.creation.box(sides, trimesh.transformations.translation_matrix(middle))
 
 

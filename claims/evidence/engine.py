@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 import palpate
 from claims.evidence.bodies import mesh_of
-from claims.evidence.covariance import CHI2_95, NOISE, squared_distance
+from claims.evidence.covariance import NOISE, coverage
 from claims.row import Row
 from palpate.contact.plausibility import RequiredBounds
 from palpate.surfaces.quadric import Cylinder
@@ -115,8 +115,8 @@ def _single(name: str, tool: Tool, count: int, turning: float = 0.0) -> Iterator
         yield Row(what, ">= 99 %; p95 <= 0.15 mm", got, met)
         noisy = seen.wrench + NOISE * rng.standard_normal((count, 6))
         found = palpate.Locator(surface, noise=NOISE).run(noisy, sequential=False)
-        held = np.mean(squared_distance(found, seen.point) <= CHI2_95)
-        got = f"{np.mean(found.answered):.2%}; {held:.2%}; {_quantiles(_errors(found, seen))}"
+        inside, _ = coverage(found, seen.point)
+        got = f"{np.mean(found.answered):.2%}; {inside:.2%}; {_quantiles(_errors(found, seen))}"
         what = f"{name} as {kind}, noise of 0.02 N and 1 mN m: answered; truth in the 95 % ellipse; error"
         yield Row(what, "", got)
 

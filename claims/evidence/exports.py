@@ -43,7 +43,6 @@ class Export:
         says: what `rig new` must say of it.
         refused: what `rig new` refuses it with; "" if it makes a rig.
         edit: a line of the rig to change, as (old, new), which `rig new` must have named.
-        unread: what `estimate` refuses with in spite of a rig.
         tolerance: [N, N m] by which wrenches may miss the session's, where the form has fewer digits.
     """
 
@@ -54,7 +53,6 @@ class Export:
     says: tuple[str, ...] = ()
     refused: str = ""
     edit: tuple[str, str] | None = None
-    unread: str = ""
     tolerance: tuple[float, float] = (1e-9, 1e-11)
 
 

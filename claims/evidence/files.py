@@ -43,12 +43,12 @@ REAL = [Real(**each) for each in tomllib.loads(Path(__file__).with_name("real_ta
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """Small takes few tables and postures: the tests of `io` try them all."""
+    """Small takes few tables and postures: the tests of `files` and of real data try them all."""
     with tempfile.TemporaryDirectory() as folder:
         yield from _tables(Path(folder) / "tables", 40 if small else 1)
         yield from _tree(Path(folder) / "tree", 6 if small else 20)
         yield from _links(Path(folder) / "links", 5 if small else 1000)
-        yield from _real(Path(folder) / "real")
+        yield from _real(Path(folder) / "real", 6 if small else 1)
 
 
 def _tables(folder: Path, step: int) -> Iterator[Row]:
@@ -113,14 +113,14 @@ def _urdf(what: str, off: list[float]) -> Row:
     return Row(f"URDF: {what}", "<= 1e-12", f"{max(off):.1e}", max(off) <= EXACT)
 
 
-def _real(folder: Path) -> Iterator[Row]:
+def _real(folder: Path, step: int) -> Iterator[Row]:
     """What `rig new` takes the real tables for."""
     folder.mkdir()
     where = shared()
     if where is None:
         yield from skipped("real tables: what `rig new` takes them for", "")
         return
-    for each in REAL:
+    for each in REAL[::step]:
         said = cli("rig", "new", where / "data" / each.name, "-o", folder / "rig.toml", "--force").output
         said = said.replace(f"{where / 'data'}/", "")
         yield Row(f"{each.name}; a person says: {each.person}", "", _short(said), None)

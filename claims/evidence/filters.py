@@ -12,7 +12,7 @@ import numpy as np
 from scipy import linalg, signal
 
 from claims.evidence.bodies import BODIES, R, mesh_of
-from claims.evidence.covariance import CHI2_95, NOISE, squared_distance
+from claims.evidence.covariance import NOISE, coverage
 from claims.row import Row
 from palpate import ForceTorque, Locator, Pose, Recording
 from palpate.contact import ContactEstimate, WrenchEstimator
@@ -133,8 +133,7 @@ def _coverage(made: Filter, what: str, count: int, judged: bool) -> Row:
         wrenches[:, :-1] += np.cumsum(steps, axis=1)[:, ::-1]
     wrenches += rng.standard_normal(wrenches.shape) * NOISE
     found = _answers(made, wrenches, RUN // 2 if made.zero_phase else RUN - 1)
-    square = squared_distance(found, points)
-    share, mean = float(np.mean(square <= CHI2_95)), float(np.mean(square[found.answered]))
+    share, mean = coverage(found, points)
     scatter = 3.5 * (0.05 * 0.95 / count) ** 0.5 if count < 10_000 else 0.0  # of few runs
     got = f"{share:.2%}, {mean:.3f}; {count:,} runs, {np.count_nonzero(~found.answered)} not answered"
     name = f"{_name(made)}, {what}: truth in the 95 % ellipse, mean squared distance"

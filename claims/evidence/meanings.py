@@ -5,7 +5,6 @@ that a turning arm holds; what is logged follows from it by the formulas in `_lo
 rig new` and `palpate estimate`, where the rig states what is usual of that maker.
 """
 
-import json
 import re
 import tempfile
 import tomllib
@@ -14,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import tomlkit
 import trimesh
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -347,16 +347,7 @@ def _right(found: Path, session: Session) -> bool:
 def _stated(rig: dict[str, dict[str, object]], states: Mapping[str, Mapping[str, object]]) -> str:
     for name, keys in states.items():
         rig[name] = dict(keys) if name == "orientation" else {**rig.get(name, {}), **keys}
-    lines: list[str] = []
-    for name, table in rig.items():
-        lines += [f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
-    return json.dumps(value)
+    return tomlkit.dumps(rig)
 
 
 def rows(small: bool) -> Iterator[Row]:

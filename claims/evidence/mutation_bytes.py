@@ -9,40 +9,17 @@ Random = np.random.Generator
 Mutation = Callable[[bytes, Random], bytes]
 
 BYTES = (
-    b"\0",
-    b"\xff",
-    b'"',
-    b"'",
-    b"\n",
-    b"\r",
-    b"\r\n",
-    b"\n\n",
-    b",",
-    b";",
-    b"\t",
-    b"\xef\xbb\xbf",
-    b"\xff\xfe",
-    b"=",
-)
+    b"\0", b"\xff", b'"', b"'", b"\n", b"\r", b"\r\n", b"\n\n", b",", b";", b"\t", b"\xef\xbb\xbf", b"\xff\xfe", b"=",
+)  # fmt: skip
 DOUBLES = (np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, -0.0, 0.0, 1e9, 1e18, 1.0, -1.0, 1e-12)
 COUNTS = (
-    *range(4),
-    0xFF,
-    0x7FFF,
-    0xFFFF,
-    0x10000,
-    0x7FFFFFFF,
-    1 << 31,
-    0xFFFFFFFF,
-    1 << 40,
-    (1 << 63) - 1,
-    (1 << 64) - 1,
-)
+    *range(4), 0xFF, 0x7FFF, 0xFFFF, 0x10000, 0x7FFFFFFF, 1 << 31, 0xFFFFFFFF, 1 << 40, (1 << 63) - 1, (1 << 64) - 1,
+)  # fmt: skip
 
 
-def _stretch(data: bytes, random: Random, longest: int = 400) -> tuple[int, int]:
+def _stretch(data: bytes, random: Random) -> tuple[int, int]:
     begin = int(random.integers(len(data) + 1))
-    return begin, min(len(data), begin + int(random.integers(1, int(random.choice([4, 40, longest])) + 1)))
+    return begin, min(len(data), begin + int(random.integers(1, int(random.choice([4, 40, 400])) + 1)))
 
 
 def flip(data: bytes, random: Random) -> bytes:
@@ -69,9 +46,8 @@ def swap(data: bytes, random: Random) -> bytes:
 
 def insert(data: bytes, random: Random) -> bytes:
     at = int(random.integers(len(data) + 1))
-    new = (
-        BYTES[int(random.integers(len(BYTES)))] if random.random() < 0.5 else random.bytes(int(random.integers(1, 60)))
-    )
+    known = random.random() < 0.5
+    new = BYTES[int(random.integers(len(BYTES)))] if known else random.bytes(int(random.integers(1, 60)))
     return data[:at] + new + data[at:]
 
 

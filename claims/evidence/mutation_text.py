@@ -78,17 +78,8 @@ def header(data: bytes, random: Random) -> bytes:
     first, end, rest = data.partition(b"\n")
     names = first.split(b",")
     at = int(random.integers(len(names)))
-    odd = (
-        b"",
-        b" ",
-        b'"',
-        names[0],
-        names[at].upper(),
-        names[at][:-1],
-        names[at] + b"x",
-        b'"' + names[at] + b'"',
-        b"\xff",
-    )
+    name, quote = names[at], b'"'
+    odd = (b"", b" ", quote, names[0], name.upper(), name[:-1], name + b"x", quote + name + quote, b"\xff")
     names[at] = odd[int(random.integers(len(odd)))]
     return b",".join(names) + end + rest
 

@@ -3,8 +3,6 @@
 import hashlib
 import os
 import platform
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -14,6 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import native_build
+from claims.process import palpate, python
 from claims.row import ROOT, Row
 from palpate.cli import main
 from palpate.contact import Locator
@@ -30,17 +29,14 @@ SESSIONS = {  # what `palpate simulate` makes, its log and its rig, and the cali
 }
 MODEL = {"marker ring": 'model = "ring.toml"\n'}  # a line for the rig, where it does not name its calibration
 RUN = """
-import os, resource, sys
+import os, sys
 from pathlib import Path
 import palpate.surfaces._jit as jit
 if {plain}:
     jit.CPUINFO = Path(os.devnull)  # an older processor, as far as the loader can tell
 from palpate.cli import main
-code = main({words})
-used = resource.getrusage(resource.RUSAGE_SELF)
-status = Path("/proc/self/status").read_text()  # ru_maxrss would count the process that started this one, too
-memory = int(status.partition("VmHWM:")[2].split()[0])
-print(code, used.ru_utime + used.ru_stime, memory / 1024, "numba" in sys.modules)
+main({words})
+print("numba" in sys.modules)
 """
 
 
@@ -60,16 +56,12 @@ def _sessions(folder: Path, small: bool) -> Iterator[tuple[str, Path, Path]]:
     yield "six-axis", folder / "touches.csv", folder / "rig.toml"
     for sensor, (kind, log, rig, calibration) in {} if small else SESSIONS.items():
         made = folder / sensor.replace(" ", "_")
-        _palpate(folder, "simulate", *kind.split(), "-o", made.name)
+        palpate("simulate", *kind.split(), "-o", made.name, cwd=folder)
         if calibration:
-            _palpate(made, "calibrate", *calibration.split())
+            palpate("calibrate", *calibration.split(), cwd=made)
             with (made / rig).open("a") as file:
                 file.write(MODEL.get(sensor, ""))
         yield sensor, made / log, made / rig
-
-
-def _palpate(folder: Path, *words: str) -> None:
-    subprocess.run([sys.executable, "-m", "palpate", "--quiet", *words], check=True, cwd=folder)
 
 
 def _estimated(sensor: str, log: Path, rig: Path, small: bool) -> Iterator[Row]:
@@ -79,12 +71,8 @@ def _estimated(sensor: str, log: Path, rig: Path, small: bool) -> Iterator[Row]:
 
     def run(plain: bool = False, native: str = "1") -> tuple[str, float, float, bool]:
         code = RUN.format(plain=plain, words=words)
-        surroundings = {**os.environ, "PALPATE_NATIVE": native}
-        done = subprocess.run([sys.executable, "-c", code], env=surroundings, capture_output=True, text=True, cwd=ROOT)
-        if done.returncode or not done.stdout:
-            raise RuntimeError(done.stderr)
-        _, cpu, memory, numba = done.stdout.splitlines()[-1].split()
-        return hashlib.sha256(output.read_bytes()).hexdigest(), float(cpu), float(memory), numba == "True"
+        printed, _, cpu, memory = python("-c", code, cwd=ROOT, env={**os.environ, "PALPATE_NATIVE": native})
+        return hashlib.sha256(output.read_bytes()).hexdigest(), cpu, memory, printed.endswith("True\n")
 
     found = sorted((run() for _ in range(1 if small else 5)), key=lambda one: one[1])
     digest, cpu, memory, numba = found[len(found) // 2]

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from claims.evidence.bodies import BODIES, R, mesh_of
-from claims.evidence.covariance import CHI2_95, NOISE, squared_distance
+from claims.evidence.covariance import NOISE, coverage
 from claims.row import Row
 from palpate import ForceTorque, Locator, Pose, Recording
 from palpate.contact import ContactEstimate, WrenchEstimator
@@ -93,13 +93,6 @@ def _rested(log: Recording) -> Noise:
     return noise
 
 
-def _held(found: list[ContactEstimate], points: list[np.ndarray]) -> tuple[float, float, int]:
-    """Share in the 95 % ellipse, mean squared distance, and how many there are."""
-    answers = ContactEstimate.joined(found)
-    square = squared_distance(answers, np.concatenate(points))
-    return float(np.mean(square <= CHI2_95)), float(np.mean(square[answers.answered])), len(square)
-
-
 def _coverage(kind: str, made: Filter | None, logs: int) -> Row:
     rng, found, touched = np.random.default_rng(43), list[ContactEstimate](), list[np.ndarray]()
     for _ in range(logs):
@@ -107,7 +100,8 @@ def _coverage(kind: str, made: Filter | None, logs: int) -> Row:
         noise = _rested(log)
         found.append(_answers(log, ForceTorque(noise.deviation, spectrum=noise.spectrum), made))
         touched.append(points)
-    share, mean, count = _held(found, touched)
+    share, mean = coverage(ContactEstimate.joined(found), np.concatenate(touched))
+    count = COUNT * logs
     name = "raw" if made is None else made.describe(RATE).split(":")[0]
     scatter = 3.5 * (0.05 * 0.95 / count) ** 0.5 if logs < 100 else 0.0
     met = 0.90 - scatter <= share <= 0.97 + scatter
@@ -148,11 +142,11 @@ def _gains(stated: float, logs: int) -> Row:
         errors = 0.01 * rng.standard_normal((6, 6)) * scale / scale[:, None]
         log, points = _log("white", rng, np.eye(6) + errors)
         noise = _rested(log)
-        found.append(
-            _answers(log, ForceTorque(noise.deviation, spectrum=noise.spectrum, gain_error=stated), FILTERS[2])
-        )
+        sensor = ForceTorque(noise.deviation, spectrum=noise.spectrum, gain_error=stated)
+        found.append(_answers(log, sensor, FILTERS[2]))
         touched.append(points)
-    share, mean, count = _held(found, touched)
+    share, mean = coverage(ContactEstimate.joined(found), np.concatenate(touched))
+    count = COUNT * logs
     scatter = 0.05 if logs < 100 else 0.0  # the touches of a log share its matrix
     met = 0.90 - scatter <= share <= 0.97 + scatter if stated else None
     got = f"{share:.2%}, {mean:.3f}; {count:,} touches in {logs} logs"

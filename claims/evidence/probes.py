@@ -18,6 +18,7 @@ import numpy as np
 import trimesh
 
 import palpate
+from claims.evidence.bodies import on_facets
 from claims.row import Row, shared, skipped
 from palpate.surfaces._normals import half_edge_twins
 from palpate_lab.simulation import touch_wrenches
@@ -37,7 +38,7 @@ def rows(small: bool) -> Iterator[Row]:
         yield from skipped("three ultrasound probes", "")
         return
     count = 1_000 if small else 10_000
-    for probe, (kind, crease) in product(PROBES, KINDS.items()):
+    for probe, (kind, crease) in product(PROBES[:: 2 if small else 1], KINDS.items()):
         mesh = palpate.Mesh.load(folder / f"data/probes/{probe}.stl", unit="mm", crease=radians(crease))
         yield from _judge(probe.removeprefix("UsProbe_"), mesh, kind, count)
 
@@ -77,20 +78,18 @@ class Outside:
         body = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False)
         self.caster = body.ray
 
-    def __call__(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        return ~self.caster.intersects_any((points + OFF * normals) * 1e3, normals)
+    def __call__(self, points: np.ndarray, normals: np.ndarray, ways: np.ndarray | None = None) -> np.ndarray:
+        """Whether rays along the normals, or other ways, meet nothing."""
+        return ~self.caster.intersects_any((points + OFF * normals) * 1e3, normals if ways is None else ways)
 
 
 def _touched(
     mesh: palpate.Mesh, outside: Outside, kind: str, count: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Outer points, normals and facets, uniform in the outside's area."""
-    share = mesh.areas / mesh.areas.sum()
     kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     while sum(len(part[0]) for part in kept) < count:
-        facets = rng.choice(len(share), 2 * count, p=share)
-        root, along = np.sqrt(rng.uniform(size=2 * count)), rng.uniform(size=2 * count)
-        weights = np.stack([1 - root, root * (1 - along), root * along], axis=1)
+        facets, weights = on_facets(mesh, 2 * count, rng)
         flat = np.einsum("ni,nik->nk", weights, mesh.vertices[mesh.faces[facets]])
         free = outside(flat, mesh.normals[facets])
         facets, weights = facets[free], weights[free]

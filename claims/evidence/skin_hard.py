@@ -2,13 +2,14 @@
 
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import trimesh
 
-from claims.evidence.pad import cli
+from claims.command import cli
 from claims.evidence.skin_shapes import round_mesh, wristlike
 from claims.row import Row
 from palpate.errors import PalpateError
@@ -22,13 +23,11 @@ def hard_rows(small: bool, link: Mesh | None) -> Iterator[Row]:
     """Harder shapes, then bad input through the command."""
     sheet = Sheet(4, 10, (0.01, 0.01))
     clean = _smooth(48, 33)
-    ought = map_skin(clean, sheet, origin=START, heading=AHEAD).centres
+    laid = partial(map_skin, sheet=sheet, origin=START, heading=AHEAD)
+    ought = laid(clean).centres
 
     def off(mesh: Mesh) -> str:
-        return f"mapped, {1e3 * np.linalg.norm(_mapped(mesh, sheet).centres - ought, axis=-1).max():.4f} mm from it"
-
-    def row(what: str, target: str, got: str, passed: bool | None) -> Row:
-        return Row(what, target, got, passed)
+        return f"mapped, {1e3 * np.linalg.norm(laid(mesh).centres - ought, axis=-1).max():.4f} mm from it"
 
     for what, mesh in {
         "soup": soup(clean),
@@ -36,12 +35,12 @@ def hard_rows(small: bool, link: Mesh | None) -> Iterator[Row]:
         "a body inside": _filled(clean),
     }.items():
         got = off(mesh)
-        yield row(f"{what}: the map of the clean mesh", "<= 0.001 mm", got, float(got.split()[1]) <= 1e-3)
+        yield Row(f"{what}: the map of the clean mesh", "<= 0.001 mm", got, float(got.split()[1]) <= 1e-3)
     got = _tried(box_link(), Sheet(4, 10, (0.01, 0.01)), (0.03, -0.02, -0.02), (0, 1, 0))
-    yield row("a sharp edge (square link, edges of 90 deg)", "mapped or refused with the reason", *got)
+    yield Row("a sharp edge (square link, edges of 90 deg)", "mapped or refused with the reason", *got)
     for size in (0.006, 0.03):
         what = f"a hole of {2e3 * size:.0f} mm under the sheet"
-        yield row(what, "mapped or refused with the reason", *_tried(holed(clean, size), sheet, START, AHEAD))
+        yield Row(what, "mapped or refused with the reason", *_tried(holed(clean, size), sheet, START, AHEAD))
     yield _seam(clean)
     for count in (1_000, 20_000) if small else (1_000, 20_000, 500_000):
         around = int(np.sqrt(count * 1.4))
@@ -50,16 +49,12 @@ def hard_rows(small: bool, link: Mesh | None) -> Iterator[Row]:
         got = off(mesh)
         took = time.perf_counter() - begin
         what = f"{len(mesh.faces):,} triangles: from the map of 3,072"
-        yield row(what, "<= 0.1 mm", f"{got}, {took:.2f} s the first time", float(got.split()[1]) <= 0.1)
+        yield Row(what, "<= 0.1 mm", f"{got}, {took:.2f} s the first time", float(got.split()[1]) <= 0.1)
     yield from _bad_input(small, clean)
 
 
 def _smooth(around: int, rings: int) -> Mesh:
     return round_mesh(wristlike, around, np.linspace(-0.04, 0.04, rings))
-
-
-def _mapped(mesh: Mesh, sheet: Sheet):
-    return map_skin(mesh, sheet, origin=START, heading=AHEAD)
 
 
 def soup(mesh: Mesh) -> Mesh:
@@ -135,8 +130,7 @@ def _bad_input(small: bool, mesh: Mesh) -> Iterator[Row]:
         said = []
         for what, change in list(bad.items())[: 2 if small else None]:
             options = {**good, "-o": "map.toml", **change}
-            options["-o"] = str(Path(scratch) / options["-o"])
-            out = options.pop("-o")
+            out = Path(scratch) / options.pop("-o")
             done = cli("map", "skin", file, *(f"{key}={value}" for key, value in options.items()), "-o", out)
             sentence = done.stderr.strip().replace(f"{scratch}/", "")
             fine = done.returncode not in (0, None) and "Traceback" not in done.stderr and sentence.count("\n") == 0

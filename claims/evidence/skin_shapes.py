@@ -172,13 +172,10 @@ def wristlike(z: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return _stack(r * np.cos(angle) + 0.02 * z, r * np.sin(angle) - 0.05 * z, z)
 
 
-def round_mesh(
-    point: Callable[[np.ndarray, np.ndarray], np.ndarray], around: int, heights: np.ndarray, stagger: float = 0.0
-) -> Mesh:
-    """Triangles with their corners on a shape: `around` columns, each ring turned from the one below by `stagger`."""
-    step = 2 * np.pi / around
-    z, angle = np.meshgrid(heights, np.arange(around) * step, indexing="ij")
-    vertices = point(z, angle + stagger * step * np.arange(len(heights))[:, None]).reshape(-1, 3)
+def round_mesh(point: Callable[[np.ndarray, np.ndarray], np.ndarray], around: int, heights: np.ndarray) -> Mesh:
+    """Triangles with their corners on a shape, in `around` columns."""
+    z, angle = np.meshgrid(heights, np.arange(around) * (2 * np.pi / around), indexing="ij")
+    vertices = point(z, angle).reshape(-1, 3)
     i, j = np.meshgrid(np.arange(len(heights) - 1), np.arange(around), indexing="ij")
     a, b = (i * around + j).reshape(-1), (i * around + (j + 1) % around).reshape(-1)
     c, d = a + around, b + around

@@ -88,7 +88,7 @@ def _trial(skin: Forearm, link: Mesh, seed: int, pokes: int, start: bool) -> _Tr
     made = bench.session(rng, pokes).pokes
     cad = skin.cad(rng) if start else None
     places = calibrate_taxels(made, surface=link, start=cad, layout=skin.layout, priors=priors_of(MIX)).places
-    held = _held(places.positions - skin.places.positions, places.covariance)
+    held = inside_ellipse(places.positions - skin.places.positions, places.covariance)
     off = compare_places(places, skin.places)
     return _Trial(off.absolute**2, places.deviations() ** 2, off.relative**2, places.relative**2, held)
 
@@ -108,7 +108,7 @@ def _untouched(skin: Forearm, link: Mesh, sessions: int, pokes: int) -> Iterator
         never = places.pokes == 0
         away = places.positions[never] - skin.places.positions[never]
         off.append(np.linalg.norm(away, axis=1))
-        held.append(_held(away, places.covariance[never]))
+        held.append(inside_ellipse(away, places.covariance[never]))
     every = np.concatenate(off)
     means = np.array([each.mean() for each in off])
     got = (
@@ -121,7 +121,7 @@ def _untouched(skin: Forearm, link: Mesh, sessions: int, pokes: int) -> Iterator
     yield Row(what, "<= 2.5 mm mean", got, met)
 
 
-def _held(away: Float[np.ndarray, "k 3"], covariance: Float[np.ndarray, "k 3 3"]) -> Bool[np.ndarray, " k"]:
+def inside_ellipse(away: Float[np.ndarray, "k 3"], covariance: Float[np.ndarray, "k 3 3"]) -> Bool[np.ndarray, " k"]:
     """Whether 95 % ellipses in the surface hold the truth."""
     values, axes = np.linalg.eigh(covariance)
     standing = np.einsum("kia,ki->ka", axes[:, :, 1:], away) ** 2 / values[:, 1:]

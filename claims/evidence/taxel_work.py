@@ -7,7 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
-from claims.evidence.taxel_limit import HELD, priors_of
+from claims.evidence.taxel_limit import inside_ellipse, priors_of
 from claims.row import Row, shared, skipped
 from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.sensors.taxels.model import TaxelBody
@@ -137,19 +137,14 @@ def _judged(places: TaxelPlaces, touches: SkinTouches, several: int) -> _Judged:
         if several == 1 and len(rows):
             row = rows[int(far[:, 0].argmin())]
             away.append(float(far[:, 0].min()))
-            held.append(_holds(found.estimate.point[row] - touches.point[k], found.estimate.covariance[row]))
+            off = found.estimate.point[[row]] - touches.point[k]
+            held.append(bool(inside_ellipse(off, found.estimate.covariance[[row]])[0]))
         if several == 2:
             two = len(rows) == 2
             told.append(two and bool(min(max(far[0, 0], far[1, 1]), max(far[0, 1], far[1, 0])) < NEAR))
     to_taxels = np.linalg.norm(touches.point[:, None] - _skin().places.positions, axis=2).min(axis=1)
     beside = (to_taxels < BESIDE).reshape(-1, several).all(axis=1)
     return _Judged(np.array(away), np.array(held), np.array(count), np.array(told, dtype=bool), beside)
-
-
-def _holds(away: np.ndarray, covariance: np.ndarray) -> bool:
-    """Whether the 95 % ellipse in the tangent plane, across which a covariance has no extent, does."""
-    values, axes = np.linalg.eigh(covariance)
-    return bool(((axes[:, 1:].T @ away) ** 2 / values[1:]).sum() < HELD)
 
 
 # --- real time

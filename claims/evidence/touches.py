@@ -13,8 +13,10 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import palpate
-from claims.evidence.bodies import BUMPIER, R, mesh_of
+from claims.evidence.bodies import BUMPIER, R, mesh_of, on_facets
+from claims.evidence.covered import box
 from claims.evidence.payload import hundred_poses
+from claims.evidence.probes import Outside
 from claims.row import Row
 from palpate.contact import WrenchEstimator
 from palpate.sensors.force_torque.compensation import Compensation
@@ -56,13 +58,8 @@ def _mug() -> trimesh.Trimesh:
 
 
 def _gripper() -> trimesh.Trimesh:
-    parts = [((0.06, 0.015, 0.02), (0.0, 0.0075, 0.01))]
-    parts += [((0.015, 0.05, 0.02), (x, 0.025, 0.01)) for x in (-0.0225, 0.0225)]
-    boxes: list[trimesh.Trimesh] = []
-    for size, middle in parts:
-        boxes.append(trimesh.creation.box(size))
-        boxes[-1].apply_translation(middle)
-    return trimesh.util.concatenate(boxes)
+    fingers = [box((0.015, 0.05, 0.02), (x, 0.025, 0.01)) for x in (-0.0225, 0.0225)]
+    return trimesh.util.concatenate([box((0.06, 0.015, 0.02), (0.0, 0.0075, 0.01)), *fingers])
 
 
 def _judge(name: str, mesh: palpate.Mesh, torsion: float, count: int) -> Iterator[Row]:
@@ -73,10 +70,7 @@ def _judge(name: str, mesh: palpate.Mesh, torsion: float, count: int) -> Iterato
     wrenches = np.concatenate([part for pair in zip(touches, silence, strict=True) for part in pair])
     log = Recording(np.arange(len(wrenches)) / RATE, {"force": wrenches[:, :3], "torque": wrenches[:, 3:]})
     made = palpate.Locator(mesh, noise=NOISE, friction=FRICTION, torsion=torsion)
-    live, logged = (
-        WrenchEstimator(made, palpate.ForceTorque(NOISE)),
-        WrenchEstimator(made, palpate.ForceTorque(NOISE), live=False),
-    )
+    live, logged = (WrenchEstimator(made, palpate.ForceTorque(NOISE), live=each) for each in (True, False))
     for how, found in (("live", live.run(log)), ("log", palpate.Contacts.joined(list(logged.stream([log]))))):
         yield from _counted(f"{name}, {how}", found, points, how == "live")
 
@@ -112,16 +106,12 @@ def _counted(what: str, found: palpate.Contacts, points: np.ndarray, live: bool)
 
 
 def _reachable(mesh: palpate.Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Points, uniform in area, from which a random ray on the side of the normal leaves the body (in millimetres)."""
-    body = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False)
-    share, many = mesh.areas / mesh.areas.sum(), 20 * count
-    facets = rng.choice(len(share), many, p=share)
-    root, along = np.sqrt(rng.uniform(size=many)), rng.uniform(size=many)
-    weights = np.stack([1 - root, root * (1 - along), root * along], axis=1)
+    """Points, uniform in area, from which a random ray on the side of the normal leaves the body."""
+    facets, weights = on_facets(mesh, 20 * count, rng)
     points = np.einsum("ni,nik->nk", weights, mesh.vertices[mesh.faces[facets]])
-    normals, ways = mesh.normals[facets], rng.standard_normal((many, 3))
+    normals, ways = mesh.normals[facets], rng.standard_normal((20 * count, 3))
     ways *= np.sign(np.einsum("nk,nk->n", ways, normals))[:, None]
-    free = ~body.ray.intersects_any((points + 1e-5 * normals) * 1e3, ways)
+    free = Outside(mesh)(points, normals, ways)
     return points[free][:count], normals[free][:count]
 
 

@@ -4,15 +4,13 @@ Wall time means something on a machine that does nothing else, so the load stand
 """
 
 import os
-import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from claims.evidence.long_logs import write_log
+from claims.process import Took, palpate
 from claims.row import Row
-from claims.timings.many_logs import Time, timed
 from claims.timings.processes import prepare
 from palpate_lab.simulation import simulate_session
 
@@ -28,36 +26,24 @@ def rows(small: bool) -> Iterator[Row]:
         prepare(session, folder)
         for samples in (2_000,) if small else SHORTER:
             write_log(folder / "long.mcap", session, samples)
-            got = _compared(folder).figure + f"; {(folder / 'long.mcap').stat().st_size / 1e6:.0f} MB"
+            got = _compared(folder)[2] + f"; {(folder / 'long.mcap').stat().st_size / 1e6:.0f} MB"
             yield Row(f"one log of {samples:,} samples: from what size on do other processes pay?", "", got)
         samples = 2_000 if small else SAMPLES
         write_log(folder / "long.mcap", session, samples)
-        found = _compared(folder)
+        ratio, same, got = _compared(folder)
     what = f"one log of {samples:,} samples, read and written by processes of their own, located in two threads"
-    met = None if small else found.same and found.ratio >= LEAST
-    yield Row(what, f">= {LEAST}x on two cores, same bits", found.figure, met)
+    met = None if small else same and ratio >= LEAST
+    yield Row(what, f">= {LEAST}x on two cores, same bits", got, met)
 
 
-@dataclass(frozen=True)
-class _Compared:
-    ratio: float
-    same: bool
-    figure: str
-
-
-def _compared(folder: Path) -> _Compared:
-    """The log of a folder, in one process and with two workers."""
-    found = dict[int, list[Time]]({1: [], 2: []})
+def _compared(folder: Path) -> tuple[float, bool, str]:
+    """The log of a folder with two workers: how many times as quick, whether with the same bits, and all in words."""
+    found = dict[int, list[Took]]({1: [], 2: []})
     for workers in (1, 2, 1, 2):  # in turns
-        command = ("estimate", str(folder / "long.mcap"), "--rig", str(folder / "rig.toml"))
-        output = str(folder / f"long{workers}.mcap")
-        _, took = timed(sys.executable, "-m", "palpate", *command, "-o", output, "--workers", str(workers))
-        found[workers].append(took)
+        words = f"estimate long.mcap --rig rig.toml -o long{workers}.mcap --workers {workers}"
+        found[workers].append(palpate(*words.split(), cwd=folder))
     same = (folder / "long1.mcap").read_bytes() == (folder / "long2.mcap").read_bytes()
     one, two = (min(each.wall for each in found[workers]) for workers in (1, 2))
     cpu = min(each.cpu for each in found[2]) / min(each.cpu for each in found[1])
-    figure = (
-        f"{one / two:.2f}x: {one:.1f} s, {two:.1f} s; CPU {cpu:.2f}x; {'the same' if same else 'OTHER'} bits; "
-        f"load {os.getloadavg()[0]:.1f}"
-    )
-    return _Compared(one / two, same, figure)
+    figure = f"{one / two:.2f}x: {one:.1f} s, {two:.1f} s; CPU {cpu:.2f}x; {'the same' if same else 'OTHER'} bits"
+    return one / two, same, f"{figure}; load {os.getloadavg()[0]:.1f}"

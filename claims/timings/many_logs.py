@@ -6,18 +6,17 @@ seconds of all processes say what the wall time could be there.
 """
 
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
 from claims.evidence.long_logs import write_log
+from claims.process import python
 from claims.row import Row
 from claims.timings.processes import prepare
 from palpate_lab.simulation import simulate_session
@@ -38,19 +37,6 @@ print("warm", time.perf_counter() - wall, time.process_time() - cpu)
 """
 
 
-@dataclass(frozen=True)
-class Time:
-    """Seconds of a command.
-
-    Attributes:
-        wall: on the wall.
-        cpu: of all its processes together.
-    """
-
-    wall: float
-    cpu: float
-
-
 def rows(small: bool) -> Iterator[Row]:
     """A body of 20k facets, wrenches and poses at 1 kHz, MCAP; small judges nothing."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -67,13 +53,13 @@ def rows(small: bool) -> Iterator[Row]:
 def _batches(folder: Path, count: int, small: bool) -> Iterator[Row]:
     rig = str(folder / "rig.toml")
     logs = (str(folder / "logs" / "log_0000.mcap"), str(folder / "logs"))
-    printed, _ = timed(sys.executable, "-c", WARM, *logs, rig, str(folder / "warm"), str(folder / "one"))
+    printed = python("-c", WARM, *logs, rig, folder / "warm", folder / "one").printed
     ideal = float(printed.split()[-1]) / 2
     for backend in (name for name, module in ENGINES.items() if find_spec(module) is not None):
         out = folder / backend
         command = ("batch", logs[1], "--rig", rig, "-o", str(out), "--workers", "2", "--backend", backend)
         took = [_watched(command, out / "batch.jsonl", most) for most in (count // 2, None)]
-        wall, cpu = sum(each.wall for each in took), sum(each.cpu for each in took)
+        wall, cpu = map(sum, zip(*took, strict=True))
         one = sorted((folder / "one").glob("*.parquet"))
         same = len(one) == count and all(file.read_bytes() == (out / file.name).read_bytes() for file in one)
         ratio = wall / ideal
@@ -85,16 +71,12 @@ def _batches(folder: Path, count: int, small: bool) -> Iterator[Row]:
         yield Row(what, f"<= {MOST}x the ideal, same bits", got, None if small else same and ratio <= MOST)
 
 
-def _watched(command: Sequence[str], kept: Path, most: int | None) -> Time:
-    """A command until it ends, or is killed when so many results are kept."""
+def _watched(command: Sequence[str], kept: Path, most: int | None) -> tuple[float, float]:
+    """Seconds on the wall and of all processes of a command until it ends, or is killed when so many are kept."""
     begin, spent = time.perf_counter(), dict[str, float]()
     environment = {**os.environ, TAG: str(os.urandom(8).hex())}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "palpate", *command],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    words, nowhere = [sys.executable, "-m", "palpate", *command], subprocess.DEVNULL
+    process = subprocess.Popen(words, env=environment, stdout=nowhere, stderr=nowhere)
     while process.poll() is None:
         spent |= _spent(f"{TAG}={environment[TAG]}".encode())
         if most is not None and kept.exists() and kept.read_bytes().count(b"\n") > most:
@@ -102,7 +84,7 @@ def _watched(command: Sequence[str], kept: Path, most: int | None) -> Time:
         time.sleep(0.2)
     if process.returncode and most is None:
         raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
-    return Time(time.perf_counter() - begin, sum(spent.values()))
+    return time.perf_counter() - begin, sum(spent.values())
 
 
 def _spent(tag: bytes) -> dict[str, float]:
@@ -114,12 +96,3 @@ def _spent(tag: bytes) -> dict[str, float]:
                 ticks = (process / "stat").read_text().rpartition(")")[2].split()[11:13]
                 found[process.name] = sum(map(int, ticks)) / TICK
     return found
-
-
-def timed(*command: str) -> tuple[str, Time]:
-    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}: {done.stderr}")
-    return done.stdout, Time(wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)

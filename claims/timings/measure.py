@@ -112,7 +112,7 @@ def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
     if facets <= 2_500:
         calls["4 x 4 solves in a loop (the paper)"] = (rivals.loop_of_solves(meshes.flat), slight, ())
     _agree(calls, meshes, found)
-    cast = rivals.embree_scene(meshes.flat)
+    cast = rivals.embree_scene(meshes.flat, query="INTERSECT")
     if cast is not None:
         rays = np.stack(_rays(slight))  # (2, n, 3)
         calls["embreex, one ray, zero pitch"] = (
@@ -189,7 +189,7 @@ def batches(meshes: Meshes, count: int) -> list[Batch]:
         ),
         "full, h/R 0.3": lambda: meshes.locator.run(steep, sequential=False),
     }
-    cast = rivals.embree_scene(meshes.flat)
+    cast = rivals.embree_scene(meshes.flat, query="INTERSECT")
     if cast is not None:
         rays = _rays(level)
         calls["embreex, h = 0"] = lambda: cast(*rays)

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 import palpate
 from claims.page import table
 from claims.timings.measure import short
+from claims.timings.rivals import embree_scene
 from palpate.surfaces import Ellipsoid as EllipsoidEquation
 from palpate.surfaces import plane
 from palpate_lab.papers.iterative import locate_iteratively
@@ -50,9 +51,9 @@ class Measured:
     times: np.ndarray
 
 
-def scenes(count: int, seed: int = 3) -> list[Scene]:
+def scenes(count: int) -> list[Scene]:
     """A plane over the sensor, touched with pitch, and an ellipsoid with pitches up to its size."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(3)
     level = np.array([0.0, 0.0, 1.0])
     points = np.column_stack([rng.uniform(-0.03, 0.03, (count, 2)), np.full(count, HEIGHT)])
     pressed = touch_wrenches(points, np.broadcast_to(level, points.shape), rng, pitch=0.3 * R)
@@ -62,31 +63,30 @@ def scenes(count: int, seed: int = 3) -> list[Scene]:
     for pitch in PITCHES:
         points = body.sample(count, rng)
         wrenches = touch_wrenches(points, body.normals(points), rng, pitch=pitch * R)
-        made.append(
-            Scene(f"ellipsoid, h to {pitch:g} R" if pitch else "ellipsoid, h = 0", mesh, equation, points, wrenches)
-        )
+        name = f"ellipsoid, h to {pitch:g} R" if pitch else "ellipsoid, h = 0"
+        made.append(Scene(name, mesh, equation, points, wrenches))
     return made
 
 
 def answers(scene: Scene) -> dict[str, Answer]:
     """Every estimator that is installed and can take this surface."""
     made: dict[str, Answer | None] = {
-        "Palpate, soft_finger": _located(scene.mesh, "soft_finger"),
-        "Palpate, wrench_axis": _located(scene.mesh, "wrench_axis"),
+        "Palpate, soft_finger": located(palpate.Locator(scene.mesh, torsion=3 * R)),
+        "Palpate, wrench_axis": located(palpate.Locator(scene.mesh, "wrench_axis", torsion=3 * R)),
         "bota-tactile-sensing-utils, one plane": bota_plane(HEIGHT) if scene.equation is None else None,
         "first hit of the line of action, embreex": _first_hit(scene.mesh),
     }
     if scene.equation is not None:
         made["nearest vertex by torque residual"] = nearest_vertex(scene.mesh)
-        made[EQUATION] = _located(scene.equation, "soft_finger")
+        made[EQUATION] = located(palpate.Locator(scene.equation, torsion=3 * R))
         made[ITERATIVE] = _iterated(scene.equation)
         made[WRITTEN_OUT] = _levenberg_marquardt(scene.equation.axes, analytic=True)
         made["scipy LM written out, numeric Jacobian"] = _levenberg_marquardt(scene.equation.axes, analytic=False)
     return {name: answer for name, answer in made.items() if answer is not None}
 
 
-def _located(surface: palpate.Surface, method: str) -> Answer:
-    locator = palpate.Locator(surface, method, torsion=3 * R)
+def located(locator: palpate.Locator) -> Answer:
+    """Return a locator's point of a wrench, with what it takes to write the whole answer into an array."""
     out = locator.empty()
 
     def answer(wrench: np.ndarray) -> np.ndarray:
@@ -117,21 +117,17 @@ def bota_plane(height: float) -> Answer | None:
 
 def _first_hit(mesh: palpate.Mesh) -> Answer | None:
     """Where the wrench axis first meets a facet; in millimetres and float32, as embree has it."""
-    try:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-    except ImportError:
+    cast = embree_scene(mesh, output=True)
+    if cast is None:
         return None
-    scene = EmbreeScene()
-    held = TriangleMesh(scene, np.ascontiguousarray(mesh.vertices * 1e3, np.float32), mesh.faces.astype(np.int32))
     middle, size = mesh.centre, mesh.size
 
-    def answer(wrench: np.ndarray, _held: object = held) -> np.ndarray:
+    def answer(wrench: np.ndarray) -> np.ndarray:
         force, moment = wrench[:3], wrench[3:]
         along = force / np.sqrt(force @ force)
         foot = np.array(_cross(force, moment)) / (force @ force)
         origin = foot + along * (along @ (middle - foot) - size)
-        ray = scene.run(np.float32(1e3 * origin[None]), np.float32(along[None]), output=True)
+        ray = cast(np.float32(1e3 * origin[None]), np.float32(along[None]))
         return origin + 1e-3 * float(ray["tfar"][0]) * along if ray["primID"][0] >= 0 else NOWHERE
 
     return answer

@@ -3,29 +3,16 @@
 It depends on the machine and on what else runs there; ratios between formats count.
 """
 
-import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from claims.evidence.long_logs import write_log
+from claims.process import palpate
 from claims.row import Row
 from palpate_lab.simulation import simulate_session, write_session
 from palpate_lab.simulation.session import Session
-
-MEBI = 1 << 10  # KiB, as the kernel counts
-# The kernel counts what a process was before it became the command: so a small one starts it, not this large one.
-WATCH = """\
-import os, subprocess, sys
-command = subprocess.Popen(sys.argv[1:])
-_, status, usage = os.wait4(command.pid, 0)
-print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss, file=sys.stderr)
-sys.stderr.flush()
-os._exit(os.waitstatus_to_exitcode(status))
-"""
 
 
 @dataclass(frozen=True)
@@ -63,29 +50,15 @@ def rows(small: bool) -> Iterator[Row]:
 
 def prepare(session: Session, folder: Path) -> None:
     write_session(session, folder)
-    watched(
-        "calibrate", "payload", folder / "free_motion.csv", "--rig", folder / "rig.toml", "-o", folder / "payload.toml"
-    )
+    palpate("calibrate", "payload", "free_motion.csv", "--rig", "rig.toml", "-o", "payload.toml", cwd=folder)
 
 
 def _run(session: Session, folder: Path, source: str, result: str, samples: int) -> Run:
     log, output = folder / f"log.{source}", folder / f"contacts.{result}"
     write_log(log, session, samples)
-    begin = time.perf_counter()
-    printed, _, peak = watched("estimate", log, "--rig", folder / "rig.toml", "-o", output)
-    took = time.perf_counter() - begin
+    printed, took, _, peak = palpate("estimate", log, "--rig", folder / "rig.toml", "-o", output)
     [timing] = [line for line in printed.splitlines() if line.strip().startswith("time")]
     prepared = float(timing.split(";")[1].split()[0].replace(",", ""))
     log.unlink()
     output.unlink()
     return Run(samples / took, prepared, peak)
-
-
-def watched(*words: str | Path) -> tuple[str, float, float]:
-    """What a command prints, the processor time that it takes, its start included [s], and its peak of memory [MiB]."""
-    command = [sys.executable, "-m", "palpate", *map(str, words)]
-    done = subprocess.run([sys.executable, "-c", WATCH, *command], capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}: {done.stderr}")
-    processor, peak = map(float, done.stderr.splitlines()[-1].split())
-    return done.stdout, processor, peak / MEBI

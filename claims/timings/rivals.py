@@ -1,6 +1,7 @@
 """Other ways to the same facet contacts: NumPy over all facets at once, the paper's systems, embree at zero pitch."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -76,8 +77,8 @@ def batched_solve(mesh: palpate.Mesh) -> Query:
     return lambda wrench: solve(wrench)[0]
 
 
-def embree_scene(mesh: palpate.Mesh) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
-    """Facets hit by rays (origins and directions in millimetres, float32), raw embreex; None where not installed."""
+def embree_scene(mesh: palpate.Mesh, **asked: object) -> Callable[[np.ndarray, np.ndarray], Any] | None:
+    """What rays hit (origins and directions in millimetres, float32), raw embreex; None where not installed."""
     try:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
@@ -86,7 +87,7 @@ def embree_scene(mesh: palpate.Mesh) -> Callable[[np.ndarray, np.ndarray], np.nd
     scene = EmbreeScene()
     keep = TriangleMesh(scene, np.ascontiguousarray(mesh.vertices * 1e3, np.float32), mesh.faces.astype(np.int32))
 
-    def cast(origins: np.ndarray, directions: np.ndarray, _held: object = keep) -> np.ndarray:
-        return scene.run(origins, directions, query="INTERSECT")
+    def cast(origins: np.ndarray, directions: np.ndarray, _held: object = keep) -> Any:
+        return scene.run(origins, directions, **asked)
 
     return cast

@@ -10,37 +10,34 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from claims.row import Row
+from claims.process import python
+from claims.row import ROOT, Row
 from palpate_lab.simulation import simulate_session, write_session
 
-ROOT = Path(__file__).parents[2]
+LOADED = "import palpate; palpate.Mesh.load('probe.stl', 'mm')"
 CPU = [  # what, target [s], arguments of Python
     ("`palpate --version`", 0.15, ["-m", "palpate", "--version"]),
     ("`palpate --help`", 0.3, ["-m", "palpate", "--help"]),
     ("`palpate inspect` of a CSV", 0.5, ["-m", "palpate", "inspect", "touches.csv"]),
     ("importing palpate", 0.25, ["-c", "import palpate"]),
-    (
-        "`palpate.Mesh` of an STL, machine code there",
-        1.0,
-        ["-c", "import palpate; palpate.Mesh.load('probe.stl', 'mm')"],
-    ),
+    ("`palpate.Mesh` of an STL, machine code there", 1.0, ["-c", LOADED]),
 ]
 LARGE = """
-import resource, time
+import time
 import palpate
 from palpate_lab.simulation.shapes import BumpySphere
 palpate.Mesh.from_arrays(*BumpySphere(0.01).mesh(200)).prepared()
 arrays = BumpySphere(0.01).mesh(FACETS)
 begin = time.process_time()
 palpate.Mesh.from_arrays(*arrays).prepared()
-print(time.process_time() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+print(time.process_time() - begin)
 """
 FIRST = """
 import json, time
 import numpy as np, palpate
-from palpate_lab.simulation import Ellipsoid
+from palpate_lab.simulation import EllipsoidBody
 
-mesh = palpate.Mesh.from_arrays(*Ellipsoid((0.010, 0.007, 0.005)).mesh(20_000))
+mesh = palpate.Mesh.from_arrays(*EllipsoidBody((0.010, 0.007, 0.005)).mesh(20_000))
 begin = time.perf_counter()
 locator = palpate.Locator(mesh, noise=[0.02] * 3 + [0.001] * 3)
 took = {"ready": time.perf_counter() - begin}
@@ -84,12 +81,13 @@ def rows(small: bool) -> Iterator[Row]:
 def _cpu(turns: int) -> Iterator[Row]:
     """CPU time of whole processes, user and system; the figures of another checkout beside them: PALPATE_BESIDE=DIR."""
     trees = {"": ROOT, " there": Path(os.environ.get("PALPATE_BESIDE", ROOT)).resolve()}
+    surroundings = {name: {**os.environ, "PYTHONPATH": str(tree / "src")} for name, tree in trees.items()}
     with TemporaryDirectory() as folder:
         write_session(simulate_session(touches=2, facets=320), Path(folder))
         for what, least, arguments in CPU:
             took: dict[str, list[float]] = {name: [] for name in trees}
             for name in list(trees) * turns:
-                took[name].append(_process(trees[name], arguments, folder))
+                took[name].append(python(*arguments, cwd=folder, env=surroundings[name]).cpu)
             figures = [f"{median(each):.2f} s{name}" for name, each in took.items()]
             got = f"{', '.join(figures[: 1 + (trees[' there'] != ROOT)])} (CPU, median of {turns})"
             yield Row(what, f"<= {least} s", got, None if turns == 1 else median(took[""]) <= least)
@@ -97,34 +95,19 @@ def _cpu(turns: int) -> Iterator[Row]:
 
 def _large(facets: int) -> Row:
     """A mesh from its arrays to its tree, in a process of its own; the peak is that of the whole process."""
-    _python(LARGE.replace("FACETS", "2000"))  # compiles, which takes memory
-    prepared, peak = (float(word) for word in _python(LARGE.replace("FACETS", str(facets))).split())
+    python("-c", LARGE.replace("FACETS", "2000"))  # compiles, which takes memory
+    printed, _, _, peak = python("-c", LARGE.replace("FACETS", str(facets)))
+    prepared = float(printed)
     met = None if facets < 1_000_000 else prepared <= 6.0 and peak <= 600.0
     got = f"{prepared:.1f} s (CPU), {peak:.0f} MiB (the whole process)"
     return Row(f"a mesh of {facets:,} facets prepared", "<= 6 s and <= 600 MiB", got, met)
 
 
-def _process(tree: Path, arguments: list[str], folder: str) -> float:
-    before = os.times()
-    surroundings = {**os.environ, "PYTHONPATH": str(tree / "src")}
-    subprocess.run([sys.executable, *arguments], cwd=folder, capture_output=True, check=True, env=surroundings)
-    after = os.times()
-    return after.children_user + after.children_system - before.children_user - before.children_system
-
-
-def _python(code: str, cache: str | None = None) -> str:
-    surroundings = dict(os.environ) if cache is None else {**os.environ, "NUMBA_CACHE_DIR": cache}
-    return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=surroundings
-    ).stdout
-
-
 def _first(what: str, cache: str | None) -> Row:
-    took = json.loads(_python(FIRST, cache))
-    ready, slow = took.pop("ready"), {}
-    for name, value in took.items():
-        if isinstance(value, float) and value > 0.05:
-            slow[name] = f"{value:.1f} s"
+    surroundings = None if cache is None else {**os.environ, "NUMBA_CACHE_DIR": cache}
+    took = json.loads(python("-c", FIRST, env=surroundings).printed)
+    ready = took.pop("ready")
+    slow = {name: f"{value:.1f} s" for name, value in took.items() if isinstance(value, float) and value > 0.05}
     first, again = took["locator(wrench, out)"], took["again"]
     got = f"Locator ready in {ready:.1f} s; first query {1e6 * first:.0f} us, second {1e6 * again:.0f} us"
     got += "; nothing compiled later" if not slow else f"; compiled inside: {slow}"
@@ -151,7 +134,6 @@ def _said() -> Row:
             heard += piece
         done.wait()
         os.close(main)
-    lines = [
-        line.strip() for line in heard.decode(errors="replace").replace("\r", "\n").splitlines() if "compil" in line
-    ]
+    words = heard.decode(errors="replace").replace("\r", "\n")
+    lines = [line.strip() for line in words.splitlines() if "compil" in line]
     return Row("`palpate estimate` on a terminal says that it compiles", "a word", " ".join(lines), bool(lines))

@@ -7,7 +7,7 @@ import numpy as np
 import polars
 import pytest
 
-from claims.evidence.cell_faults import dead, drifting, saturated, swapped
+from claims.evidence.load_cells import of_cell, spoilt
 from palpate_lab.simulation.cell_array import LAYOUTS, in_line
 from palpate_lab.simulation.load_cell_bench import BENCHES, CUTOFF, RATE, REST, Bench, BenchRun
 from palpate_lab.simulation.load_cell_files import write_bench_log, write_voltage_log
@@ -128,18 +128,16 @@ def test_a_twist_on_a_soft_layer_adds_to_the_moment_about_the_normal_alone(soft:
 
 
 def test_faults_touch_only_the_cells_that_they_name(rigid: BenchRun) -> None:
+    both = of_cell(0) + of_cell(3)
     for broken, cells in (
-        (dead(rigid, 1, volts=0.3), {1}),
-        (saturated(rigid, 2, 0.01), {2}),
-        (swapped(rigid, 0, 3), {0, 3}),
-        (drifting(rigid, 3, 1e-5), {3}),
+        (spoilt(rigid, of_cell(1), "dead", level=0.3), {1}),
+        (spoilt(rigid, of_cell(2), "saturated", limit=0.01), {2}),
+        (spoilt(rigid, both, "swapped"), {0, 3}),
+        (spoilt(rigid, of_cell(3), "drifting by 1 mV/s"), {3}),
     ):
         changed = np.flatnonzero(np.abs(broken.voltages - rigid.voltages).max(axis=0)) // 3
         assert set(changed.tolist()) == cells
-    np.testing.assert_array_equal(
-        dead(rigid, 1, since=4.0).voltages[rigid.time < 4.0], rigid[rigid.time < 4.0].voltages
-    )
-    again = swapped(swapped(rigid, 0, 3), 0, 3)
+    again = spoilt(spoilt(rigid, both, "swapped"), both, "swapped")
     np.testing.assert_array_equal(again.voltages, rigid.voltages)
 
 

@@ -36,10 +36,10 @@ def _rise(share: np.ndarray) -> np.ndarray:
     return 0.5 - 0.5 * np.cos(np.pi * np.clip(share, 0.0, 1.0))
 
 
-def drift_of(walk: float, warm_up: float = 0.0, settling: float = 600.0, weight: float = 0.0) -> Drift:
+def drift_of(walk: float, warm_up: float = 0.0, weight: float = 0.0) -> Drift:
     """By walk [N/sqrt(s)] and warm-up [N/s] of each force; torques a lever less."""
     each = np.repeat([1.0, LEVER], 3)
-    return Drift(walk * each, warm_up * each, settling if warm_up else np.inf, weight)
+    return Drift(walk * each, warm_up * each, 600.0 if warm_up else np.inf, weight)
 
 
 def wrenches(time: np.ndarray, touches: list[Touch], rng: np.random.Generator) -> np.ndarray:

@@ -11,7 +11,9 @@ from scipy.optimize import least_squares
 from palpate_lab.simulation.ball_on_ellipse import FINGERTIP, Ellipse
 
 SENSITIVITY = 10.0  # N/V: where the search starts, the same for all axes
-RATIO = 1e3  # N a metre: newtons and millimetres are added, as the paper's units suggest
+RATIO = (
+    1e3  # N a metre: newtons and millimetres are added, as the paper's units suggest; SI leaves the point nearly free
+)
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,6 @@ class Literal:
         force: Float[np.ndarray, "n 3"],
         point: Float[np.ndarray, "n 3"],
         position: Float[np.ndarray, "k 3"],
-        *,
-        ratio: float = RATIO,
     ) -> Literal:
         """(18): least squares on force and contact point together, from roughly known places.
 
@@ -39,7 +39,6 @@ class Literal:
             force: of the reference [N].
             point: of the reference, on the surface [m].
             position: of the cells as drawn [m].
-            ratio: how many newtons count as much as a metre: 1 adds SI numbers, which leaves the point nearly free.
         """
         cells = len(position)
 
@@ -48,10 +47,10 @@ class Literal:
 
         def residuals(x: np.ndarray) -> np.ndarray:
             found_force, found_point = model(x).estimate(voltages)
-            return np.concatenate([found_force - force, ratio * (found_point - point)], axis=1).ravel()
+            return np.concatenate([found_force - force, RATIO * (found_point - point)], axis=1).ravel()
 
         def slopes(x: np.ndarray) -> np.ndarray:
-            return model(x)._slopes(voltages, ratio)
+            return model(x)._slopes(voltages)
 
         start = np.concatenate([np.tile(SENSITIVITY * np.eye(3).ravel(), cells), 1e3 * position.ravel()])
         return model(least_squares(residuals, start, slopes, method="lm").x)
@@ -68,7 +67,7 @@ class Literal:
         root = np.sqrt(np.maximum(cross**2 - square * (np.sum(start**2 * shape, axis=1) - 1.0), 0.0))
         return force, start + ((-cross - root) / square)[:, None] * force
 
-    def _slopes(self, voltages: np.ndarray, ratio: float) -> Float[np.ndarray, "r p"]:
+    def _slopes(self, voltages: np.ndarray) -> Float[np.ndarray, "r p"]:
         """Of the residuals by S, row by row, and by l [mm]; the moment along the force moves no line of action."""
         count, cells = len(voltages), len(self.position)
         each = np.einsum("iab,nib->nia", self.sensitivity, voltages)
@@ -84,4 +83,4 @@ class Literal:
         along = np.einsum("npa,na->np", shift, normal) / np.sum(force * normal, axis=1)[:, None]
         place = np.swapaxes(shift - along[..., None] * force[:, None], 1, 2)
         first = np.concatenate([by_force, np.zeros((count, 3, 3 * cells))], axis=2)
-        return np.concatenate([first, ratio * place], axis=1).reshape(6 * count, 12 * cells)
+        return np.concatenate([first, RATIO * place], axis=1).reshape(6 * count, 12 * cells)

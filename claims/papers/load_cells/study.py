@@ -1,7 +1,7 @@
 """One bench: a run that calibrates and a run that verifies, for our estimator and for the paper's own."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -50,13 +50,13 @@ class Study:
     indentation: bool = False
     thin: int = 1
 
-    @cached_property
+    @property
     def first(self) -> BenchRun:
-        return self.bench.run(0, thin=self.thin)
+        return _run(self.bench, 0, self.thin)
 
-    @cached_property
+    @property
     def second(self) -> BenchRun:
-        return (self.verified or self.bench).run(1, thin=self.thin)
+        return _run(self.verified or self.bench, 1, self.thin)
 
     @cached_property
     def calibration(self) -> LoadCellCalibration:
@@ -95,6 +95,12 @@ class Study:
         made = Literal.fit(_zeroed(run)[some], run.force[some], point[some], layout)
         force, point = made.estimate(_zeroed(self.second))
         return Answer(force, point, np.full(len(force), np.nan))
+
+
+@cache
+def _run(bench: Bench, number: int, thin: int) -> BenchRun:
+    """One that several studies share."""
+    return bench.run(number, thin=thin)
 
 
 def _starts(run: BenchRun) -> list[tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]]:

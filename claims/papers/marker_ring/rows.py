@@ -90,7 +90,7 @@ def measured(sizes: Sizes, seed: int = SEED) -> Measured:
         study.moving(bench, made, sizes, rng),
         study.troubled(bench, made, sizes, seed),
         study.transfer(unit, made, sizes, seed),
-        {seed + more: _another(seed + more, sizes) for more in (OTHERS[:1] if sizes.coarse else OTHERS)},
+        {seed + more: _another(seed + more, sizes) for more in (OTHERS if not sizes.coarse else ())},
     )
 
 

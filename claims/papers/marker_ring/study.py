@@ -227,9 +227,9 @@ class Trouble:
     angle: dict[str, Float[np.ndarray, " n"]]
     answered: dict[str, float]
 
-    def times(self, clean: Trouble, way: str = "ours") -> float:
-        """The angle's error over that of the same touches on clean frames."""
-        own, other = self.angle[way], clean.angle[way]
+    def times(self, clean: Trouble) -> float:
+        """The angle's error of ours over that of the same touches on clean frames."""
+        own, other = self.angle["ours"], clean.angle["ours"]
         return float(np.abs(own).mean() / np.abs(other[: len(own)]).mean()) if len(own) else float("nan")
 
 

@@ -34,12 +34,8 @@ def _six(results: Results) -> plt.Figure:
     figure, axes = plt.subplots(figsize=(5, 3))
     for angle, means in results.force_error.items():
         axes.plot((5, 10, 15, 20), 1e3 * means, "o-", label=angle, color=COLOURS[angle])
-    axes.set(
-        xlabel="force [N]",
-        ylabel="mean force error [mN]",
-        ylim=(0, None),
-        title="6: force against the reference sensor",
-    )
+    title = "6: force against the reference sensor"
+    axes.set(xlabel="force [N]", ylabel="mean force error [mN]", ylim=(0, None), title=title)
     axes.legend()
     return figure
 
@@ -91,19 +87,14 @@ def _scatter(axes: Axes, results: Results) -> None:
     axes.legend()
 
 
-def sliding(force: float = 2.0, seconds: float = 20.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A contact that wanders over the T's face under noise: times (n,) [s], true points, located points (n, 3) [m]."""
-    probe, time = PROBES["T-shaped"], np.arange(0.0, seconds, 1 / assumed.RATE)
-    start = np.column_stack(
-        [
-            10e-3 * np.sin(2 * np.pi * 0.2 * time),
-            3e-3 * np.sin(2 * np.pi * 0.33 * time),
-            np.full(len(time), assumed.LEVER),
-        ]
-    )
+def _sliding() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A contact of 2 N that wanders over the T's face under noise: times [s], true and located points (n, 3) [m]."""
+    probe, time = PROBES["T-shaped"], np.arange(0.0, 20.0, 1 / assumed.RATE)
+    x, y = 10e-3 * np.sin(2 * np.pi * 0.2 * time), 3e-3 * np.sin(2 * np.pi * 0.33 * time)
+    start = np.column_stack([x, y, np.full(len(time), assumed.LEVER)])
     points = probe.land(start, np.array([0.0, 0.0, 1.0]))
     normals = probe.normals(points)
-    wrenches = contact_wrenches(points, normals, -force * normals, np.zeros(len(time)))
+    wrenches = contact_wrenches(points, normals, -2.0 * normals, np.zeros(len(time)))
     noisy = wrenches + np.random.default_rng(8).standard_normal(wrenches.shape) * assumed.NOISE
     return time, points, Meshes(probe).locator("fine").run(noisy, sequential=False).point
 
@@ -111,7 +102,7 @@ def sliding(force: float = 2.0, seconds: float = 20.0) -> tuple[np.ndarray, np.n
 def _eight(_results: Results) -> plt.Figure:
     from scipy.signal import butter, sosfiltfilt
 
-    time, truth, found = sliding()
+    time, truth, found = _sliding()
     smooth = sosfiltfilt(butter(2, 10.0, fs=assumed.RATE, output="sos"), found, axis=0)
     figure, (a, b) = plt.subplots(1, 2, figsize=(10, 3))
     frequency = np.fft.rfftfreq(len(time), 1 / assumed.RATE)
@@ -135,13 +126,8 @@ def _nine(results: Results) -> plt.Figure:
     theirs = {"T-shaped": (0.94, 0.49), "linear": (1.28, 0.44), "convex": (0.91, 0.24)}
     for place, (name, found) in enumerate(results.probes.items()):
         ours = 1e3 * found.mark.mean(), 1e3 * found.mark.std()
-        axes.bar(
-            [place - 0.2, place + 0.2],
-            [theirs[name][0], ours[0]],
-            0.4,
-            yerr=[theirs[name][1], ours[1]],
-            color=["0.7", "tab:blue"],
-        )
+        for shift, (mean, spread), colour in ((-0.2, theirs[name], "0.7"), (0.2, ours, "tab:blue")):
+            axes.bar(place + shift, mean, 0.4, yerr=spread, color=colour)
     axes.set_xticks(range(len(theirs)), list(theirs))
     axes.set(ylabel="error to the mark [mm]", title="9a: theirs grey, ours blue")
     for place, (name, probe) in enumerate(PROBES.items(), start=2):

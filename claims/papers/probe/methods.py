@@ -10,6 +10,7 @@ import palpate
 from claims.papers.probe import assumed
 from claims.papers.probe.draws import Draws
 from claims.papers.probe.study import Case, Meshes
+from claims.timings.peers import located
 from palpate_lab.papers.iterative import PatchParaboloid, fit_paraboloid, locate_iteratively
 
 METHODS = ("soft_finger", "soft_finger, flat facets", "iterative", "wrench_axis")
@@ -57,17 +58,8 @@ def _answer(meshes: Meshes, mesh: str, method: str) -> Answer:
     if method == "iterative":
         return _iterated(meshes.mesh(mesh))
     flat = ", flat" if "flat" in method else ""
-    return _located(meshes.locator(mesh + flat, method.partition(",")[0]))
-
-
-def _located(locator: palpate.Locator) -> Answer:
-    out = locator.empty()
-
-    def answer(wrench: np.ndarray, _mark: np.ndarray) -> np.ndarray:
-        locator(wrench, out)
-        return out[:3]
-
-    return answer
+    answer = located(meshes.locator(mesh + flat, method.partition(",")[0]))
+    return lambda wrench, _mark: answer(wrench)
 
 
 def _iterated(mesh: palpate.Mesh) -> Answer:

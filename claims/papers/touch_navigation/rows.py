@@ -1,8 +1,7 @@
 """The `marker ring` paper's showcases, run again in the lab: figures 11 and 12, theirs beside ours.
 
 Each run is kept in `.cache/touch_navigation.jsonl` as soon as it is done: whoever stops goes on there the next time,
-until the code of navigation, arena or loop changes. All of it takes some eight hours of a core; five seeds, as
-`measured` takes them, half an hour.
+until the code of navigation, arena or loop changes. All of it takes some eight hours of a core.
 """
 
 from collections.abc import Iterator, Mapping
@@ -36,11 +35,6 @@ PUSHED = 0.05  # m
 FIGURE_11 = (130.0, 156.0, 169.0, 182.0)  # s, in which robots 2, 3, 4 and 1 of the paper arrived
 HEADS = ("robots that arrive [%]", "all of them [% of runs]", "median [s]", "way [m]", "force, 99 % [N]", "most [N]")
 LESS = ("pushes a run", "deadlocks a run")
-
-
-def measured(seeds: int = FULL.many, workers: int = 2, *, any_code: bool = False, only_kept: bool = False) -> Runs:
-    """Run what was not run before, or nothing: at most so many seeds of each condition, in so many processes."""
-    return find(conditions(FULL.at_most(seeds)), KEPT, workers=workers, any_code=any_code, only_kept=only_kept)
 
 
 def figures_of(found: Runs, sensed: float = float("nan")) -> dict[str, float]:
@@ -187,7 +181,7 @@ def _median_run(runs: Found) -> Outcome | None:
 
 
 def rows(small: bool) -> Iterator[Row]:
-    found = measured(1 if small else FULL.many)
+    found = find(conditions(FULL.at_most(1) if small else FULL), KEPT, workers=2)
     made = expected(FOLDER, figures_of(found, frames_a_second()))
     if not small:
         draw(found)

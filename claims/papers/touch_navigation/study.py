@@ -137,12 +137,12 @@ def _worn() -> RingWear:
     return RingWear.made()
 
 
-def frames_a_second(count: int = 200) -> float:
+def frames_a_second() -> float:
     """Frames that the detector and the estimator answer in a second of a core, two touches wandering round the ring."""
     wear = _worn()
     camera = TableCamera(wear.unit.camera, wear.unit.look, np.random.default_rng(JUDGED))
     estimator = RingEstimator(wear.ring)
-    rows, took = estimator.empty(estimator.most), 0.0
+    rows, took, count = estimator.empty(estimator.most), 0.0, 200
     for k in range(count):
         truth = np.array([[0.02 * k, 1.5, 0.2, 0.003, 0.0], [0.02 * k + 2.5, 1.0, 0.0, 0.002, 0.0]])
         frame = camera.frame(wear.skin.markers(truth))
@@ -258,9 +258,7 @@ def _mean(values: Iterable[float], of: Callable[[Any], Any] = np.mean) -> float:
     return float(of(found)) if found else float("nan")
 
 
-def found(
-    wanted: Sequence[Condition], kept: Path, *, workers: int = 1, any_code: bool = False, only_kept: bool = False
-) -> Runs:
+def found(wanted: Sequence[Condition], kept: Path, *, workers: int = 1, any_code: bool = False) -> Runs:
     """All of them by their names: those that were run before from disk, and the others now.
 
     Args:
@@ -268,14 +266,11 @@ def found(
         kept: file of one line a run, to which each is added as soon as it is done: whoever is stopped goes on there.
         workers: processes; 1: this one.
         any_code: runs of other code count as well.
-        only_kept: nothing is run now.
     """
     before = [Outcome.of(row) for row in read_rows(kept, "runs of robots")[1]] if kept.exists() else []
     kept.parent.mkdir(parents=True, exist_ok=True)
     begin_results(kept, {}, map(asdict, before))  # without a last line that was cut off
     done = {each.condition.key: each for each in before if any_code or each.stamp == stamp()}
-    if only_kept:
-        wanted = [each for each in wanted if each.key in done]
     todo = list({each.key: each for each in wanted if each.key not in done}.values())
     for outcome in counted(run_kept(run, todo, kept, (workers, "processes", "workers"), asdict), len(todo)):
         done[outcome.condition.key] = outcome
