@@ -18,7 +18,7 @@ from palpate.errors import InputError
 from palpate.sensors.taxels._kernels import MOST
 from palpate.sensors.taxels.frames import TaxelFrames
 from palpate.sensors.taxels.health import FEWEST, Health, examine, tared
-from palpate.sensors.taxels.intensity import Intensity
+from palpate.sensors.taxels.intensity import Intensity, load_direction
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.signals.filters import Filter
 from palpate.signals.recording import CELLS, LARGEST, Recording
@@ -69,6 +69,7 @@ class TaxelEstimator(ContactEstimator):
         filter: of each cell's reading; one of zero phase works in `pairs` and `stream` only.
         rate: [Hz] of the frames; a filter needs it.
         mount: T_sensor_surface.
+        falling: readings fall under load; None: as those of `intensity`, or else found in the first frames.
 
     Raises:
         InputError: body, curves and health differ in size, no cell is good, or a filter has no rate or a cut-off that
@@ -85,6 +86,7 @@ class TaxelEstimator(ContactEstimator):
         filter: Filter | None = None,
         rate: float | None = None,
         mount: Pose | None = None,
+        falling: bool | None = None,
     ) -> None:
         super().__init__((CELLS,), ("row", "column", *FEATURES) if body.rows else FEATURES, MOST, mount, filter)
         self.body, self.settings, self.rate, self.intensity = body, settings or TaxelSettings(), rate, intensity
@@ -94,7 +96,8 @@ class TaxelEstimator(ContactEstimator):
         self._recursion = None if filter is None else filter.recursion(known_rate(rate, "frames"))
         steps = None if self._ahead else self._recursion
         forward = None if steps is None else Forward(steps, known_rate(rate, "frames"), len(body))
-        self._frames = TaxelFrames(body, intensity, self.settings, forward, filtered=filter is not None)
+        self._falling = load_direction(intensity, falling)
+        self._frames = TaxelFrames(body, intensity, self.settings, forward, self._falling, filtered=filter is not None)
         self._one = np.zeros(1), np.zeros((1, len(body))), np.zeros(1, dtype=np.int64)
         if health is not None:
             self._know(health)
@@ -196,9 +199,10 @@ class TaxelEstimator(ContactEstimator):
         return (*said, *self._frames.notes(self.health))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings of dead or stuck cells, or of a tare that looks like a touch, one sentence each."""
+        """Return warnings of dead or stuck cells, a tare that looks like a touch, or a zero that moved."""
         found = () if self.health is None else self.health.warnings
-        return (*found, self._tared.warning) if self._tared.warning else found
+        tared = (self._tared.warning,) if self._tared.warning else ()
+        return (*found, *tared, *self._frames.warnings())
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()
@@ -238,7 +242,7 @@ class TaxelEstimator(ContactEstimator):
         """
         if self._looked or not len(recording) or (self.health is not None and len(recording) < FEWEST):
             return
-        found, known = examine(recording.picked(slice(HEAD)), self.body, falling=self._frames.falling), self.health
+        found, known = examine(recording.picked(slice(HEAD)), self.body, falling=self._falling), self.health
         if known is not None:
             found = replace(found, baseline=known.baseline, noise=known.noise, frames=known.frames)
         else:
