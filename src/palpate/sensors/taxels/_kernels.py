@@ -29,6 +29,7 @@ from palpate.sensors.taxels._rest import (
     OWN,
     PARENT,
     PEAK,
+    PEAKS,
     RECOVERS,
     SPREAD,
     STILL,
@@ -41,10 +42,10 @@ from palpate.sensors.taxels._rest import (
     Z,
     enter_window,
     fade,
-    follow_rest,
     keep_window,
     least,
     moves,
+    recover,
     settle,
 )
 from palpate.signals._filters import smooth
@@ -529,12 +530,12 @@ def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, cu
     """
     on, off, sure, share, sign = settings[:5]
     neighbours, steps, between, columns = table
-    z, force, spread = numbers[Z], numbers[FORCE], numbers[SPREAD]
+    baseline, z, force, spread = numbers[BASELINE], numbers[Z], numbers[FORCE], numbers[SPREAD]
     label, live, cells, parent = whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
     at = numbers[AT:]
     peak = numbers[PEAK]
     _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
-    moving = moves(z, live, on, off, sign, value, numbers, clock)
+    moving = moves(z, live, on, off, value, numbers, clock)
     if moving or clock[STILL] > 0.0:
         settle(time, moving, value, zeros, numbers, whole, clock)
         return -1
@@ -561,7 +562,11 @@ def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, cu
             if found < most and _measure(cells, count, end, part, parts_found, parts, raw, value, numbers, sign,
                                          place, origin, out[found]):  # fmt: skip
                 found += 1
-    follow_rest(passed, drift, off, recovers, value, numbers, whole, clock)
+    for k in range(len(raw)):
+        if label[k] == 0 and live[k]:
+            baseline[k] += drift * (value[k] - baseline[k])
+    if found > 0 or clock[PEAKS] > 0.0:
+        recover(passed, off, recovers, value, numbers, whole, clock)
     clock[TOUCHES] += found > 0
     return found
 
@@ -582,7 +587,7 @@ def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
     """
     time n, raw n m, values out k m, status out int8 k, left out w, place (3 m 3, 2 m, a b 6, int, c 3 3), table
     (int64 m d, m d 2, int64 m d 2, int), curves (e 2048, e), settings 13*float, smoothing (out f 6, out f 2, out
-    g, float, out 2, out h p, out q), clock out 10, zeros (out 11 m, out 11 3, out 2), numbers out 16 m, whole out
+    g, float, out 2, out h p, out q), clock out 11, zeros (out 11 m, out 11 3, out 2), numbers out 16 m, whole out
     int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n, forces out t m
     """
 )
@@ -624,7 +629,7 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
         if drift < np.inf and walk == 0.0:
             follows = 1.0 - np.exp(-min(passed, drift) / drift)
         if drift < np.inf:
-            recovers = 1.0 - np.exp(-min(passed / RECOVERS, 1.0))
+            recovers = min(passed / RECOVERS, 1.0)
         if time[i] == time[i]:
             clock[LATEST] = time[i]
         which = i if len(left) > 0 else 0

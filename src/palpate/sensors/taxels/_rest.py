@@ -15,8 +15,10 @@ ERROR, USED, OWN, VARIANCE, AT, PEAK, FADED, NUMBERS = 8, 9, 10, 11, 12, 14, 15,
 GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, TOUCHED, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
 # numbers of the skin: time of the last frame, frames without use, frames of a new zero so far (0: none is taken), zeros
 # that jumped and the time of the last, share of cells above rest less those below in the last frame, largest share of a
-# touch that remained and its cell, frames far below rest without a touch, and frames with a touch
-LATEST, UNUSED, STILL, JUMPS, JUMPED, SIDE, REMAINS, WHERE, FALLEN, TOUCHES, CLOCK = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
+# touch that remained and its cell
+LATEST, UNUSED, STILL, JUMPS, JUMPED, SIDE, REMAINS, WHERE = 0, 1, 2, 3, 4, 5, 6, 7
+# frames far below rest without a touch, frames with a touch, and cells that keep a peak
+FALLEN, TOUCHES, PEAKS, CLOCK = 8, 9, 10, 11
 _SETTLES = 10  # frames without motion whose mean is a new zero
 _BOTH = 0.2  # of the cells above rest and as many below: no touch does that
 _ALL, _NONE = 0.9, 0.1  # of the cells that step together in one frame, and that were off their rest before it
@@ -105,40 +107,43 @@ def keep_window(time, value, zeros, whole):
 
 
 @inner
-def moves(z, live, on, off, sign, value, numbers, clock):
+def moves(z, live, on, off, value, numbers, clock):
     """Return whether the zero of all cells has jumped, or moves on while a new one is taken.
 
     A touch takes no cell below its rest. A zero jumps where many cells are above and many below (a magnetic skin that
     turned in the earth's field), or where nearly all are off by the same within one frame.
     """
-    above, below, far, deep, count = 0, 0, 0, 0, 0
-    for k in range(len(z)):
-        count += live[k]
-        above += live[k] and z[k] > off
-        below += live[k] and z[k] < -off
-        far += live[k] and abs(z[k]) > on
-        deep += live[k] and z[k] < -_DEEP * on
+    above, below, count = 0, 0, len(z)
+    for k in range(count):
+        above += z[k] > off
+        below += z[k] < -off
+    before, clock[SIDE] = clock[SIDE], (above - below) / count
+    if clock[STILL] == 0.0 and below < 2 and above <= _ALL * count:
+        return False
+    far, deep = 0, 0
+    for k in range(count):
+        far += abs(z[k]) > on
+        deep += z[k] < -_DEEP * on
     clock[FALLEN] += deep > 1 and above == 0
-    before, clock[SIDE] = clock[SIDE], (above - below) / max(count, 1)
     if clock[STILL] > 0.0:
         return far > _NONE * count
     if min(above, below) > _BOTH * count:
         return True
     stepped = abs(before) < _NONE and abs(clock[SIDE]) > _ALL and far > _ALL * count
-    return stepped and _equal(live, count, sign, value, numbers)
+    return stepped and _equal(live, value, numbers)
 
 
 @inner
-def _equal(live, count, sign, value, numbers):
+def _equal(live, value, numbers):
     """Return whether all cells are off their rest by nearly the same."""
-    mean, square, noise = 0.0, 0.0, 0.0
+    count, mean, square, noise = 0, 0.0, 0.0, 0.0
     for k in range(len(value)):
         if live[k]:
             away = value[k] - numbers[BASELINE, k]
-            mean += away / count
-            square += away * away / count
-            noise += numbers[NOISE, k] * numbers[NOISE, k] / count
-    return square - mean * mean < 4.0 * noise + (_EQUAL * mean) ** 2
+            count, mean, square = count + 1, mean + away, square + away * away
+            noise += numbers[NOISE, k] * numbers[NOISE, k]
+    mean /= max(count, 1)
+    return square - count * mean * mean < 4.0 * noise + count * (_EQUAL * mean) ** 2
 
 
 @inner
@@ -188,22 +193,22 @@ def fade(cells, count, passed, z, numbers, label):
 
 
 @inner
-def follow_rest(passed, drift, off, recovers, value, numbers, whole, clock):
-    """Let the baselines of untouched cells follow the readings, and quickly where a touch leaves a remainder."""
+def recover(passed, off, recovers, value, numbers, whole, clock):
+    """Let baselines quickly follow what remains of touches that ended, until it is mostly below `off`."""
     baseline, z, peak, faded = numbers[BASELINE], numbers[Z], numbers[PEAK], numbers[FADED]
-    label, live = whole[LABEL], whole[LIVE]
+    label, live, peaks = whole[LABEL], whole[LIVE], 0
     for k in range(len(value)):
-        if label[k] != 0 or not live[k]:
+        peaks += peak[k] != 0.0
+        if peak[k] == 0.0 or label[k] != 0 or not live[k]:
             continue
-        follows = drift
-        if peak[k] != 0.0:  # a touch ended here: its remainder is mostly above `off`, or it is gone
-            peak[k] = -abs(peak[k])
-            faded[k] += passed if z[k] > off else -passed
-            if faded[k] < -_FADES:
-                peak[k], faded[k] = 0.0, 0.0
-            elif faded[k] > _FADES:
-                follows, faded[k] = max(drift, recovers), min(faded[k], 2.0 * _FADES)
-                share = -z[k] / peak[k]
-                if clock[REMAINS] < share < _REMAINDER:
-                    clock[REMAINS], clock[WHERE] = share, k
-        baseline[k] += follows * (value[k] - baseline[k])
+        peak[k] = -abs(peak[k])
+        faded[k] += passed if z[k] > off else -passed
+        if faded[k] < -_FADES:
+            peak[k], faded[k] = 0.0, 0.0
+        elif faded[k] > _FADES:
+            faded[k] = min(faded[k], 2.0 * _FADES)
+            baseline[k] += recovers * (value[k] - baseline[k])
+            share = -z[k] / peak[k]
+            if clock[REMAINS] < share < _REMAINDER:
+                clock[REMAINS], clock[WHERE] = share, k
+    clock[PEAKS] = peaks

@@ -20,6 +20,8 @@ from palpate.sensors.taxels.frames import TaxelFrames
 from palpate.sensors.taxels.health import FEWEST, Health, examine, tared
 from palpate.sensors.taxels.intensity import Intensity, load_direction
 from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.plausibility import unbelievable_touches
+from palpate.sensors.taxels.watch import TaxelWatch
 from palpate.signals.filters import Filter
 from palpate.signals.recording import CELLS, LARGEST, Recording
 from palpate.signals.smoothing import BothWays, Forward, known_rate, require_forward
@@ -98,6 +100,7 @@ class TaxelEstimator(ContactEstimator):
         forward = None if steps is None else Forward(steps, known_rate(rate, "frames"), len(body))
         self._falling = load_direction(intensity, falling)
         self._frames = TaxelFrames(body, intensity, self.settings, forward, self._falling, filtered=filter is not None)
+        self._watch = TaxelWatch(body)
         self._one = np.zeros(1), np.zeros((1, len(body))), np.zeros(1, dtype=np.int64)
         if health is not None:
             self._know(health)
@@ -111,6 +114,7 @@ class TaxelEstimator(ContactEstimator):
         """Forget drift of the baseline, wrapped readings, filter and identities."""
         super().reset()
         self._frames.reset()
+        self._watch.reset()
 
     @property
     def force(self) -> Float[np.ndarray, "*cells"]:
@@ -159,7 +163,9 @@ class TaxelEstimator(ContactEstimator):
             step, used = self._frames.run(block.time[done:], raw[done:], out, counts[done:], forces[done:], values)
             parts.append(out[:used].copy())
             done += step
-        return Answered(block, np.concatenate(parts), counts, forces if watched else None)
+        rows = np.concatenate(parts)
+        self._watch.add(block.time, raw, rows, counts)
+        return Answered(block, rows, counts, forces if watched else None)
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
         """Yield an `Answered` for each block of a log; baseline and bad cells not known come from its first frames.
@@ -202,7 +208,14 @@ class TaxelEstimator(ContactEstimator):
         """Return warnings of dead or stuck cells, a tare that looks like a touch, or a zero that moved."""
         found = () if self.health is None else self.health.warnings
         tared = (self._tared.warning,) if self._tared.warning else ()
-        return (*found, *tared, *self._frames.warnings())
+        return (*found, *tared, *self._frames.warnings(), *self._watch.warnings())
+
+    def unbelievable(self) -> str:
+        """Return the sentence that no touch of a log can be believed; "" if some can."""
+        watch = self._watch
+        if self.health is None:
+            return ""
+        return unbelievable_touches(watch.frames, watch.free, self._frames.touches, self.body, self.health)
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()

@@ -142,6 +142,11 @@ class TaxelFrames:
             self._forward.reset()
 
     @property
+    def touches(self) -> int:
+        """Return the number of touches so far."""
+        return int(self._tracks[1][0]) - 1
+
+    @property
     def force(self) -> Float[np.ndarray, " k"]:
         """Return each cell's force (k,) [N] in the last frame, a view."""
         return self._numbers[_rest.FORCE]
