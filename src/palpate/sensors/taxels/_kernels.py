@@ -542,11 +542,11 @@ def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, cu
     parts = np.empty((PARTS, 5))
     found, name, most = 0, 0, min(MOST, len(out))
     for seed in range(len(raw)):
-        if z[seed] <= least(on, peak[seed]) or label[seed] != 0 or not live[seed]:
+        if z[seed] <= least(on, off, peak[seed]) or label[seed] != 0 or not live[seed]:
             continue
         name += 1
         count = _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells)
-        if fade(cells, count, passed, z, numbers, label):
+        if fade(cells, count, passed, off, z, numbers, label):
             continue
         origin = seed
         for i in range(count):

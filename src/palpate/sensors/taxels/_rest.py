@@ -20,7 +20,7 @@ LATEST, UNUSED, STILL, JUMPS, JUMPED, SIDE, REMAINS, WHERE = 0, 1, 2, 3, 4, 5, 6
 # frames far below rest without a touch, frames with a touch, and cells that keep a peak
 FALLEN, TOUCHES, PEAKS, CLOCK = 8, 9, 10, 11
 _SETTLES = 10  # frames without motion whose mean is a new zero
-_BOTH = 0.2  # of the cells above rest and as many below: no touch does that
+_BOTH, _MOST = 0.2, 0.75  # of the cells above rest and as many below, and off it in all: no touch does that
 _ALL, _NONE = 0.9, 0.1  # of the cells that step together in one frame, and that were off their rest before it
 _EQUAL = 0.2  # of their mean by which these steps differ
 _DEEP = 3.0  # thresholds of a touch below rest at which readings may fall under load
@@ -127,7 +127,7 @@ def moves(z, live, on, off, value, numbers, clock):
     clock[FALLEN] += deep > 1 and above == 0
     if clock[STILL] > 0.0:
         return far > _NONE * count
-    if min(above, below) > _BOTH * count:
+    if min(above, below) > _BOTH * count and above + below > _MOST * count:
         return True
     stepped = abs(before) < _NONE and abs(clock[SIDE]) > _ALL and far > _ALL * count
     return stepped and _equal(live, value, numbers)
@@ -147,9 +147,9 @@ def _equal(live, value, numbers):
 
 
 @inner
-def least(on, peak):
-    """Return the height at which a touch begins, which exceeds the remainder of one that is over."""
-    return max(on, -_REMAINDER * peak)
+def least(on, off, peak):
+    """Return the height at which a touch begins, which exceeds the remainder of one that is over, with its noise."""
+    return on if peak >= 0.0 else max(on, off - _REMAINDER * peak)
 
 
 @inner
@@ -171,7 +171,7 @@ def settle(time, moves, value, zeros, numbers, whole, clock):
 
 
 @inner
-def fade(cells, count, passed, z, numbers, label):
+def fade(cells, count, passed, off, z, numbers, label):
     """Note the peak of each cell of an area; return whether the area is only what remains of a touch, and unmark it.
 
     Little of the peak is there, and it has been so for a while, or the touch had ended before.
@@ -182,7 +182,7 @@ def fade(cells, count, passed, z, numbers, label):
         k = cells[i]
         strongest, before = max(strongest, z[k]), max(before, abs(peak[k]))
         over = over or peak[k] < 0.0 or faded[k] > _FADES
-    fades = strongest < _REMAINDER * before
+    fades = strongest < off + _REMAINDER * before
     for i in range(count):
         k = cells[i]
         if fades and over:

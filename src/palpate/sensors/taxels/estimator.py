@@ -215,7 +215,7 @@ class TaxelEstimator(ContactEstimator):
         watch = self._watch
         if self.health is None:
             return ""
-        return unbelievable_touches(watch.frames, watch.free, self._frames.touches, self.body, self.health)
+        return unbelievable_touches(watch.loads, watch.free, self._frames.touches, self.body, self.health)
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()

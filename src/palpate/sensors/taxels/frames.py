@@ -16,7 +16,7 @@ from palpate.signals.smoothing import Forward
 __all__: list[str] = []
 
 _UNKNOWN, _CALIBRATED = 0.1, 0.02  # shares by which gains differ: of cells as they are made, and of calibrated ones
-FEW = 10  # frames below rest that need no warning
+FEW, FELL = 10, 0.02  # frames far below rest that need no warning, and of those with a touch
 _PLAIN = Intensity((Curve("polynomial", np.ones(1), np.zeros((1, 1)), largest=1.0),), unit="newtons")
 
 
@@ -115,7 +115,7 @@ class TaxelFrames:
                 f"up to {100 * clock[_rest.REMAINS]:.0f} % of a touch's peak remained after it ({where}) and was "
                 "followed as rest: hysteresis, or slow recovery"
             )
-        if clock[_rest.FALLEN] > max(FEW, clock[_rest.TOUCHES]):
+        if clock[_rest.FALLEN] > max(FEW, FELL * clock[_rest.TOUCHES]):
             said.append(
                 f"readings were far below their rest in {clock[_rest.FALLEN]:.0f} frames, and touches were found in "
                 f"{clock[_rest.TOUCHES]:.0f}: if a load does that, write falling = {str(not self.falling).lower()} in "

@@ -37,7 +37,7 @@ class TaxelWatch:
         """Forget all frames."""
         self._times, self._same, self._free = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
         self._last: np.ndarray = np.full((1, len(self._body)), np.nan)
-        self._kept, self._stride, self._count = list[np.ndarray](), 1, 0
+        self._kept, self._empty, self._stride, self._count = list[np.ndarray](), list[np.ndarray](), 1, 0
         self._ghosts: dict[str, float] = {}
 
     def add(
@@ -59,18 +59,29 @@ class TaxelWatch:
         first: Int[np.ndarray, " n"] = np.cumsum(counts) - counts
         self._free.append(np.isnan(rows[first, 0]))
         self._last = raw[-1:].copy()
-        self._kept.append(raw[-self._count % self._stride :: self._stride].copy())
-        self._count += len(time)
-        while sum(map(len, self._kept)) > 2 * KEPT:
-            self._kept, self._stride = [np.concatenate(self._kept)[::2]], 2 * self._stride
+        self._keep(raw, self._free[-1])
         if self._body.rows:
             for frame in np.flatnonzero(counts >= CORNERS)[:KEPT].tolist():
                 self._look_for_ghosts(float(time[frame]), rows[first[frame] : first[frame] + counts[frame]])
 
+    def _keep(self, raw: Float[np.ndarray, "n k"], free: Bool[np.ndarray, " n"]) -> None:
+        """Keep every few frames; in a longer log every second one of them stays."""
+        even = slice(-self._count % self._stride, None, self._stride)
+        self._kept.append(raw[even].copy())
+        self._empty.append(free[even])
+        self._count += len(raw)
+        while sum(map(len, self._kept)) > 2 * KEPT:
+            self._kept, self._empty = [np.concatenate(self._kept)[::2]], [np.concatenate(self._empty)[::2]]
+            self._stride *= 2
+
     @property
-    def frames(self) -> Float[np.ndarray, "n k"]:
-        """Return frames (n, k), evenly spread over the log."""
-        return np.concatenate([np.zeros((0, len(self._body))), *self._kept])
+    def loads(self) -> Float[np.ndarray, "n k"]:
+        """Return frames with contacts, evenly spread over the log, (n, k), each less the last one without a contact."""
+        frames = np.concatenate([np.zeros((0, len(self._body))), *self._kept])
+        free = np.concatenate([np.zeros(0, dtype=bool), *self._empty])
+        before = np.maximum.accumulate(np.where(free, np.arange(len(free)), -1))
+        loaded = ~free & (before >= 0)
+        return frames[loaded] - frames[before[loaded]]
 
     @property
     def free(self) -> Bool[np.ndarray, " n"]:
