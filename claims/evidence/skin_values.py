@@ -33,8 +33,8 @@ def rows(small: bool) -> Iterator[Row]:
         yield _row(f"steps, noise/step {ratio:g}", body, count, ratio=ratio)
     yield _row("readings that fall under load, direction found", body, count, falling=True)
     yield _row("2 to 9 % of each touch remains", body, count, remains=True)
-    yield _row("all cells step up and down at once", body, count, common=_turned)
-    yield _row("all cells step by the same", body, count, common=_shifted)
+    yield _row("all cells step up and down at once", body, count, common=turned)
+    yield _row("all cells step by the same", body, count, common=shifted)
 
 
 def _row(what: str, body: TaxelBody, count: int, **changes: Any) -> Row:
@@ -70,12 +70,12 @@ def made(
     return Recording(time, {CELLS: cells}), touches
 
 
-def _turned(rng: np.random.Generator, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+def turned(rng: np.random.Generator, row: np.ndarray, column: np.ndarray) -> np.ndarray:
     """Return steps of both signs, in deviations of the noise."""
     return rng.uniform(-1.0, 2.0, len(row)) * rng.uniform(20.0, 300.0)
 
 
-def _shifted(rng: np.random.Generator, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+def shifted(rng: np.random.Generator, row: np.ndarray, column: np.ndarray) -> np.ndarray:
     """Return equal steps, in deviations of the noise."""
     return np.full(len(row), rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 300.0))
 

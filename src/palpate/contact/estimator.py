@@ -120,6 +120,7 @@ class ContactEstimator(ABC):
     def warnings(self) -> tuple[str, ...]:
         """Return possible faults of the sensor or log so far, a tuple of sentences; () without any."""
 
+    @property
     def unbelievable(self) -> str:
         """Return a sentence if nothing in the samples so far can be believed, else ""."""
         return ""

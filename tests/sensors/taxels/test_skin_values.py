@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from claims.evidence.skin_values import SHEET, TARE, _shifted, _turned, counted, made
+from claims.evidence.skin_values import SHEET, TARE, counted, made, shifted, turned
 from palpate.contact.estimate import Status
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.calibrate import identify_intensity
@@ -41,7 +41,7 @@ def test_noise_is_at_least_that_of_rounding_to_the_steps_of_the_readings(step: f
 
 @pytest.mark.parametrize(
     "changes",
-    [{"ratio": 0.05}, {"ratio": 0.5}, {"falling": True}, {"remains": True}, {"common": _turned}, {"common": _shifted}],
+    [{"ratio": 0.05}, {"ratio": 0.5}, {"falling": True}, {"remains": True}, {"common": turned}, {"common": shifted}],
 )
 @pytest.mark.parametrize("seed", [1, 2])
 def test_touches_are_counted_whatever_the_readings(changes: dict[str, Any], seed: int) -> None:
@@ -51,20 +51,19 @@ def test_touches_are_counted_whatever_the_readings(changes: dict[str, Any], seed
 
 def test_what_moved_is_reported_and_what_did_not_is_not() -> None:
     rng = [np.random.default_rng(9) for _ in range(4)]
-    fine, turned, remains, falls = (
-        made(rng[0])[0], made(rng[1], common=_turned)[0], made(rng[2], remains=True)[0], made(rng[3], falling=True)[0]
-    )  # fmt: skip
-    skins = [_estimator(log) for log in (fine, turned, remains, falls)]
-    found = [skin.run(log) for skin, log in zip(skins, (fine, turned, remains, falls), strict=True)]
+    kinds: list[dict[str, Any]] = [{}, {"common": turned}, {"remains": True}, {"falling": True}]
+    logs = [made(each, **kind)[0] for each, kind in zip(rng, kinds, strict=True)]
+    skins = [_estimator(log) for log in logs]
+    found = [skin.run(log) for skin, log in zip(skins, logs, strict=True)]
     assert not skins[0].warnings()
-    assert not skins[0].unbelievable()
+    assert not skins[0].unbelievable
     assert "shifted together once" in " ".join(skins[1].warnings())
     assert np.count_nonzero(found[1].status == Status.INVALID) == 10
     assert "remained after it" in " ".join(skins[2].warnings())
     assert "falling = true" in " ".join(skins[3].notes())
 
 
-@pytest.mark.parametrize("changes", [{"common": _turned}, {"remains": True}])
+@pytest.mark.parametrize("changes", [{"common": turned}, {"remains": True}])
 def test_zeros_that_move_are_followed_alike_in_blocks_of_any_size(changes: dict[str, Any]) -> None:
     log, _ = made(np.random.default_rng(3), **changes)
     whole, parts = _estimator(log), _estimator(log)
@@ -92,7 +91,7 @@ def test_a_wrong_order_of_the_cells_is_not_believed() -> None:
     mixed = Recording(log.time, {CELLS: log.channels[CELLS][:, order]})
     skin = _estimator(mixed)
     skin.run(mixed)
-    assert "order" in skin.unbelievable()
+    assert "order" in skin.unbelievable
 
 
 def test_lost_and_frozen_frames_are_found_wherever_they_are() -> None:

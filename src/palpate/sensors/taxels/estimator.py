@@ -74,8 +74,7 @@ class TaxelEstimator(ContactEstimator):
         falling: readings fall under load; None: as those of `intensity`, or else found in the first frames.
 
     Raises:
-        InputError: body, curves and health differ in size, no cell is good, or a filter has no rate or a cut-off that
-            does not fit it.
+        InputError: body, curves and health differ, no cell is good, or a filter has no rate or an unfit cut-off.
     """
 
     def __init__(
@@ -163,8 +162,7 @@ class TaxelEstimator(ContactEstimator):
             step, used = self._frames.run(block.time[done:], raw[done:], out, counts[done:], forces[done:], values)
             parts.append(out[:used].copy())
             done += step
-        rows = np.concatenate(parts)
-        self._watch.add(block.time, raw, rows, counts)
+        self._watch.add(block.time, raw, rows := np.concatenate(parts), counts)
         return Answered(block, rows, counts, forces if watched else None)
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
@@ -206,16 +204,14 @@ class TaxelEstimator(ContactEstimator):
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings of dead or stuck cells, a tare that looks like a touch, or a zero that moved."""
-        found = () if self.health is None else self.health.warnings
-        tared = (self._tared.warning,) if self._tared.warning else ()
-        return (*found, *tared, *self._frames.warnings(), *self._watch.warnings())
+        found = [self._tared.warning, *self._frames.warnings(), *self._watch.warnings()]
+        return (*(() if self.health is None else self.health.warnings), *filter(None, found))
 
+    @property
     def unbelievable(self) -> str:
         """Return the sentence that no touch of a log can be believed; "" if some can."""
-        watch = self._watch
-        if self.health is None:
-            return ""
-        return unbelievable_touches(watch.loads, watch.free, self._frames.touches, self.body, self.health)
+        known, health = (self._watch.loads, self._watch.free, self._frames.touches, self.body), self.health
+        return "" if health is None else unbelievable_touches(*known, health)
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()
