@@ -49,7 +49,7 @@ def unbelievable_touches(
 def roughness(loads: Float[np.ndarray, "n k"], body: TaxelBody, health: Health) -> float:
     """Return the median over wide touches of the squared difference of neighbours over that of any two cells; 0: none.
 
-    It is Geary's contiguity ratio [Geary 1954]: 1 where the cells are in any order, near 0 under a wide touch.
+    It is Geary's contiguity ratio: 1 where the cells are in any order, near 0 under a wide touch.
 
     Raises:
         InputError: arrays of other shapes.
