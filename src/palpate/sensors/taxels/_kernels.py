@@ -29,7 +29,6 @@ from palpate.sensors.taxels._rest import (
     OWN,
     PARENT,
     PEAK,
-    PEAKS,
     RECOVERS,
     SPREAD,
     STILL,
@@ -565,8 +564,7 @@ def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, cu
     for k in range(len(raw)):
         if label[k] == 0 and live[k]:
             baseline[k] += drift * (value[k] - baseline[k])
-    if found > 0 or clock[PEAKS] > 0.0:
-        recover(passed, off, recovers, value, numbers, whole, clock)
+    recover(passed, off, recovers, value, numbers, whole, clock)
     clock[TOUCHES] += found > 0
     return found
 
@@ -587,7 +585,7 @@ def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
     """
     time n, raw n m, values out k m, status out int8 k, left out w, place (3 m 3, 2 m, a b 6, int, c 3 3), table
     (int64 m d, m d 2, int64 m d 2, int), curves (e 2048, e), settings 13*float, smoothing (out f 6, out f 2, out
-    g, float, out 2, out h p, out q), clock out 11, zeros (out 11 m, out 11 3, out 2), numbers out 16 m, whole out
+    g, float, out 2, out h p, out q), clock out 10, zeros (out 11 m, out 11 3, out 2), numbers out 16 m, whole out
     int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n, forces out t m
     """
 )
