@@ -120,6 +120,11 @@ class ContactEstimator(ABC):
     def warnings(self) -> tuple[str, ...]:
         """Return possible faults of the sensor or log so far, a tuple of sentences; () without any."""
 
+    @property
+    def unbelievable(self) -> str:
+        """Return a sentence if nothing in the samples so far can be believed, else ""."""
+        return ""
+
     @abstractmethod
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         """Write the contacts of one sample, as many as fit, and return their number."""

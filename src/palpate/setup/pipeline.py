@@ -336,7 +336,7 @@ class Pipeline:
 
     def unbelievable(self) -> str:
         """Return the sentence that no sample so far can be trusted; "" if some can."""
-        return self._seen.unbelievable()
+        return self._seen.unbelievable() or self.estimator.unbelievable
 
     def notes(self) -> list[str]:
         """Return notes on the log and on the estimate so far, one sentence each."""

@@ -11,29 +11,48 @@ import numpy as np
 
 from palpate.contact._track import follow
 from palpate.sensors.taxels._fit import fit_touch, lift
+from palpate.sensors.taxels._rest import (
+    AT,
+    BASELINE,
+    CELLS,
+    CURVE,
+    ERROR,
+    FORCE,
+    GOOD,
+    HELD,
+    LABEL,
+    LAST,
+    LATEST,
+    LIMIT,
+    LIVE,
+    NOISE,
+    OWN,
+    PARENT,
+    PEAK,
+    RECOVERS,
+    SPREAD,
+    STILL,
+    TOUCHES,
+    TURNS,
+    UNUSED,
+    USED,
+    VARIANCE,
+    WRAPPED,
+    Z,
+    enter_window,
+    fade,
+    keep_window,
+    least,
+    moves,
+    recover,
+    settle,
+)
 from palpate.signals._filters import smooth
 from palpate.surfaces._jit import inner, released
 
 __all__ = [
     "AREA",
-    "BASELINE",
-    "CURVE",
-    "FORCE",
-    "GOOD",
-    "HELD",
-    "LABEL",
-    "LAST",
-    "LIMIT",
     "MOST",
-    "NEVER",
-    "NOISE",
-    "NUMBERS",
-    "SLOTS",
-    "TOUCHED",
-    "TURNS",
-    "VARIANCE",
-    "WHOLE",
-    "WRAPPED",
     "frames",
     "prepare",
 ]
@@ -42,19 +61,6 @@ MOST = 64  # contacts of a frame
 PARTS = 16  # of an area
 AREA = 22  # where the numbers behind a row of an estimate begin
 NO_CONTACT, SATURATED, INVALID = 2, 6, 7  # palpate.contact.estimate.Status
-# numbers of a cell: constants, state after the last frame (baseline, reading, last finite one), and work space
-NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD = 0, 1, 2, 3, 4, 5, 6, 7
-ERROR, USED, OWN, VARIANCE, AT, NUMBERS = 8, 9, 10, 11, 12, 14
-# and integers: the same; its present turns around the range, and the number of times it wrapped; the window in which
-# it was last touched
-GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, TOUCHED, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
-# of a baseline that a Kalman filter follows, as `contact.drift_tracker` does for wrenches
-WINDOW = 0.1  # s whose mean is taken
-DELAY = 10  # windows to wait for a touch that shows late
-AFTER = 5  # windows after a touch that are not used
-SLOTS = DELAY + 1
-NEVER = -(1 << 60)
-_HELD = 4.0  # standard deviations above the baseline beyond which a window has a touch below the thresholds
 _ROUNDS = 8  # of expectation maximisation
 _NARROW = 0.12  # squared cells: no contact is seen narrower than its cell
 # what the edges of cells make of a centroid, in cells: see `_narrow`
@@ -540,91 +546,32 @@ def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
 
 
 @inner
-def _enter_window(time, walk, sign, zeros, numbers, whole):
-    """Start a new window: add the random walk to all variances, and use windows now known to be untouched."""
-    sums, slots, clock = zeros
-    now = np.floor(time / WINDOW)
-    if now == clock[0] or np.isnan(time):
-        return
-    passed = time - clock[1] if clock[1] == clock[1] else 0.0
-    if passed < 0.0:
-        slots[:, 1] = 0.0  # time runs back: what waited is of no use
-    variance = numbers[VARIANCE]
-    for k in range(sums.shape[1]):
-        variance[k] += walk * walk * max(passed, 0.0)
-    clock[0], clock[1] = now, time
-    waiting, frames = numbers[OWN], 0.0
-    waiting[:] = 0.0
-    for i in range(SLOTS):
-        if slots[i, 1] > 0.0:
-            waiting += sums[i]
-            frames += slots[i, 1]
-    waiting /= max(frames, 1.0)
-    for step in range(1, SLOTS + 1):
-        i = (int(now) + step) % SLOTS
-        if slots[i, 1] > 0.0 and slots[i, 0] <= now - DELAY:
-            _take_in(time, walk, sign, sums[i], slots[i], frames, numbers, whole)
-    i = int(now) % SLOTS
-    slots[i, 0], slots[i, 1], slots[i, 2] = now, 0.0, 0.0
-    sums[i] = 0.0
+def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, curves, settings, zeros, numbers, whole,
+              clock, out):  # fmt: skip
+    """Write a frame's contacts to `out` and return their number, -1 while the zero of all cells moves.
 
-
-@inner
-def _take_in(time, walk, sign, total, slot, frames, numbers, whole):
-    """Update the baseline of each cell untouched about a window by its mean: a Kalman filter of a random walk.
-
-    Variances are those of now, the mean is that of a second ago: the walk lies between them. The mean of all `frames`
-    that wait, in numbers[OWN], reveals a touch below the thresholds.
+    Baselines of untouched cells follow the readings.
     """
-    baseline, noise, variance, waiting = numbers[BASELINE], numbers[NOISE], numbers[VARIANCE], numbers[OWN]
-    good, touched, count = whole[GOOD], whole[TOUCHED], slot[1]
-    since = walk * walk * max(time - slot[2] / count, 0.0)
-    for k in range(len(total)):
-        if not good[k] or touched[k] > slot[0] - AFTER:
-            continue
-        before, reads = max(variance[k] - since, 0.0), noise[k] * noise[k] / count
-        off = total[k] / count - baseline[k]
-        if sign * (waiting[k] - baseline[k]) > _HELD * np.sqrt(variance[k] + noise[k] * noise[k] / frames):
-            continue
-        gain = before / (before + reads)
-        baseline[k] += gain * off
-        variance[k] = (1.0 - gain) * before + since
-    slot[1] = 0.0
-
-
-@inner
-def _keep_window(time, value, zeros, whole):
-    """Add a frame to its window, and mark cells that were touched in it or were on the rim of a touch."""
-    sums, slots, _ = zeros
-    if np.isnan(time):
-        return
-    now = int(np.floor(time / WINDOW))
-    label, live, touched = whole[LABEL], whole[LIVE], whole[TOUCHED]
-    i = now % SLOTS
-    for k in range(len(value)):
-        sums[i, k] += value[k]
-        if label[k] != 0 or not live[k]:
-            touched[k] = now
-    slots[i, 1] += 1.0
-    slots[i, 2] += time
-
-
-@inner
-def _contacts(raw, value, scale, drift, place, table, curves, settings, numbers, whole, out):
-    """Write a frame's contacts to `out` and return their number; baselines of untouched cells follow the readings."""
     on, off, sure, share, sign = settings[:5]
     neighbours, steps, between, columns = table
     baseline, z, force, spread = numbers[BASELINE], numbers[Z], numbers[FORCE], numbers[SPREAD]
     label, live, cells, parent = whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
     at = numbers[AT:]
+    peak = numbers[PEAK]
     _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
+    moving = moves(z, live, on, off, value, numbers, clock)
+    if moving or clock[STILL] > 0.0:
+        settle(time, moving, value, zeros, numbers, whole, clock)
+        return -1
     parts = np.empty((PARTS, 5))
     found, name, most = 0, 0, min(MOST, len(out))
     for seed in range(len(raw)):
-        if z[seed] <= on or label[seed] != 0 or not live[seed]:
+        if z[seed] <= least(on, off, peak[seed]) or label[seed] != 0 or not live[seed]:
             continue
         name += 1
         count = _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells)
+        if fade(cells, count, passed, off, z, numbers, label):
+            continue
         origin = seed
         for i in range(count):
             k = cells[i]
@@ -646,12 +593,14 @@ def _contacts(raw, value, scale, drift, place, table, curves, settings, numbers,
     for k in range(len(raw)):
         if label[k] == 0 and live[k]:
             baseline[k] += drift * (value[k] - baseline[k])
+    recover(passed, off, recovers, value, numbers, whole, clock)
+    clock[TOUCHES] += found > 0
     return found
 
 
 @released(
     """
-    raw n m, rest m, neighbours int64 m d, turn float, numbers out 14 m, whole out int64 9 m, values out n m,
+    raw n m, rest m, neighbours int64 m d, turn float, numbers out 16 m, whole out int64 9 m, values out n m,
     status out int8 n
     """
 )
@@ -665,7 +614,7 @@ def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
     """
     time n, raw n m, values out k m, status out int8 k, left out w, place (3 m 3, 2 m, a b 6, int, c 3 3), table
     (int64 m d, m d 2, int64 m d 2, int), curves (e 2048, e), settings 13*float, smoothing (out f 6, out f 2, out
-    g, float, out 2, out h p, out q), clock out 2, zeros (out 11 m, out 11 3, out 2), numbers out 14 m, whole out
+    g, float, out 2, out h p, out q), clock out 10, zeros (out 11 m, out 11 3, out 2), numbers out 16 m, whole out
     int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n, forces out t m
     """
 )
@@ -687,7 +636,7 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
         baseline, reach, speed, patience, walk [counts/sqrt(s)] (0: the baseline follows exponentially, within `drift`).
     smoothing: sections, start, gains, gap, clock, state of `signals._filters.smooth`, and shares by age ((0,) if there
         is no filter).
-    clock: (2,) time of the last frame and the number of unusable ones: changed, as all that follows.
+    clock: (CLOCK,) numbers of the skin: changed, as all that follows.
     zeros: waiting data of baselines with a walk: sums of readings (SLOTS, k), of each window its number, its number of
         frames and the sum of their times (SLOTS, 3), and (2,) number and start of the last window (NaN: none).
     numbers, whole: (NUMBERS, k) and (WHOLE, k) of the cells.
@@ -702,11 +651,14 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
     for i in range(len(time)):
         if i > 0 and len(out) - used < MOST:
             return i, used
-        passed, follows = time[i] - clock[0], 0.0
-        if passed == passed and drift < np.inf and walk == 0.0:  # no NaN
-            follows = 1.0 - np.exp(-min(max(passed, 0.0), drift) / drift)
+        passed, follows, recovers = time[i] - clock[LATEST], 0.0, 0.0
+        passed = max(passed, 0.0) if passed == passed else 0.0  # no NaN
+        if drift < np.inf and walk == 0.0:
+            follows = 1.0 - np.exp(-min(passed, drift) / drift)
+        if drift < np.inf:
+            recovers = min(passed / RECOVERS, 1.0)
         if time[i] == time[i]:
-            clock[0] = time[i]
+            clock[LATEST] = time[i]
         which = i if len(left) > 0 else 0
         value, scale = values[which], 1.0
         if len(left) > 0:
@@ -716,22 +668,24 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
             if len(shares) > 0:
                 smooth(time[i : i + 1], status, values, sections, start, gains, gap, since, state, age)
                 scale = np.sqrt(shares[min(max(age[0], 0), len(shares) - 1)] + resting)
-        here, found = out[used:], 0
+        here, found, settling = out[used:], 0, False
         if status[which] < 0:
             if walk > 0.0:
-                _enter_window(time[i], walk, settings[4], zeros, numbers, whole)
-            found = _contacts(raw[i], value, scale, follows, place, table, curves, settings, numbers, whole, here)
-            if walk > 0.0:
-                _keep_window(time[i], value, zeros, whole)
+                enter_window(time[i], walk, settings[4], zeros, numbers, whole)
+            found = _contacts(time[i], raw[i], value, scale, passed, follows, recovers, place, table, curves, settings,
+                              zeros, numbers, whole, clock, here)  # fmt: skip
+            if walk > 0.0 and found >= 0:
+                keep_window(time[i], value, zeros, whole)
+            settling, found = found < 0, max(found, 0)
             follow(time[i], here[:, :3], found, tracks, following, reach, speed, patience, identity)
             here[:found, -1] = identity[:found]
         else:
             numbers[FORCE] = 0.0
-            clock[1] += 1.0
+            clock[UNUSED] += 1.0
         if found == 0:
             here[0] = np.nan
             here[0, 20], here[0, -1] = 0.0, 0.0
-            here[0, 21] = NO_CONTACT if status[which] < 0 else INVALID
+            here[0, 21] = NO_CONTACT if status[which] < 0 and not settling else INVALID
         if len(forces) > 0:
             forces[i] = numbers[FORCE]
         rows[i] = max(found, 1)

@@ -18,6 +18,8 @@ from palpate.spatial.arguments import takes_arrays
 
 BLOCKS = 20  # of rows, assigned in turn to the parts of a cross-validation
 STRETCHES = 10  # of consecutive rows, each left out in turn
+LEVELS = 3  # forces below saturation that determine a curve, with that of no load
+_NOISY = 0.5  # of what the force does to the reading: a residual beyond it
 _FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturates
 
 
@@ -31,13 +33,15 @@ def _identified(
         raise _no_curve("the reading never changes: check that it is that of the pressed cell.", 0)
     falling = bool(np.corrcoef(force, intensity)[0, 1] < 0)
     signed = -intensity if falling else intensity
-    limit = _limit(force, signed, None if top is None else (-top if falling else top))
+    limit = _limit(force, signed, None if top is None else _end_of_range(top, falling))
     below = signed < limit
     _require_spread(force[below], dropped)
+    _require_forces(force, below)
     end, reading = _goes_flat(force[below], signed[below])
     limit, below = min(limit, reading), below & (force <= end)
     curve, why = chosen(kind, degree, force[below], signed[below])
-    saturation = float("nan") if np.isinf(limit) else (-limit if falling else limit)
+    _require_signal(curve)
+    saturation = float("nan") if np.isinf(limit) else (0.0 - limit if falling else limit)
     hysteresis = _hysteresis(curve, force[below], signed[below])
     left = _left_out(curve, force[below], signed[below])
     covariance = left.widening * curve.covariance
@@ -89,6 +93,7 @@ def _goes_flat(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) 
         last = _end(curve)
         if not last < curve.largest or np.count_nonzero(force <= last) < FEWEST:
             break
+        _require_forces(force, force <= last)
         end, limit = last, float(np.quantile(signed[force > last], 0.02))
     return end, limit
 
@@ -129,7 +134,7 @@ def identify_intensity(
         shape: rows and columns of the sheet; None: up to the largest that were pressed.
         kind: of `Curve` but "resistive", or "auto": the one that predicts unseen presses best.
         degree: of a polynomial; None: the best of 1 to 5.
-        top: raw reading at the end of the range; None: found where readings stop rising.
+        top: largest raw reading of the range, whose other end is 0; None: found where readings stop rising.
         provenance: origin of the log.
 
     Raises:
@@ -289,6 +294,32 @@ def _require_spread(force: np.ndarray, dropped: int) -> None:
         raise _no_curve(few, len(force))
     if not np.ptp(force) > 1e-6 * max(float(np.abs(force).max()), 1e-12):
         raise _no_curve(f"all presses have the same force ({force[0]:.3g} N): a curve needs several forces.", 1)
+
+
+def _require_forces(force: np.ndarray, below: Bool[np.ndarray, " n"]) -> None:
+    """Check that several of the forces are below saturation."""
+    levels, known = np.unique(force), len(np.unique(force[below]))
+    if known < min(LEVELS, len(levels)):
+        raise _no_curve(
+            f"the reading does not rise above {levels[known - 1]:.3g} N, and only {known} of {len(levels)} forces are "
+            "that light: they do not show how it rises, or where it saturates. Press with several lighter forces.",
+            known,
+        )
+
+
+def _require_signal(curve: Curve) -> None:
+    span = float(curve.intensity(np.array([curve.largest]))[0])
+    if curve.residual > _NOISY * span:
+        raise _no_curve(
+            f"the residual, {curve.residual:.3g} counts rms, is as large as what the force does, {span:.3g} counts: "
+            "check that the reading is that of the pressed cell, and that reading and force have one clock.",
+            0,
+        )
+
+
+def _end_of_range(top: float, falling: bool) -> float:
+    """Return the end that a load drives readings to, as a number that grows with the force."""
+    return top if not falling else np.inf if np.isinf(top) else 0.0
 
 
 def _no_curve(why: str, rank: int) -> NotIdentifiable:

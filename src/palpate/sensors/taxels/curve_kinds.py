@@ -15,6 +15,7 @@ from palpate.spatial.arguments import takes_arrays
 
 FEWEST = 8  # rows that a curve needs
 _DEGREES = (1, 2, 3, 4, 5)
+_TWO_RANGE = 3  # forces without which there are no two ranges
 _FOLDS = 5
 _Make = Callable[[np.ndarray, np.ndarray], Curve]
 
@@ -131,9 +132,11 @@ def chosen(
 
 
 def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray) -> list[_Make]:
+    levels = len(np.unique(force[force > 0]))  # a few known weights bear no more parameters
+    degrees = [each for each in _DEGREES if each <= max(levels, 1)] if degree is None else [degree]
     known: dict[str, list[_Make]] = {
-        "polynomial": [_polynomial(each) for each in (_DEGREES if degree is None else (degree,))],
-        "two_range": [_best_joint],
+        "polynomial": [_polynomial(each) for each in degrees],
+        "two_range": [_best_joint] if levels >= _TWO_RANGE or kind != "auto" else [],
         "monotone": [_monotone(_knots(force, signed))],
     }
     if kind == "auto":
@@ -144,8 +147,10 @@ def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarra
 
 
 def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
-    """Return up to twelve forces [N], equally spaced along the curve."""
-    count = int(np.clip(len(force) // 8, 2, 12))
+    """Return up to twelve forces [N], equally spaced along the curve; all of them where they are as few."""
+    count, levels = int(np.clip(len(force) // 8, 2, 12)), np.unique(force[force > 0])
+    if len(levels) <= count:
+        return levels
     order = np.argsort(force, kind="stable")
     window = max(len(force) // 40, 1)
     smooth = np.convolve(signed[order], np.ones(window) / window, mode="valid")

@@ -18,8 +18,10 @@ from palpate.errors import InputError
 from palpate.sensors.taxels._kernels import MOST
 from palpate.sensors.taxels.frames import TaxelFrames
 from palpate.sensors.taxels.health import FEWEST, Health, examine, tared
-from palpate.sensors.taxels.intensity import Intensity
+from palpate.sensors.taxels.intensity import Intensity, load_direction
 from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.plausibility import unbelievable_touches
+from palpate.sensors.taxels.watch import TaxelWatch
 from palpate.signals.filters import Filter
 from palpate.signals.recording import CELLS, LARGEST, Recording
 from palpate.signals.smoothing import BothWays, Forward, known_rate, require_forward
@@ -69,10 +71,10 @@ class TaxelEstimator(ContactEstimator):
         filter: of each cell's reading; one of zero phase works in `pairs` and `stream` only.
         rate: [Hz] of the frames; a filter needs it.
         mount: T_sensor_surface.
+        falling: readings fall under load; None: as those of `intensity`, or else found in the first frames.
 
     Raises:
-        InputError: body, curves and health differ in size, no cell is good, or a filter has no rate or a cut-off that
-            does not fit it.
+        InputError: body, curves and health differ, no cell is good, or a filter has no rate or an unfit cut-off.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class TaxelEstimator(ContactEstimator):
         filter: Filter | None = None,
         rate: float | None = None,
         mount: Pose | None = None,
+        falling: bool | None = None,
     ) -> None:
         super().__init__((CELLS,), ("row", "column", *FEATURES) if body.rows else FEATURES, MOST, mount, filter)
         self.body, self.settings, self.rate, self.intensity = body, settings or TaxelSettings(), rate, intensity
@@ -94,7 +97,9 @@ class TaxelEstimator(ContactEstimator):
         self._recursion = None if filter is None else filter.recursion(known_rate(rate, "frames"))
         steps = None if self._ahead else self._recursion
         forward = None if steps is None else Forward(steps, known_rate(rate, "frames"), len(body))
-        self._frames = TaxelFrames(body, intensity, self.settings, forward, filtered=filter is not None)
+        self._falling = load_direction(intensity, falling)
+        self._frames = TaxelFrames(body, intensity, self.settings, forward, self._falling, filtered=filter is not None)
+        self._watch = TaxelWatch(body)
         self._one = np.zeros(1), np.zeros((1, len(body))), np.zeros(1, dtype=np.int64)
         if health is not None:
             self._know(health)
@@ -108,6 +113,7 @@ class TaxelEstimator(ContactEstimator):
         """Forget drift of the baseline, wrapped readings, filter and identities."""
         super().reset()
         self._frames.reset()
+        self._watch.reset()
 
     @property
     def force(self) -> Float[np.ndarray, "*cells"]:
@@ -156,7 +162,8 @@ class TaxelEstimator(ContactEstimator):
             step, used = self._frames.run(block.time[done:], raw[done:], out, counts[done:], forces[done:], values)
             parts.append(out[:used].copy())
             done += step
-        return Answered(block, np.concatenate(parts), counts, forces if watched else None)
+        self._watch.add(block.time, raw, rows := np.concatenate(parts), counts)
+        return Answered(block, rows, counts, forces if watched else None)
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
         """Yield an `Answered` for each block of a log; baseline and bad cells not known come from its first frames.
@@ -187,8 +194,7 @@ class TaxelEstimator(ContactEstimator):
         said = list(self.body.notes)
         if self.intensity is None:
             said.append(
-                "there is no intensity model, so a count is taken as a newton: make one with palpate calibrate "
-                "intensity"
+                "there is no intensity model, so readings are taken as N: palpate calibrate intensity makes one"
             )
         if self.health is None:
             return tuple(said)
@@ -196,9 +202,15 @@ class TaxelEstimator(ContactEstimator):
         return (*said, *self._frames.notes(self.health))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings of dead or stuck cells, or of a tare that looks like a touch, one sentence each."""
-        found = () if self.health is None else self.health.warnings
-        return (*found, self._tared.warning) if self._tared.warning else found
+        """Return warnings of dead or stuck cells, a tare that looks like a touch, or a zero that moved."""
+        found = [self._tared.warning, *self._frames.warnings(), *self._watch.warnings()]
+        return (*(() if self.health is None else self.health.warnings), *filter(None, found))
+
+    @property
+    def unbelievable(self) -> str:
+        """Return the sentence that no touch of a log can be believed; "" if some can."""
+        known, health = (self._watch.loads, self._watch.free, self._frames.touches, self.body), self.health
+        return "" if health is None else unbelievable_touches(*known, health)
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()
@@ -238,7 +250,7 @@ class TaxelEstimator(ContactEstimator):
         """
         if self._looked or not len(recording) or (self.health is not None and len(recording) < FEWEST):
             return
-        found, known = examine(recording.picked(slice(HEAD)), self.body, falling=self._frames.falling), self.health
+        found, known = examine(recording.picked(slice(HEAD)), self.body, falling=self._falling), self.health
         if known is not None:
             found = replace(found, baseline=known.baseline, noise=known.noise, frames=known.frames)
         else:

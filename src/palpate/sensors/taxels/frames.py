@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from palpate.contact import _track
 from palpate.contact.taxel_settings import TaxelSettings
-from palpate.sensors.taxels import _kernels
+from palpate.sensors.taxels import _kernels, _rest
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.sensors.taxels.model import TaxelBody
@@ -16,6 +16,7 @@ from palpate.signals.smoothing import Forward
 __all__: list[str] = []
 
 _UNKNOWN, _CALIBRATED = 0.1, 0.02  # shares by which gains differ: of cells as they are made, and of calibrated ones
+FEW, FELL = 10, 0.02  # frames far below rest that need no warning, and of those with a touch
 _PLAIN = Intensity((Curve("polynomial", np.ones(1), np.zeros((1, 1)), largest=1.0),), unit="newtons")
 
 
@@ -25,6 +26,7 @@ class TaxelFrames:
     Args:
         body, intensity, settings: as of `TaxelEstimator`.
         forward: filter of the readings that needs no later ones.
+        falling: readings fall under load; None: as the health says.
         filtered: whether there is any filter.
 
     Raises:
@@ -37,6 +39,7 @@ class TaxelFrames:
         intensity: Intensity | None,
         settings: TaxelSettings,
         forward: Forward | None,
+        falling: bool | None,
         *,
         filtered: bool,
     ) -> None:
@@ -44,10 +47,10 @@ class TaxelFrames:
         self._settings, self._forward, self._filtered = settings, forward, filtered
         self._gains = (_UNKNOWN if intensity is None else _CALIBRATED) if settings.unequal is None else settings.unequal
         curves = intensity or _PLAIN
-        self.falling = curves.curves[0].falling
+        self._known, self.falling = falling, bool(falling)
         which, count = curves.numbers(body.shape), len(body)
-        limits = np.array([curve.saturation for curve in curves.curves])
-        limits = np.where(np.isnan(limits), -np.inf if self.falling else body.top, limits)
+        self._limits = np.array([curve.saturation for curve in curves.curves])[which]
+        self._ends = -np.inf if body.bits is None else 0.0, body.top
         self._curves = curves.tables()
         grid = np.zeros((0, 0, 6)) if body.grid is None else body.grid.copy()
         vectors = np.stack([body.positions, body.normals, body.tangents])
@@ -56,12 +59,12 @@ class TaxelFrames:
         tables = (body.neighbours.copy(), body.steps.copy(), body.between.copy())
         self._table = (*tables, max(body.columns, 1))
         self._usable, self._name = body.usable, body.name
-        self._clock = np.zeros(2)
-        self._zeros = np.zeros((_kernels.SLOTS, count)), np.zeros((_kernels.SLOTS, 3)), np.full(2, np.nan)
+        self._clock = np.zeros(_rest.CLOCK)
+        self._zeros = np.zeros((_rest.SLOTS, count)), np.zeros((_rest.SLOTS, 3)), np.full(2, np.nan)
         self._turn = 0.0 if body.bits is None else body.top + 1.0
-        self._numbers = np.ones((_kernels.NUMBERS, count))
-        self._whole = np.zeros((_kernels.WHOLE, count), dtype=np.int64)
-        self._numbers[_kernels.LIMIT], self._whole[_kernels.CURVE] = limits[which], which
+        self._numbers = np.ones((_rest.NUMBERS, count))
+        self._whole = np.zeros((_rest.WHOLE, count), dtype=np.int64)
+        self._whole[_rest.CURVE] = which
         self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
         self._unfiltered = np.zeros((1, count)), np.zeros(1, dtype=np.int8), np.zeros(0)
         self.no_forces = np.zeros((0, count))
@@ -70,7 +73,10 @@ class TaxelFrames:
     def know(self, health: Health) -> None:
         """Use the baseline, noise and bad cells of a `Health` from the next `reset` on."""
         self._health = health
-        self._whole[_kernels.GOOD], self._numbers[_kernels.NOISE] = self._usable & health.good, health.noise
+        self.falling = health.falling if self._known is None else self._known
+        limits = np.where(np.isnan(self._limits), self._ends[not self.falling], self._limits)
+        self._numbers[_rest.LIMIT] = limits
+        self._whole[_rest.GOOD], self._numbers[_rest.NOISE] = self._usable & health.good, health.noise
         self._same = self._fixed()
 
     def notes(self, health: Health) -> tuple[str, ...]:
@@ -81,9 +87,11 @@ class TaxelFrames:
             cell = self._name(int(np.argmax(drifted)))
             moved = f"{drifted.max():.0f} deviations of its noise, most at cell {cell}"
             said.append(f"readings at rest drifted by up to {moved}; they were followed where nothing touched")
-        if self._clock[1]:
-            said.append(f"{self._clock[1]:.0f} frames could not be used (they have another size, or no numbers)")
-        wrapped = [self._name(cell) for cell in np.flatnonzero(self._whole[_kernels.WRAPPED]).tolist()]
+        if self._clock[_rest.UNUSED]:
+            said.append(
+                f"{self._clock[_rest.UNUSED]:.0f} frames could not be used (they have another size, or no numbers)"
+            )
+        wrapped = [self._name(cell) for cell in np.flatnonzero(self._whole[_rest.WRAPPED]).tolist()]
         if wrapped:
             cells = f"{', '.join(wrapped[:5])}{', ...' if len(wrapped) > 5 else ''}"
             said.append(
@@ -92,36 +100,66 @@ class TaxelFrames:
             )
         return tuple(said)
 
+    def warnings(self) -> tuple[str, ...]:
+        """Return a sentence each on zeros that jumped, touches that left a remainder, and readings that fell."""
+        clock, said = self._clock, list[str]()
+        if jumps := int(clock[_rest.JUMPS]):
+            times = "once" if jumps == 1 else f"{jumps} times, the last time"
+            said.append(
+                f"the readings of all cells shifted together {times} at {clock[_rest.JUMPED]:.2f} s, as no touch does: "
+                "their rest was taken anew, and frames until then are invalid"
+            )
+        if clock[_rest.REMAINS] > 0.0:
+            where = f"most at cell {self._name(int(clock[_rest.WHERE]))}"
+            said.append(
+                f"up to {100 * clock[_rest.REMAINS]:.0f} % of a touch's peak remained after it ({where}) and was "
+                "followed as rest: hysteresis, or slow recovery"
+            )
+        if clock[_rest.FALLEN] > max(FEW, FELL * clock[_rest.TOUCHES]):
+            said.append(
+                f"readings were far below their rest in {clock[_rest.FALLEN]:.0f} frames, and touches were found in "
+                f"{clock[_rest.TOUCHES]:.0f}: if a load does that, write falling = {str(not self.falling).lower()} in "
+                "[skin]; else the tare was touched"
+            )
+        return tuple(said)
+
     def reset(self) -> None:
         """Forget drift of the baseline, wrapped readings, filter and identities."""
         health = self._health
         if health is not None:
-            self._numbers[[_kernels.BASELINE, _kernels.HELD]] = health.baseline
+            self._numbers[[_rest.BASELINE, _rest.HELD]] = health.baseline
             walks = self._settings.walk > 0.0
-            self._numbers[_kernels.VARIANCE] = health.noise**2 / max(1, health.frames) if walks else 0.0
+            self._numbers[_rest.VARIANCE] = health.noise**2 / max(1, health.frames) if walks else 0.0
         self._zeros[1][:], self._zeros[2][:] = 0.0, np.nan
-        self._whole[_kernels.TOUCHED] = _kernels.NEVER
-        self._numbers[_kernels.LAST] = np.nan
-        self._whole[[_kernels.TURNS, _kernels.WRAPPED]] = 0
-        self._clock[:] = np.nan, 0.0
+        self._whole[_rest.TOUCHED] = _rest.NEVER
+        self._numbers[_rest.LAST] = np.nan
+        self._whole[[_rest.TURNS, _rest.WRAPPED]] = 0
+        self._numbers[[_rest.PEAK, _rest.FADED]] = 0.0
+        self._clock[:] = 0.0
+        self._clock[_rest.LATEST] = np.nan
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
         if self._forward is not None:
             self._forward.reset()
 
     @property
+    def touches(self) -> int:
+        """Return the number of touches so far."""
+        return int(self._tracks[1][0]) - 1
+
+    @property
     def force(self) -> Float[np.ndarray, " k"]:
         """Return each cell's force (k,) [N] in the last frame, a view."""
-        return self._numbers[_kernels.FORCE]
+        return self._numbers[_rest.FORCE]
 
     @property
     def rest(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """Return each cell's baseline (k,) [counts] and its standard deviation, as `TaxelEstimator.rest`."""
-        return self._numbers[_kernels.BASELINE].copy(), np.sqrt(self._numbers[_kernels.VARIANCE])
+        return self._numbers[_rest.BASELINE].copy(), np.sqrt(self._numbers[_rest.VARIANCE])
 
     @property
     def label(self) -> Int[np.ndarray, " k"]:
         """Return the index of each cell's area (k,), as `TaxelEstimator.label`."""
-        return self._whole[_kernels.LABEL]
+        return self._whole[_rest.LABEL]
 
     def run(
         self,

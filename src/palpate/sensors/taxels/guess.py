@@ -39,6 +39,7 @@ columns = {columns}
 {cells}{bits:<36} # of a whole-number reading; 0: readings are floats
 # intensity = "intensity.toml"       # written by: palpate calibrate intensity; without it a count is taken for 1 N
 # tare = 1.0                         # s: the log starts so long untouched
+# falling = true                     # readings fall under load; without it found in the log
 
 [contacts]
 on = 6.0                             # a touch begins where a cell stands so many deviations of its noise above its rest

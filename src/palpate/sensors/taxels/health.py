@@ -10,20 +10,24 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.rest import CLOSE, falls, resting
 from palpate.signals.recording import Recording
 from palpate.signals.wrench_sensor import Tare
 from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import frozen_value, takes_arrays
+from palpate.spatial.arguments import frozen_value
 
 SCATTER = 4.0  # times the noise, in a tare
 FEWEST = 8  # frames from which a cell can be judged
-CLOSE = 4.0  # standard deviations about the baseline that still are at rest
 SILENT = 5  # frames in which a cell was silent between neighbours that were pressed
 PRESSED = 0.25  # of the largest excursion in the log: then a cell is pressed
 AFTER, LEFT = 0.5, 0.03  # s after a touch, and the share of a reading that may remain then
+FALLS = (
+    "readings fall under load, by the direction of their largest excursions: write falling = true in [skin], or "
+    "falling = false if they rise"
+)
 OPPOSITE = -0.8  # cosine between the ways to two neighbours
 WRAP = 0.85  # of the range: a step of a cell alone that is no touch
-_QUANTUM = 12**-0.5  # standard deviation of rounding to integers
+SPREAD = 8192  # frames, evenly spread, that show the direction of a load
 
 
 @frozen_value
@@ -38,6 +42,7 @@ class Health:
         frames: number of frames from which the baseline was taken.
         notes, warnings: one sentence each.
         hysteresis: median share of a reading's height that remains 0.5 s after a touch; NaN: not known.
+        falling: readings fall under load.
     """
 
     baseline: Float[np.ndarray, " k"]
@@ -48,6 +53,7 @@ class Health:
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     hysteresis: float = float("nan")
+    falling: bool = False
 
     @property
     def good(self) -> Bool[np.ndarray, " k"]:
@@ -55,18 +61,23 @@ class Health:
         return ~(self.dead | self.stuck)
 
 
-def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = None, falling: bool = False) -> Health:
+def examine(
+    recording: Recording, body: TaxelBody, *, seconds: float | None = None, falling: bool | None = None
+) -> Health:
     """Return the `Health` of a body's cells from a log's start, which may contain touches.
 
     Args:
         recording: at least 8 frames.
         body: the body that was recorded.
         seconds: time at the start in which nothing was touched; None: not known.
-        falling: readings fall under load.
+        falling: readings fall under load; None: found by `falls_under_load`, with a note where they do.
 
     Raises:
         InputError: no readings of this body, too few frames, or every cell keeps one value and is stuck.
     """
+    if falling is None:
+        found = examine(recording, body, seconds=seconds, falling=falls_under_load(recording, body, seconds))
+        return replace(found, notes=(*found.notes, FALLS)) if found.falling else found
     raw = body.readings(recording)
     known = np.isfinite(raw).all(axis=1)
     cells, time = -raw[known] if falling else raw[known], recording.time[known]
@@ -109,7 +120,29 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
         share = f"{100 * hysteresis:.0f} % of a reading remains {AFTER:g} s after a touch"
         doubts.append(f"{share}: after it, forces are too large for a while (hysteresis, or slow recovery)")
     baseline = -baseline if falling else baseline
-    return Health(frozen(baseline), frozen(noise), dead, stuck, len(rest), tuple(notes), tuple(doubts), hysteresis)
+    return Health(
+        frozen(baseline), frozen(noise), dead, stuck, len(rest), tuple(notes), tuple(doubts), hysteresis, falling
+    )
+
+
+def falls_under_load(recording: Recording, body: TaxelBody, seconds: float | None = None) -> bool:
+    """Return whether readings fall under load, by the direction of their largest excursions.
+
+    Args:
+        recording: with touches; without any, readings are taken to rise.
+        body: the body that was recorded.
+        seconds: time at the start in which nothing was touched; None: not known.
+
+    Raises:
+        InputError: no readings of this body.
+    """
+    raw, time = body.readings(recording), recording.time
+    known = np.isfinite(raw).all(axis=1) & np.isfinite(time)
+    cells, rest = raw[known], raw[known]
+    if seconds is not None and known.any():
+        rest = rest[time[known] <= time[known][0] + seconds]
+    every = 1 + len(cells) // SPREAD
+    return len(rest) >= FEWEST and falls(cells[::every][:, body.usable], rest[::every][:, body.usable])
 
 
 def _at_rest(recording: Recording, body: TaxelBody, falling: bool) -> Health:
@@ -178,32 +211,6 @@ def _hysteresis(
         if end < len(above) and not pressed[start + 1 : end + 1].any() and abs(time[end] - time[start] - AFTER) < AFTER:
             found.append(float(above[end, cell] / above[max(start - 5, 0) : start + 1, cell].max()))
     return float(np.median(found)) if found else float("nan")
-
-
-@takes_arrays
-def resting(
-    cells: Float[np.ndarray, "n k"], *, counts: bool
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return mean and standard deviation, (k,) each [counts], of the readings near each cell's lower end.
-
-    Args:
-        cells: (n, k) readings that rise under load.
-        counts: readings are integers, whose noise is at least that of rounding.
-
-    Raises:
-        InputError: cells has another shape.
-    """
-    steps = np.abs(np.diff(cells, axis=0))
-    low = np.quantile(cells, 0.1, axis=0)
-    rough = np.maximum(np.median(steps, axis=0) / 0.954, 1.0 if counts else 1e-12 + 1e-6 * np.ptp(cells))
-    near = np.abs(cells - low) <= 2 * CLOSE * rough
-    middle = np.nanmedian(np.where(near, cells, np.nan), axis=0)
-    near = np.abs(cells - middle) <= CLOSE * rough
-    count = near.sum(axis=0)
-    baseline = np.where(near, cells, 0.0).sum(axis=0) / count
-    variance = np.where(near, (cells - baseline) ** 2, 0.0).sum(axis=0) / np.maximum(count - 1, 1)
-    least = _QUANTUM if counts else 1e-9 + 1e-3 * float(np.median(np.sqrt(variance)))
-    return baseline, np.sqrt(np.maximum(variance, least**2))
 
 
 def _stuck(baseline: Float[np.ndarray, " k"], still: Bool[np.ndarray, " k"], body: TaxelBody) -> Bool[np.ndarray, " k"]:

@@ -221,3 +221,19 @@ class Intensity(Value):
         """Return the force [N] of each curve at evenly spaced counts from 0, (c, 2048), and the step in counts (c,)."""
         tables = [curve.table() for curve in self.curves]
         return np.stack([forces for _, forces in tables]), np.array([counts[1] for counts, _ in tables])
+
+
+def load_direction(intensity: Intensity | None, falling: bool | None) -> bool | None:
+    """Return whether readings fall under load, as stated or by the curves; None: neither says.
+
+    Raises:
+        InputError: the curves contradict what is stated.
+    """
+    known = None if intensity is None else intensity.curves[0].falling
+    if known is not None and falling is not None and known != falling:
+        raise InputError(
+            f"falling = {str(falling).lower()} contradicts the curves, which {'fall' if known else 'rise'} under load.",
+            where="skin.falling",
+            hint="Leave it out, or name the curves of this skin.",
+        )
+    return falling if known is None else known

@@ -15,8 +15,8 @@ from palpate.files.models import read_model
 from palpate.files.units import CELL_UNITS, ELECTRIC_UNITS, FORCE_UNITS, PRESSURE_UNITS, known_unit
 from palpate.sensors.taxels.estimator import HEAD, TaxelEstimator
 from palpate.sensors.taxels.guess import guess_skin
-from palpate.sensors.taxels.health import examine
-from palpate.sensors.taxels.intensity import Intensity
+from palpate.sensors.taxels.health import FALLS, examine, falls_under_load
+from palpate.sensors.taxels.intensity import Intensity, load_direction
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
@@ -53,6 +53,7 @@ class RigSkin:
         rate: [Hz] of frames without times.
         masked: cells [row, column], or indices of taxels, that are not used.
         tare: [s] at the start of the log in which nothing touches.
+        falling: readings fall under load; None: as those of `intensity`, or else found in the log.
 
     Raises:
         ValueError: keys exclude each other, are missing or are out of their range.
@@ -73,6 +74,7 @@ class RigSkin:
     rate: float | None = None
     masked: tuple[int, ...] | tuple[tuple[int, int], ...] = ()
     tare: float | None = None
+    falling: bool | None = None
 
     def __post_init__(self) -> None:
         for name in ("map", "taxels"):
@@ -258,11 +260,11 @@ def _layout(setup: Setup) -> LogLayout:
 
 def _build(setup: Setup) -> BuiltEstimator:
     skin, head = setup.of(SkinSection), setup.head
-    body, intensity, tare = skin.body, skin.intensity, skin_tare(setup)
-    health = None
+    body, intensity, tare, falling = skin.body, skin.intensity, skin_tare(setup), skin.table.falling
+    health, stated = None, load_direction(intensity, falling)
     if head is not None:
         first = max(HEAD, 0 if tare is None else len(first_seconds(head, tare)))
-        falling = intensity is not None and intensity.curves[0].falling
+        falling = falls_under_load(head, body, tare) if stated is None else stated
         health = examine(head.picked(slice(0, first)), body, seconds=tare, falling=falling)
     smooth, rate = setup.smoothing()
     estimator = TaxelEstimator(
@@ -273,12 +275,15 @@ def _build(setup: Setup) -> BuiltEstimator:
         filter=smooth.filter(),
         rate=rate,
         mount=setup.link.mount,
+        falling=falling,
     )
     made = BuiltEstimator(estimator, notes=noted_filter(smooth, rate), settings=dict(vars(setup.contacts)))
     if tare is None:
         made.notes.append(
             "cells at rest are found in the log itself; write tare = SECONDS in [skin] if nothing touches at its start"
         )
+    if health is not None and health.falling and stated is None:
+        made.notes.append(FALLS)
     return made
 
 

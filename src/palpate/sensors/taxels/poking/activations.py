@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
-from palpate.sensors.taxels.health import resting
+from palpate.sensors.taxels.rest import resting
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
 HEAD = 2048  # frames from which rest and noise are taken

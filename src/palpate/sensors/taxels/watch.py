@@ -1,0 +1,168 @@
+"""Keep what a log of taxels shows from its first frame to its last: lost and frozen frames, and frames of touches."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.sensors.taxels._kernels import AREA
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.spatial.arguments import takes_arrays
+
+KEPT = 2048  # frames, evenly spread, that show which cells answer together
+SOME = 8  # of so many cells one is compared first
+LOST = 0.01  # of the frames missing
+REGULAR = 0.9  # of the steps that are whole multiples of the usual one, within
+NEAR = 0.25  # of it, where no frame is missing in steps of more than
+GAP = 5  # of it, which are gaps
+SHORTEST, LONGER = 10, 20.0  # frames that repeat, and times the usual number of such frames
+CORNERS = 4  # touches of a frame from which one may be a ghost
+ALIGNED = 0.7  # cells by which corners of a rectangle are off
+WEAKER = 0.9  # of the weakest of the other corners
+
+
+@takes_arrays
+class TaxelWatch:
+    """Watch of a log's frames, block after block.
+
+    Args:
+        body: the body that is recorded.
+    """
+
+    def __init__(self, body: TaxelBody) -> None:
+        self._body = body
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._times, self._same, self._free = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
+        self._last: np.ndarray = np.full((1, len(self._body)), np.nan)
+        self._kept, self._empty, self._stride, self._count = list[np.ndarray](), list[np.ndarray](), 1, 0
+        self._ghosts: dict[str, float] = {}
+
+    def add(
+        self,
+        time: Float[np.ndarray, " n"],
+        raw: Float[np.ndarray, "n k"],
+        rows: Float[np.ndarray, "r width"],
+        counts: Int[np.ndarray, " n"],
+    ) -> None:
+        """Add the next frames at times (n,) [s], with the rows of their contacts and each one's number of rows.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
+        if not len(time):
+            return
+        self._times.append(time.copy())
+        self._same.append(_repeats(np.concatenate([self._last, raw])))
+        first: Int[np.ndarray, " n"] = np.cumsum(counts) - counts
+        self._free.append(np.isnan(rows[first, 0]))
+        self._last = raw[-1:].copy()
+        self._keep(raw, self._free[-1])
+        if self._body.rows:
+            for frame in np.flatnonzero(counts >= CORNERS)[:KEPT].tolist():
+                self._look_for_ghosts(float(time[frame]), rows[first[frame] : first[frame] + counts[frame]])
+
+    def _keep(self, raw: Float[np.ndarray, "n k"], free: Bool[np.ndarray, " n"]) -> None:
+        """Keep every few frames; in a longer log every second one of them stays."""
+        even = slice(-self._count % self._stride, None, self._stride)
+        self._kept.append(raw[even].copy())
+        self._empty.append(free[even])
+        self._count += len(raw)
+        while sum(map(len, self._kept)) > 2 * KEPT:
+            self._kept, self._empty = [np.concatenate(self._kept)[::2]], [np.concatenate(self._empty)[::2]]
+            self._stride *= 2
+
+    @property
+    def loads(self) -> Float[np.ndarray, "n k"]:
+        """Return frames with contacts, evenly spread over the log, (n, k), each less the last one without a contact."""
+        frames = np.concatenate([np.zeros((0, len(self._body))), *self._kept])
+        free = np.concatenate([np.zeros(0, dtype=bool), *self._empty])
+        before = np.maximum.accumulate(np.where(free, np.arange(len(free)), -1))
+        loaded = ~free & (before >= 0)
+        return frames[loaded] - frames[before[loaded]]
+
+    @property
+    def free(self) -> Bool[np.ndarray, " n"]:
+        """Return bools (n,), whether each frame has no contact."""
+        return np.concatenate([np.zeros(0, dtype=bool), *self._free])
+
+    def warnings(self) -> list[str]:
+        """Return a list of sentences on lost and frozen frames, ghosts, and a contact that does not end."""
+        if not self._times:
+            return []
+        time = np.concatenate(self._times)
+        return [*_lost(time), *_frozen(time, np.concatenate(self._same)), *self._ghost(), *_endless(time, self.free)]
+
+    def _look_for_ghosts(self, time: float, rows: Float[np.ndarray, "c width"]) -> None:
+        """Note the weakest of four touches at the corners of a rectangle of rows and columns."""
+        place, load = rows[:, AREA : AREA + 2], rows[:, AREA + 3]
+        for k in np.flatnonzero(load < np.sort(load)[-3]).tolist():
+            beside, above = (np.abs(place[:, axis] - place[k, axis]) < ALIGNED for axis in (0, 1))
+            for i in np.flatnonzero(beside & ~above).tolist():
+                for j in np.flatnonzero(above & ~beside).tolist():
+                    opposite = (np.abs(place - [place[j, 0], place[i, 1]]) < ALIGNED).all(axis=1)
+                    if opposite.any() and load[k] < WEAKER * min(load[i], load[j], load[opposite].max()):
+                        self._ghosts.setdefault(self._named(place[k]), time)
+
+    def _named(self, place: Float[np.ndarray, "2"]) -> str:
+        row, column = np.rint(place).astype(int).tolist()
+        return f"({row}, {column})"
+
+    def _ghost(self) -> list[str]:
+        if not self._ghosts:
+            return []
+        cell, time = next(iter(self._ghosts.items()))
+        more = f" and {len(self._ghosts) - 1} more" if len(self._ghosts) > 1 else ""
+        return [
+            f"the touch at cell {cell} from {time:.2f} s on{more} may be a ghost: the three other corners of its "
+            "rectangle of rows and columns are pressed harder, and a resistive matrix without diodes shows the fourth"
+        ]
+
+
+def _repeats(raw: Float[np.ndarray, "n k"]) -> Bool[np.ndarray, " m"]:
+    """Return whether each frame but the first equals the one before."""
+    same = (raw[1:, ::SOME] == raw[:-1, ::SOME]).all(axis=1)
+    which = np.flatnonzero(same)
+    same[which] = (raw[1:][which] == raw[:-1][which]).all(axis=1)
+    return same
+
+
+def _lost(time: Float[np.ndarray, " n"]) -> list[str]:
+    """Return a sentence if steps of several times the usual one show that frames are missing."""
+    steps = np.diff(time[np.isfinite(time)])
+    steps = steps[steps > 0]
+    usual = float(np.median(steps)) if len(steps) > SHORTEST else np.inf
+    steps = steps[steps < (GAP + 0.5) * usual] / usual
+    missing = np.rint(steps) - 1
+    if not len(steps) or np.mean(np.abs(steps - np.rint(steps)) < NEAR) < REGULAR:
+        return []
+    lost = int(missing.sum())
+    share = lost / (len(time) + lost)
+    return [f"{lost:,} of {len(time) + lost:,} frames are missing ({share:.0%})"] if share > LOST else []
+
+
+def _frozen(time: Float[np.ndarray, " n"], same: Bool[np.ndarray, " n"]) -> list[str]:
+    """Return a sentence if frames repeat for far longer than is usual in this log."""
+    starts = np.flatnonzero(~same)
+    runs = np.diff(np.append(starts, len(same)))
+    if len(runs) < SHORTEST:
+        return []
+    frozen = np.flatnonzero(runs > max(SHORTEST, LONGER * float(np.median(runs))))
+    if not len(frozen) or len(runs) < 0.5 * len(same):
+        return []
+    begun, count = starts[frozen[0]], int((runs[frozen] - 1).sum())
+    last = f" to {time[begun + runs[frozen[0]] - 1]:.2f} s" if len(frozen) == 1 else f" s on, {len(frozen)} times"
+    return [f"{count:,} frames repeat the one before, from {time[begun]:.2f}{last}: the sensor or its reader hung"]
+
+
+def _endless(time: Float[np.ndarray, " n"], free: Bool[np.ndarray, " n"]) -> list[str]:
+    """Return a sentence if a contact goes on for more than half of a log, to its end."""
+    last = np.flatnonzero(free)
+    if not len(last) or last[-1] > len(free) // 2:
+        return []
+    since = time[last[-1] + 1]
+    return [
+        f"there is a contact from {since:.2f} s to the end of the log: if nothing touches there, the zero has moved"
+    ]
