@@ -29,7 +29,7 @@ CALLS = {
 SIDE = """
 import sys, time
 import numpy as np, palpate
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 from tests.same.play import samples
 
 def made(name):
@@ -48,7 +48,7 @@ def loop(name):
         estimator.update_into(time, reading, out, *more)
 
 sides = {name: made(name) for name in SENSORS}
-mesh = palpate.Mesh.from_arrays(*Ellipsoid((0.010, 0.007, 0.005)).mesh(20_000))
+mesh = palpate.Mesh.from_arrays(*EllipsoidBody((0.010, 0.007, 0.005)).mesh(20_000))
 locator = palpate.Locator(mesh, noise=[0.02] * 3 + [0.001] * 3)
 estimator = palpate.WrenchEstimator(locator, palpate.ForceTorque([0.02] * 3 + [0.001] * 3))
 wrench, row = np.array([0.5, 0.0, -5.0, 0.0, 0.001, 0.001]), estimator.empty()

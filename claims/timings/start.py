@@ -38,9 +38,9 @@ print(time.process_time() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_m
 FIRST = """
 import json, time
 import numpy as np, palpate
-from palpate_lab.simulation import Ellipsoid
+from palpate_lab.simulation import EllipsoidBody
 
-mesh = palpate.Mesh.from_arrays(*Ellipsoid((0.010, 0.007, 0.005)).mesh(20_000))
+mesh = palpate.Mesh.from_arrays(*EllipsoidBody((0.010, 0.007, 0.005)).mesh(20_000))
 begin = time.perf_counter()
 locator = palpate.Locator(mesh, noise=[0.02] * 3 + [0.001] * 3)
 took = {"ready": time.perf_counter() - begin}

@@ -59,16 +59,15 @@ def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
         hint = f"`{model.command}` writes {model.called}. {problem.hint}".strip()
         raise InputError(problem.what, where=problem.where, hint=hint) from None
     kind = table.pop("kind", None)
-    if holds is not None:
+    found = MODELS[kind] if isinstance(kind, str) and kind in MODELS else None  # no other kind is imported
+    if holds is not None and (found is None or found.holds is not holds):
         wanted, model = _model(holds)
-        if kind != wanted:
-            hint = f"`{model.command}` writes one (kind = {wanted!r})."
-            raise InputError(f"is not {model.called}.", where=str(path), hint=hint)
-    elif not isinstance(kind, str) or kind not in MODELS:
+        hint = f"`{model.command}` writes one (kind = {wanted!r})."
+        raise InputError(f"is not {model.called}.", where=str(path), hint=hint)
+    if found is None:
         known = ", ".join(repr(name) for name in MODELS)
         raise InputError("is not a model.", where=str(path), hint=f"Write its kind, one of {known}.")
-    model = MODELS[kind]
-    return parse(table, model.holds, file=str(path), forms=model.forms)
+    return parse(table, found.holds, file=str(path), forms=found.forms)
 
 
 def write_model(path: str | Path, value: Any) -> None:
