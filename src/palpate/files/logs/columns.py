@@ -17,9 +17,8 @@ from palpate.files.logs.layout import POSE_COLUMNS, ArrayChannel, LogLayout, req
 from palpate.files.logs.log import Log
 from palpate.files.logs.pose_table import PoseTable, converted
 from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
-from palpate.files.logs.time_unit import judged_unit, stated_unit
 from palpate.files.tables.fields import Fields
-from palpate.files.tables.stated import Stated
+from palpate.files.tables.stated import Stated, judged_unit, stated_unit
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
 from palpate.signals.recording import ACCELERATION, CELLS, FORCE, TEMPERATURE, TORQUE, Recording
 

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from os import SEEK_END
 from pathlib import Path
 
+from palpate.files.inputs import open_input
 from palpate.files.logs.columns import ColumnLog, Columns
 from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import LogContents
 from palpate.files.tables.fields import RowCount
-from palpate.files.tables.lines import open_input
 from palpate.files.tables.stated import Stated
 from palpate.files.tables.table import tables
 from palpate.signals.recording import Recording

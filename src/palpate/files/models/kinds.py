@@ -10,8 +10,9 @@ from typing import Any, TypeVar, cast, overload
 
 from palpate.errors import InputError
 from palpate.files.atomic import write_text
+from palpate.files.inputs import load_toml
 from palpate.files.models.model import Model
-from palpate.files.models.toml import load_toml, toml_lines
+from palpate.files.models.toml import toml_lines
 from palpate.files.schema import Key, TableForm, parse
 from palpate.registry import Registry
 

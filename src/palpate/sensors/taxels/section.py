@@ -31,7 +31,7 @@ from palpate.setup.makers import named_pose, pose_columns
 from palpate.setup.names import time_column, wrench_columns
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
-from palpate.setup.wrench import first_seconds, noted_filter
+from palpate.setup.wrench import noted_filter
 from palpate.signals.recording import CELLS
 
 RATE = 100.0  # Hz
@@ -224,7 +224,7 @@ def _build(setup: Setup) -> BuiltEstimator:
     body, intensity, tare = skin.body, skin.intensity, skin_tare(setup)
     health = None
     if head is not None:
-        first = max(HEAD, 0 if tare is None else len(first_seconds(head, tare)))
+        first = max(HEAD, 0 if tare is None else len(head.first(tare)))
         falling = intensity is not None and intensity.curves[0].falling
         health = examine(head.picked(slice(0, first)), body, seconds=tare, falling=falling)
     smooth, rate = setup.smoothing()
