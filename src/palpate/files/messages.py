@@ -15,8 +15,6 @@ from jaxtyping import Int
 from palpate.files.inputs import Watched
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["MessageBlock", "MessageFile", "Topic", "merged"]
-
 Found = TypeVar("Found")
 
 
