@@ -1,4 +1,4 @@
-"""Start: how long an import takes, and that nothing compiles inside a loop."""
+"""Start: what commands and the first answer take, and that nothing compiles inside a loop."""
 
 import json
 import os
@@ -20,10 +20,11 @@ CPU = [  # what, target [s], arguments of Python
     ("`palpate inspect` of a CSV", 0.5, ["-m", "palpate", "inspect", "touches.csv"]),
     ("importing palpate", 0.25, ["-c", "import palpate"]),
     (
-        "`palpate.Mesh` of an STL, machine code there",
+        "the first `palpate.locate` on an STL",
         1.0,
-        ["-c", "import palpate; palpate.Mesh.load('probe.stl', 'mm')"],
+        ["-c", "import palpate; palpate.locate([0, 0, -5, 0.02, 0, 0], 'probe.stl', unit='mm', noise=(0.02, 0.001))"],
     ),
+    ("`palpate demo --no-view`", 10.0, ["-m", "palpate", "demo", "--no-view", "--force"]),
 ]
 LARGE = """
 import resource, time
