@@ -38,7 +38,7 @@ def uninterrupted() -> Generator[None]:
 def importing() -> Generator[None]:
     """Return a context in which a command imports: it holds back Ctrl-C, and the garbage collector passes over modules.
 
-    They stay until the process ends, and to look through them takes a third of the time of a short command. Whatever
+    They stay until the process ends, and to look through them takes a quarter of the time of a short command. Whatever
     else exists when modules were imported is passed over, too: this is not for a library's functions.
 
     Raises:
