@@ -63,9 +63,9 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
 
 
 def _unit_quaternion(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 4"]:
-    """Return unit quaternions, w >= 0, of orthonormal matrices: the row of 4 q q^T with the largest diagonal number.
+    """Return unit quaternions, w >= 0, of orthonormal matrices: the longest row of 4 q q^T, linear in the rotation.
 
-    It is linear in the rotation. The steps are those of SciPy's `Rotation`, which takes 0.2 s to import.
+    The steps are those of SciPy's `Rotation`, which takes 0.2 s to import.
     """
     turned, trace = np.swapaxes(rotation, -1, -2), np.trace(rotation, axis1=-2, axis2=-1)
     sizes = np.concatenate([np.diagonal(rotation, axis1=-2, axis2=-1), trace[..., None]], axis=-1)
