@@ -105,7 +105,7 @@ def _estimated(sensor: str, log: Path, rig: Path, small: bool) -> Iterator[Row]:
 
 
 def _threads(count: int) -> Row:
-    """How many steps a thread of Python takes while another locates a batch, to how many it takes alone."""
+    """How many steps a thread of Python takes while another locates a batch, to those while another process works."""
     locator = Locator(
         Mesh.from_arrays(*EllipsoidBody((0.010, 0.007, 0.005)).mesh(2_000)), noise=[0.02] * 3 + [0.001] * 3
     )
@@ -115,13 +115,15 @@ def _threads(count: int) -> Row:
 
     def rate(work: threading.Thread | None) -> float:
         steps, begin = 0, time.perf_counter()
-        until = begin + 0.3
+        until = begin + 1.0
         while work.is_alive() if work is not None else time.perf_counter() < until:
             steps += 1
             time.sleep(1e-3)
         return steps / (time.perf_counter() - begin)
 
-    alone = rate(None)
+    with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as busy:  # as busy a machine, without the GIL
+        alone = rate(None)
+        busy.kill()
     work = threading.Thread(target=locator.run, args=(wrenches,), kwargs={"sequential": False})
     work.start()
     beside = rate(work)
@@ -129,4 +131,4 @@ def _threads(count: int) -> Row:
     met = None if (os.cpu_count() or 1) < 2 else beside >= 0.9 * alone
     got = f"{beside / alone:.0%} ({beside:.0f} of {alone:.0f} steps of 1 ms a second)"
     what = f"another thread while {count:,} wrenches are located in one call"
-    return Row(what, ">= 90 % of its steps alone", got, met if count > 100_000 else None)
+    return Row(what, ">= 90 % of its steps while another process works", got, met if count > 100_000 else None)

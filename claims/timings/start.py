@@ -78,7 +78,7 @@ def rows(small: bool) -> Iterator[Row]:
     yield _first("compiled before (cached)", None)
     if not small:
         with TemporaryDirectory() as empty:
-            yield _first("never compiled before (empty cache)", empty)
+            yield _first("no native code, never compiled before (empty cache)", empty)
             yield _said()
 
 
@@ -114,10 +114,15 @@ def _process(tree: Path, arguments: list[str], folder: str) -> float:
 
 
 def _python(code: str, cache: str | None = None) -> str:
-    surroundings = dict(os.environ) if cache is None else {**os.environ, "NUMBA_CACHE_DIR": cache}
+    surroundings = dict(os.environ) if cache is None else _numba(cache)
     return subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=surroundings
     ).stdout
+
+
+def _numba(cache: str) -> dict[str, str]:
+    """Return the surroundings of a process that compiles by numba, into a folder."""
+    return {**os.environ, "PALPATE_NATIVE": "0", "NUMBA_CACHE_DIR": cache}
 
 
 def _first(what: str, cache: str | None) -> Row:
@@ -139,7 +144,8 @@ def _said() -> Row:
         main, end = pty.openpty()
         command = [sys.executable, "-m", "palpate", "estimate", "touches.csv"]
         command += ["--mesh", "probe.stl", "--unit", "mm", "-o", "contacts.csv"]
-        done = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=end)
+        surroundings = _numba(f"{folder}/compiled")
+        done = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=end, env=surroundings)
         os.close(end)
         heard = b""
         while True:
