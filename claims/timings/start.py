@@ -138,7 +138,7 @@ def _first(what: str, cache: str | None) -> Row:
 
 
 def _said() -> Row:
-    """The word to the user, on a terminal, while `palpate estimate` compiles."""
+    """Return the row of what a terminal shows while `palpate estimate` compiles."""
     with TemporaryDirectory() as folder:
         write_session(simulate_session(touches=2, facets=320), Path(folder))
         main, end = pty.openpty()
@@ -159,6 +159,8 @@ def _said() -> Row:
         done.wait()
         os.close(main)
     lines = [
-        line.strip() for line in heard.decode(errors="replace").replace("\r", "\n").splitlines() if "compil" in line
+        line.strip() for line in heard.decode(errors="replace").replace("\r", "\n").splitlines() if "palpate:" in line
     ]
-    return Row("`palpate estimate` on a terminal says that it compiles", "a word", " ".join(lines), bool(lines))
+    return Row(
+        "`palpate estimate` on a terminal says what it does while it compiles", "a word", " ".join(lines), bool(lines)
+    )
