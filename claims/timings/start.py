@@ -162,5 +162,8 @@ def _said() -> Row:
         line.strip() for line in heard.decode(errors="replace").replace("\r", "\n").splitlines() if "palpate:" in line
     ]
     return Row(
-        "`palpate estimate` on a terminal says what it does while it compiles", "a word", " ".join(lines), bool(lines)
+        "`palpate estimate` on a terminal says what it does while it compiles",
+        "a word",
+        "".join(lines[:1]),
+        bool(lines),
     )
