@@ -13,7 +13,7 @@ import numpy as np
 
 import palpate
 from palpate.control import Limits, Servo
-from palpate.files import load_arm
+from palpate.files.arm import load_arm
 from palpate_lab.simulation.phantom import LabSettings, PhantomLab, motion
 from palpate_lab.simulation.phantom.elfin3 import urdf
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import palpate
-from palpate.cli.app import COMMANDS, _options, join_others
-from palpate.cli.spelling import command_of, unknown_command, unknown_option
+from palpate.cli.app import COMMANDS, _options, command_of, join_others
+from palpate.cli.spelling import unknown_command, unknown_option
 from tests.support import blocks
 from tests.support.blocks import ROOT
 
@@ -85,7 +85,7 @@ def _known(command: tuple[str, ...]) -> set[str]:
 def test_every_command_that_a_sentence_names_exists_with_its_options(page: Path) -> None:
     """Those in blocks are followed by tests/conformance/test_front_door.py."""
     calls = [line.split()[1:] for line in INLINE.findall(_read(page))]
-    wrong = [unknown_command(words, GROUPS) or _unknown_option(words) for words in calls]
+    wrong = [unknown_command(words, command_of(words, GROUPS), GROUPS) or _unknown_option(words) for words in calls]
     assert [said for said in wrong if said] == []
 
 

@@ -339,6 +339,22 @@ def test_ctrl_c_is_heard_after_the_block_and_then_as_before() -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
+IMPORTING = """
+import gc
+from palpate.interrupts import importing
+frozen = []
+for _ in range(2):
+    with importing():
+        import json.tool, email.message
+    frozen.append(gc.get_freeze_count())
+print(frozen[0] > 1000, frozen[1] <= frozen[0], gc.isenabled())
+"""
+
+
+def test_the_collector_passes_over_what_a_command_imported_and_over_nothing_else() -> None:
+    assert subprocess.check_output([sys.executable, "-c", IMPORTING], text=True).split() == ["True"] * 3
+
+
 @pytest.mark.usefixtures("here")
 def test_a_reader_that_leaves_ends_it_silently() -> None:
     process = _python(CALL, "inspect", "touches.csv", stdout=(pipe := os.pipe())[1])

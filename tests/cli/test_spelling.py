@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from palpate.cli import main
-from palpate.cli.app import _EACH, join_others
-from palpate.cli.spelling import command_of, unknown_command, unknown_option
+from palpate.cli.app import _EACH, command_of, join_others
+from palpate.cli.spelling import unknown_command, unknown_option
 
 join_others()
 
@@ -31,14 +31,14 @@ GROUPS = {"estimate": (), "events": (), "calibrate": ("clock", "load-cells"), "r
     ],
 )
 def test_a_misspelt_command_names_what_was_meant(call: str, meant: str) -> None:
-    said = unknown_command(call.split(), GROUPS)
+    said = unknown_command(call.split(), command_of(call.split(), GROUPS), GROUPS)
     assert said is not None
     assert meant in said
 
 
 @pytest.mark.parametrize("call", ["", "--help", "estimate estimat", "calibrate", "calibrate --help", "rig new nwe"])
 def test_what_names_a_command_or_none_is_not_corrected(call: str) -> None:
-    assert unknown_command(call.split(), GROUPS) is None
+    assert unknown_command(call.split(), command_of(call.split(), GROUPS), GROUPS) is None
 
 
 def test_options_are_those_of_the_command() -> None:

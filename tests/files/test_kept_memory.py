@@ -12,7 +12,7 @@ BLOCKS, ARRAYS, SIZE, PAGE = 50, 8, 1 << 21, 4096  # bytes; larger arrays are hu
 CODE = f"""
 import resource, threading
 import numpy as np
-from palpate.files.memory import keep_memory
+from palpate.processes import keep_memory
 keep_memory()
 def blocks():
     for _ in range({BLOCKS}):

@@ -12,8 +12,8 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.files.atomic import growing, keep_inputs, write_text
+from palpate.files.inputs import open_input
 from palpate.files.output_lock import inherited, reserving
-from palpate.files.tables.lines import open_input
 
 HOLD = """
 import sys

@@ -13,7 +13,7 @@ import trimesh
 from palpate import InputError, estimate
 from palpate.cli import main
 from palpate.files.logs import LogLayout, read_recording
-from palpate.files.logs.time_unit import judged_unit
+from palpate.files.tables.stated import judged_unit
 from palpate.setup import load_rig
 
 SI = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
 
 from palpate.errors import InputError
 from palpate.spatial.pose import Pose, quaternion_from_rotation, rotation_from_quaternion, skew
@@ -63,6 +64,18 @@ def test_quaternions_go_to_rotations_and_back(quaternion: np.ndarray) -> None:
     # 1e-8: a quaternion is a square root of its rotation, so rounding counts so much near half a turn
     assert min(np.abs(back - unit).max(), np.abs(back + unit).max()) < 1e-7
     assert np.allclose(rotation_from_quaternion(back), rotation, rtol=0, atol=10 * TINY)
+
+
+@pytest.mark.parametrize("spread", [0.0, 1e-9, 0.1])
+def test_quaternions_are_those_of_scipy(spread: float) -> None:
+    """Also of half turns, whose sign is free, and of matrices that are scaled or otherwise not orthonormal."""
+    rng = np.random.default_rng(6)
+    axes = np.array([[0, -1, 2], [-1, 2, 0], [-2, 0, 1], [0, 0, -3], [1, -2, 3]])
+    half = 2.0 * axes[:, :, None] * axes[:, None] / (axes**2).sum(axis=1)[:, None, None] - np.eye(3)
+    matrices = np.concatenate([Rotation.random(500, rng=rng).as_matrix(), half])
+    matrices = matrices * rng.uniform(1.0, 1.0 + spread, (505, 1, 1)) + spread * rng.uniform(-0.5, 0.5, (505, 3, 3))
+    expected = Rotation.from_matrix(matrices).as_quat(canonical=True)
+    assert np.allclose(quaternion_from_rotation(matrices), expected, rtol=0, atol=TINY)
 
 
 @given(vectors(4, 10.0).filter(lambda q: np.linalg.norm(q) > 1e-3), vectors(3, 10.0))

@@ -13,11 +13,11 @@ from shutil import get_terminal_size
 from textwrap import wrap
 from typing import Any
 
-from palpate.cli.spelling import command_of, unknown_command, unknown_option
+from palpate.cli.spelling import unknown_command, unknown_option
 from palpate.errors import PalpateError
 from palpate.interrupts import importing
 
-__all__ = ["find"]
+__all__ = ["command_of", "find"]
 
 USAGE = 2  # the exit code of a call that the parser refuses
 
@@ -160,18 +160,26 @@ def find(argv: Sequence[str]) -> Callable[[], None]:
     if not {" ".join(named[:1]), " ".join(named[:2])} & set(_EACH):
         join_others()
     names = {name: tuple(each.commands) if isinstance(each, _Group) else () for name, each in COMMANDS.items()}
-    if sentence := unknown_command(words, names):
-        raise SystemExit(" ".join([sentence, *BROKEN]))
-    helps = bool({"-h", "--help"} & set(words))
+    helps, completes = bool({"-h", "--help"} & set(words)), any(word.startswith("--tyro-") for word in words)
     called = command_of(words, names)
-    if any(word.startswith("--tyro-") for word in words):
-        return partial(_complete, words)
-    if " ".join(called) in _EACH:
+    if " ".join(called) in _EACH and not completes:
         return partial(_call, called, words, helps)
+    if sentence := unknown_command(words, called, names):
+        raise SystemExit(" ".join([sentence, *BROKEN]))
+    if completes:
+        return partial(_complete, words)
     if helps:
         return partial(print, _listed(called))
     missing = f"a command is missing; `{' '.join(['palpate', *called, '--help'])}` lists them."
     raise SystemExit(unknown_option(words, called, _options(called)) or missing)
+
+
+def command_of(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Return the first words of a call that name a command or a group; `groups`: first word -> commands below it."""
+    if not words or words[0] not in groups:
+        return ()
+    below = len(words) > 1 and words[1] in groups[words[0]]
+    return tuple(words[: 1 + below])
 
 
 def _call(called: tuple[str, ...], words: list[str], helps: bool) -> None:

@@ -22,9 +22,9 @@ from palpate.console.parallel import begin_results, from_row, read_rows, require
 from palpate.contact.estimate import Status
 from palpate.errors import InputError, PalpateError
 from palpate.files.atomic import require_folder, reserve_output, write_text, writing
+from palpate.files.inputs import open_input
 from palpate.files.logs.layout import pose_path
 from palpate.files.models import provenance
-from palpate.files.tables.lines import open_input
 from palpate.setup import Rig
 from palpate.viewer.batch_summary import LogResult, compose, figures
 from palpate.viewer.report import render, require_report

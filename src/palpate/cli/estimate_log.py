@@ -12,9 +12,9 @@ from time import perf_counter
 from typing import NamedTuple
 
 from palpate.cli.summarising_writer import ProcessWriter, SummedWriter, writer_process, writing_here
-from palpate.files.memory import keep_memory
 from palpate.files.models import provenance, write_provenance
 from palpate.interrupts import uninterrupted
+from palpate.processes import keep_memory
 from palpate.setup.pipeline import OpenedLog, Pipeline
 from palpate.setup.prefetch import LogReader
 from palpate.viewer.run_summary import RunSummary

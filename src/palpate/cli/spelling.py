@@ -21,17 +21,14 @@ _OPTIONS = {  # options that are no options here
 }
 
 
-def command_of(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """Return the first words of a call that name a command or a group; `groups`: first word -> commands below it."""
-    if not words or words[0] not in groups:
-        return ()
-    below = len(words) > 1 and words[1] in groups[words[0]]
-    return tuple(words[: 1 + below])
+def unknown_command(words: Sequence[str], known: Sequence[str], groups: Mapping[str, Sequence[str]]) -> str | None:
+    """Return a sentence if a call names an unknown command, else None.
 
-
-def unknown_command(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> str | None:
-    """Return a sentence if a call names an unknown command, else None; `groups` as for `command_of`."""
-    known = command_of(words, groups)
+    Args:
+        words: of the call.
+        known: those that name a command or a group.
+        groups: first word -> commands below it.
+    """
     rest = words[len(known) :]
     if not rest or rest[0].startswith("-") or (known and not groups[known[0]]) or len(known) > 1:
         return None

@@ -14,8 +14,8 @@ from typing import Any
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.files.contacts import ContactsWriter, open_contacts
-from palpate.files.memory import keep_memory
 from palpate.files.output_lock import inherited
+from palpate.processes import keep_memory
 from palpate.setup.prefetch import Receiver, Sender, background_process, sendable, way
 from palpate.viewer.run_summary import RunSummary
 

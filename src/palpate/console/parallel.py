@@ -18,8 +18,8 @@ from typing import Any, TypeVar, cast
 from palpate.console.console import counting
 from palpate.errors import InputError
 from palpate.files.atomic import write_text, writing
-from palpate.files.memory import KEEPING
-from palpate.files.tables.lines import open_input
+from palpate.files.inputs import open_input
+from palpate.processes import KEEPING
 from palpate.setup.prefetch import deaf
 
 BACKENDS = ("processes", "dask", "ray")

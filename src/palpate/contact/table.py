@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.forks import require_polars_threads
+from palpate.processes import require_polars_threads
 from palpate.spatial.arguments import takes_arrays
 
 WHOLE = ("sample", "contact", "candidates")

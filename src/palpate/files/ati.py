@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.files.tables.lines import read_xml
+from palpate.files.inputs import read_xml
 from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, positive, to_si
 from palpate.spatial.arguments import frozen_value
 
@@ -53,21 +53,6 @@ class AtiCalibration:
         ranges = np.array([_positive(rated.get(name, ""), name, path) for name in _AXES])
         names = root.get("Serial", ""), root.get("BodyStyle", ""), found.get("PartNumber", ""), found.get("CalDate", "")
         return cls(*names, units, ranges * np.repeat([force, torque], 3))
-
-
-def refuse_calibration(text: bytes | str, path: Path) -> None:
-    """Check that a text that should be something else is not a calibration of ATI.
-
-    Raises:
-        InputError: it is.
-    """
-    if "<FTSensor" in (text.decode(errors="replace") if isinstance(text, bytes) else text):
-        raise InputError(
-            "is ATI's calibration of a force/torque sensor: neither a log nor a model of Palpate.",
-            where=str(path),
-            hint="`palpate inspect` shows its units and ranges for a rig; log forces and torques, not gauge voltages, "
-            "with the sensor's own software, which needs this file.",
-        )
 
 
 def _positive(text: str, name: str, path: Path) -> float:

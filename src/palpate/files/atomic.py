@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import stat
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ from shlex import quote
 from tempfile import TemporaryDirectory, mkstemp
 
 from palpate.errors import InputError
+from palpate.files.inputs import irregular
 from palpate.files.output_lock import only_writer, reserve
 
 PART = ".part"
@@ -162,14 +162,6 @@ def _clear(temporary: Path) -> None:
         what = f"is a folder with a file that Palpate did not write, {strange[0]!r}, but the output needs this path."
         raise InputError(what, where=str(temporary), hint="Remove the folder, or name another output.")
     shutil.rmtree(temporary)
-
-
-def irregular(status: os.stat_result) -> str:
-    """Return what the status is of, such as "a folder"; "" for a regular file."""
-    if stat.S_ISREG(status.st_mode):
-        return ""
-    kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
-    return kinds.get(stat.S_IFMT(status.st_mode), "a device")
 
 
 def _refuse_irregular(path: Path, status: os.stat_result | None) -> None:

@@ -7,15 +7,13 @@ from collections.abc import Callable, Collection, Generator, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Int
 
+from palpate.files.inputs import Watched
 from palpate.spatial.arguments import frozen_value
-
-__all__ = ["MessageBlock", "MessageFile", "Topic", "merged"]
 
 Found = TypeVar("Found")
 
@@ -72,25 +70,6 @@ class MessageBlock:
         return MessageBlock(
             self.data, self.topics, self.topic[mask], self.time[mask], self.start[mask], self.length[mask]
         )
-
-
-class Watched:
-    """A source that is read piece by piece and shows its progress.
-
-    Attributes:
-        path: of the file or folder.
-        size: bytes to read.
-        position: bytes read so far in the running iteration.
-        torn: after an iteration, a sentence on where the file was cut; "" if it is complete.
-    """
-
-    def __init__(self, path: Path, size: int) -> None:
-        self.path, self.size = path, size
-        self.position, self.torn = 0, ""
-
-    def notes(self) -> tuple[str, ...]:
-        """Return notes on what was read so far, one sentence each."""
-        return ()
 
 
 class MessageFile(Watched, ABC):

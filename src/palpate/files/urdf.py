@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import GeometryError, InputError, importing_extra
-from palpate.files.tables.lines import read_xml
+from palpate.files.inputs import read_xml
 from palpate.files.units import near
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.frames import FrameTree

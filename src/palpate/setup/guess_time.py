@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.files.logs import LogContents
-from palpate.files.logs.time_unit import stated_unit
+from palpate.files.tables.stated import stated_unit
 from palpate.files.units import SAMPLES, TIME_UNITS
 from palpate.setup.guess import time_table
 from palpate.setup.names import counter_column, made_up, split_stamp, time_column

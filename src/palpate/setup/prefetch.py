@@ -19,7 +19,7 @@ from palpate.errors import InputError
 from palpate.files.logs import open_log
 from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import Log, LogContents
-from palpate.files.memory import keep_memory
+from palpate.processes import keep_memory
 from palpate.signals.motion import Motion
 from palpate.signals.recording import Recording
 

@@ -17,8 +17,8 @@ from palpate.files.logs.layout import LogLayout
 from palpate.setup.body import GivenBody
 from palpate.setup.built import FIRST, BuiltEstimator, Guess
 from palpate.setup.drift import RigDrift
-from palpate.setup.link import Link
 from palpate.setup.pokes import RigPokes
+from palpate.setup.surface import Link
 from palpate.setup.tables import RigAcceleration, RigEstimate, RigFilter, RigOrientation, RigTime
 from palpate.signals.drift import Drift
 from palpate.signals.recording import CELLS, Recording

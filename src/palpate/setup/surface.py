@@ -1,15 +1,17 @@
-"""The [surface] of a rig: a mesh from a file, a link of a URDF, or an equation with its lengths."""
+"""The [surface] of a rig: a mesh from a file, a link of a URDF, or an equation; and the link with it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from math import inf, radians
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.files.schema import covariance_matrix
@@ -206,3 +208,70 @@ class RigSurface:
 def _may_state(mesh: str | None) -> bool:
     """Check whether a mesh file has a format that may state its own unit."""
     return mesh is not None and Path(mesh).suffix.lower() == ".dae"
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link of a robot, with its surface in the sensors' frame.
+
+    Attributes:
+        stated: the [surface] of the rig; None if a skin alone is the body.
+        folder: where relative paths start.
+    """
+
+    stated: RigSurface | None
+    folder: Path
+
+    @property
+    def mount(self) -> Pose:
+        """T_sensor_surface; the identity without a surface."""
+        return Pose.identity() if self.stated is None else self.stated.pose.pose()
+
+    @property
+    def mount_covariance(self) -> Float[np.ndarray, "6 6"] | None:
+        """Covariance (6, 6) of `mount`, of (rotation vector [rad], translation [m]); None: not known."""
+        stated = None if self.stated is None else self.stated.pose_covariance
+        return None if stated is None else np.asarray(stated, dtype=np.float64)
+
+    @property
+    def placement(self) -> float:
+        """Standard deviation [m] of a touch's place beyond what its wrench explains; 0.0 without a surface."""
+        return 0.0 if self.stated is None else self.stated.placement
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """Settings of the surface for a result's record: {"crease": [degrees]}; {} without a surface."""
+        return {} if self.stated is None else {"crease": self.stated.crease}
+
+    @property
+    def name(self) -> str:
+        """Name of the surface for a sentence: its file, its link, or its kind with an article ("a sphere")."""
+        if self.stated is None:
+            return "the body"
+        if self.stated.urdf is not None:
+            return f"{self.stated.link} of {Path(self.stated.urdf).name}"
+        kind = self.stated.kind.replace("_", " ")
+        return Path(str(self.stated.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+
+    def surface(self) -> Surface:
+        """Return the `Surface` that is touched; its files are read once.
+
+        Raises:
+            InputError: the rig has no [surface], or one of its files cannot be read.
+            GeometryError: the file has no usable surface.
+        """
+        return self._surface
+
+    @cached_property
+    def _surface(self) -> Surface:
+        if self.stated is None:
+            raise InputError("the rig has no [surface].", where="rig", hint='Add it, with mesh = "FILE".')
+        files = [path for path in self.stated.files(self.folder).values() if path.is_file()]
+        stamps = tuple((path.stat().st_mtime_ns, path.stat().st_size) for path in files)
+        return _read(self.stated, self.folder, stamps)
+
+
+@lru_cache(maxsize=1)
+def _read(stated: RigSurface, folder: Path, stamps: tuple[tuple[int, int], ...]) -> Surface:
+    """Read a surface, anew if `stamps`, (mtime [ns], size) of its files, have changed."""
+    return stated.load(folder)

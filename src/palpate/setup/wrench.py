@@ -79,7 +79,7 @@ def wrench_estimator(
             f"{surface.coverage} cannot be reached from outside: no contacts are found there (`palpate inspect MESH`)"
         )
     if head is not None and tare is not None:
-        made.tared(estimator.tare(first_seconds(head, tare)))
+        made.tared(estimator.tare(head.first(tare)))
     if contact is None:
         made.notes.append(
             f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N; both are higher where payload, "
@@ -114,19 +114,6 @@ def noted_filter(table: RigFilter, rate: float | None) -> list[str]:
     """
     made = table.filter()
     return [] if made is None or rate is None else [made.describe(rate)]
-
-
-def first_seconds(head: Recording, seconds: float) -> Recording:
-    """Return the samples of the first `seconds` [s] of a log.
-
-    Raises:
-        InputError: the log has no times.
-    """
-    known = head.time[np.isfinite(head.time)]
-    if not len(known):
-        hint = "Name the column of times, or state rate, in the rig's [time]."
-        raise InputError("has no times, so its first seconds cannot be found.", where=head.source, hint=hint)
-    return head.picked(head.time <= known[0] + seconds)
 
 
 def _facts(setup: Setup, estimator: WrenchEstimator, table: RigFilter, rate: float | None) -> dict[str, object]:

@@ -115,6 +115,18 @@ class Recording:
         channels = {name: sealed(values[rows], own=True, dtype=values.dtype) for name, values in self.channels.items()}
         return replace(self, time=sealed(self.time[rows], own=True), channels=channels)
 
+    def first(self, seconds: float) -> Recording:
+        """Return the `Recording` of the samples of the first `seconds` [s].
+
+        Raises:
+            InputError: the recording has no times.
+        """
+        known = self.time[np.isfinite(self.time)]
+        if not len(known):
+            hint = "Name the column of times, or state rate, in the rig's [time]."
+            raise InputError("has no times, so its first seconds cannot be found.", where=self.source, hint=hint)
+        return self.picked(self.time <= known[0] + seconds)
+
     def rate(self) -> float | None:
         """Return the rate [Hz] by the mean forward step, without gaps; None if time never increases."""
         steps = np.diff(self.time)

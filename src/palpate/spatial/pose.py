@@ -49,15 +49,36 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
     Raises:
         InputError: a determinant is not positive, such as of a reflection; a number is not finite.
     """
-    from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
-
-    if np.isinf(rotation).any():  # SciPy would never end
+    if not np.isfinite(rotation).all():
         raise InputError("rotation must be finite.")
-    try:
-        flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
-    except ValueError as problem:
-        raise InputError("rotation is not a rotation matrix (orthonormal, determinant +1).") from problem
-    return flat.reshape(*rotation.shape[:-2], 4)
+    if (np.linalg.det(rotation) <= 0.0).any():
+        raise InputError("rotation is not a rotation matrix (orthonormal, determinant +1).")
+    gram = rotation @ np.swapaxes(rotation, -1, -2)
+    skewed = ~np.isclose(gram, np.eye(3), atol=1e-12).all(axis=(-2, -1))
+    if skewed.any():
+        left, _, right = np.linalg.svd(rotation[skewed])
+        rotation = rotation.copy()
+        rotation[skewed] = left @ right
+    return _unit_quaternion(rotation)
+
+
+def _unit_quaternion(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 4"]:
+    """Return unit quaternions, w >= 0, of orthonormal matrices: the longest row of 4 q q^T, linear in the rotation.
+
+    The steps are those of SciPy's `Rotation`, which takes 0.2 s to import.
+    """
+    turned, trace = np.swapaxes(rotation, -1, -2), np.trace(rotation, axis1=-2, axis2=-1)
+    sizes = np.concatenate([np.diagonal(rotation, axis1=-2, axis2=-1), trace[..., None]], axis=-1)
+    products = np.empty((*trace.shape, 4, 4))
+    products[..., :3, :3] = rotation + turned
+    products[..., 3, :3] = products[..., :3, 3] = (rotation - turned)[..., [2, 0, 1], [1, 2, 0]]
+    products[..., range(4), range(4)] = 1.0 - trace[..., None] + 2.0 * sizes
+    products[..., 3, 3] = 1.0 + trace
+    row = np.take_along_axis(products, sizes.argmax(axis=-1)[..., None, None], axis=-2)[..., 0, :]
+    row /= np.linalg.norm(row, axis=-1, keepdims=True)
+    w_first = np.roll(row, 1, axis=-1)
+    first = np.take_along_axis(w_first, (w_first != 0.0).argmax(axis=-1)[..., None], axis=-1)
+    return row * np.sign(first)  # of w, or where it is zero, of the next
 
 
 @called_as(

@@ -15,7 +15,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.ground_truth import TrueSamples
 from palpate.errors import InputError
-from palpate.files.models.toml import load_toml
+from palpate.files.inputs import load_toml
 from palpate.files.tables.table import TextTable, read_table
 from palpate.files.units import near
 from palpate.opencv import opencv

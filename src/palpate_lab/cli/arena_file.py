@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.files.models.toml import load_toml
+from palpate.files.inputs import load_toml
 from palpate.files.schema import parse
 from palpate_lab.simulation.arena import ArenaLayout, Block
 

@@ -15,10 +15,10 @@ from palpate.errors import InputError
 from palpate.files.atomic import PART
 from palpate.files.contacts.csv import csv_blocks, noted, require_columns
 from palpate.files.contacts.mcap import KIND, from_messages, named_features
+from palpate.files.inputs import open_input, read_some
 from palpate.files.mcap.reader import MAGIC, McapFile
 from palpate.files.messages import MessageBlock
-from palpate.files.tables.lines import open_input, read_some
-from palpate.forks import require_polars_threads
+from palpate.processes import require_polars_threads
 
 _ROWS = 65_536  # of a Parquet file read at a time
 _KIND = KIND.replace("/msg/", "/")

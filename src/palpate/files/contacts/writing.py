@@ -24,7 +24,7 @@ from palpate.files.contacts.csv import header, to_csv
 from palpate.files.contacts.mcap import ContactMessages, topics
 from palpate.files.contacts.reading import contact_blocks
 from palpate.files.mcap.writer import McapWriter
-from palpate.forks import require_polars_threads
+from palpate.processes import require_polars_threads
 
 _SMALL = 4096  # rows up to which Parquet files grow, should blocks be small
 _GROUP = 20_000  # rows of a group in the joined Parquet file: memory is a few of them

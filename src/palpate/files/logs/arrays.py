@@ -13,10 +13,10 @@ from zlib import error as ZlibError
 import numpy as np
 
 from palpate.errors import InputError
+from palpate.files.inputs import open_input
 from palpate.files.logs.columns import SINGLE, ColumnLog, Columns
 from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import LogContents
-from palpate.files.tables.lines import open_input
 from palpate.files.tables.stated import Stated
 from palpate.signals.recording import Recording
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError, importing_extra
+from palpate.files.inputs import open_input
 from palpate.files.mcap.reader import McapFile
 from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
-from palpate.files.tables.lines import open_input
 
 _MOST, _BYTES = 1 << 13, 1 << 22  # messages and bytes of a batch
 

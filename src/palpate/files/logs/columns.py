@@ -18,9 +18,8 @@ from palpate.files.logs.log import Log
 from palpate.files.logs.numbering import SINGLE, array_columns, require_units, shortened, sized
 from palpate.files.logs.pose_table import PoseTable, converted
 from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
-from palpate.files.logs.time_unit import judged_unit, stated_unit
 from palpate.files.tables.fields import Fields
-from palpate.files.tables.stated import Stated
+from palpate.files.tables.stated import Stated, judged_unit, stated_unit
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
 from palpate.signals.recording import ACCELERATION, FORCE, TEMPERATURE, TORQUE, Recording
 

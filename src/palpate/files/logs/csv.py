@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from palpate.files.inputs import open_input
 from palpate.files.logs.columns import ColumnLog, Columns, Read
 from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import LogContents
 from palpate.files.tables.fields import Fields, RowCount
-from palpate.files.tables.lines import open_input
 from palpate.files.tables.stated import Stated
 from palpate.files.tables.table import TextTable, tables
 from palpate.signals.recording import Recording

@@ -95,7 +95,7 @@ class LogLayout:
 
     Args:
         time, time_unit: column of the time, and its unit; "samples" for a counter, which needs the rate. None: the unit
-            that the log states, or else the one that its first times suggest (`palpate.files.logs.time_unit`).
+            that the log states, or else the one that its first times suggest (`palpate.files.tables.stated`).
         wrench: six columns, force first; None: no wrench is read.
         arrays: other channels; of a log with topics one at most. A wrench is averaged about each row of that.
         images: of a camera, which are read alone: `wrench` is None, and no `arrays`. None: no images are read.

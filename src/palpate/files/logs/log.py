@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.files.messages import Topic, Watched
+from palpate.files.inputs import Watched
+from palpate.files.messages import Topic
 from palpate.files.tables.stated import Stated
 from palpate.signals.recording import CELLS, Recording
 

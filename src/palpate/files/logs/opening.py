@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.files.inputs import open_input, read_some
 from palpate.files.logs.arrays import ArrayLog, HeldLog
 from palpate.files.logs.bag import BagFile, open_folder
 from palpate.files.logs.columns import ColumnLog, plan
@@ -32,10 +33,9 @@ from palpate.files.logs.text_frames import TextFrames, holds_text_frames
 from palpate.files.logs.topic_log import TopicLog
 from palpate.files.logs.topics import choose, choose_images
 from palpate.files.logs.transforms import TREES
-from palpate.files.logs.video import VIDEOS, VideoLog, is_video
+from palpate.files.logs.video import BOXES, VIDEOS, VideoLog
 from palpate.files.mcap.reader import MAGIC, McapFile
 from palpate.files.messages import MessageBlock, MessageFile, Topic
-from palpate.files.tables.lines import open_input, read_some
 from palpate.signals.recording import ORIENTATION, POSITION, Recording, sealed
 
 __all__ = [
@@ -57,7 +57,7 @@ _KINDS: dict[str, tuple[str, tuple[bytes, ...]]] = {  # usual suffix -> what it 
     ".db3": ("a ROS 2 bag", (b"SQLite format 3\0",)),
     ".npy": ("a NumPy array", (b"\x93NUMPY",)),
     ".npz": ("an archive of NumPy arrays", (b"PK\x03\x04", b"PK\x05\x06")),  # the second: without an array
-    "video": ("a video", ()),  # see `is_video`
+    "video": ("a video", ()),  # see `_is_video`
 }
 _ARRAYS = (".npy", ".npz")
 _VIDEO, _FRAMES = "video", "frames"
@@ -304,10 +304,16 @@ def _kind(path: Path) -> str:
         first = read_some(file, path, 64)
     _require_ours(first, path)
     kind = next((suffix for suffix, (_, magic) in _KINDS.items() if first.startswith(magic)), "")
-    kind = _VIDEO if is_video(first) else kind
+    kind = _VIDEO if _is_video(first) else kind
     suffix = path.suffix.lower()
     suffix = _VIDEO if suffix in VIDEOS else suffix
     if suffix in _KINDS and kind != suffix and not (kind in _ARRAYS and suffix in _ARRAYS):
         what = f"does not begin as {_KINDS[suffix][0]} does" if first else "is empty"
         raise InputError(f"{what}.", where=str(path), hint=f"It is {_KINDS[kind][0]}: rename it." if kind else "")
     return kind
+
+
+def _is_video(first: bytes) -> bool:
+    """Return True if the first bytes of a file, twelve or more, are those of a video."""
+    riff = first[:4] == b"RIFF" and first[8:11] == b"AVI"
+    return riff or first[:4] == b"\x1aE\xdf\xa3" or first[4:8] in BOXES

@@ -12,12 +12,12 @@ import polars as pl
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.files.inputs import open_input
 from palpate.files.logs.columns import ColumnLog, Columns
 from palpate.files.logs.log import LogContents
 from palpate.files.logs.samples import NUMBERS, rows_at_once
-from palpate.files.tables.lines import open_input
 from palpate.files.tables.stated import Stated
-from palpate.forks import require_polars_threads
+from palpate.processes import require_polars_threads
 from palpate.signals.recording import Recording
 
 PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so few

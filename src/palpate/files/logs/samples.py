@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -51,11 +52,9 @@ class SampleReader:
 
     def __init__(self, layout: LogLayout, path: Path) -> None:
         axes = axis_matrix(layout.axes, left_handed=layout.left_handed, where="axes")
-        turning = (
-            axes
-            if layout.torque_axes is None
-            else axis_matrix(layout.torque_axes, left_handed=None, where="torque_axes")
-        )
+        turning = axes
+        if layout.torque_axes is not None:
+            turning = axis_matrix(layout.torque_axes, left_handed=None, where="torque_axes")
         picked = np.argmax(np.abs([axes, turning]), axis=2)
         signs = np.take_along_axis(np.array([axes, turning]), picked[:, :, None], axis=2)[:, :, 0]
         force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
@@ -65,15 +64,18 @@ class SampleReader:
         self._factors = sign * np.append(force * signs[0], torque * signs[1])
         self._as_it_is = bool(np.array_equal(self._picked, np.arange(6)) and (self._factors == 1.0).all())
         self.acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
-        self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
-        self._layout = layout
+        self._layout, self._frame, self._source, self._arrays = layout, layout.frame, path.name, layout.arrays
         self._pose = SensorPose(layout.orientation_form, inverse=layout.inverse, sensor_rotation=layout.sensor_rotation)
         self._images, self._both = layout.images is not None, bool(layout.arrays) and layout.wrench is not None
-        limits = None if layout.wrench_range is None else self.recorded(layout.wrench_range)
-        self._times, self._stuck = _Times(), StuckWrenches(limits)
+        self._times = _Times()
         self._held: tuple[np.ndarray, dict[str, np.ndarray]] | None = None  # rows without an answer on `stuck`
         self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
         self._infinite = self._none = self._far = 0
+
+    @cached_property
+    def _stuck(self) -> StuckWrenches:
+        limits = self._layout.wrench_range
+        return StuckWrenches(None if limits is None else self.recorded(limits))
 
     def blocks(self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray]) -> Iterator[Recording]:
         """Yield the next samples in SI, at times (n,) [s], as far as later ones cannot show that they are stuck.

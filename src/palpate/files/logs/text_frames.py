@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
+from palpate.files.inputs import open_input, read_some
 from palpate.files.logs.arrays import HeldLog
 from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import LogContents
 from palpate.files.tables.dialect import find_dialect
-from palpate.files.tables.lines import open_input, read_some
 from palpate.files.tables.stated import Stated
 from palpate.files.tables.table import TextTable, read_table
 from palpate.files.units import positive, split_unit

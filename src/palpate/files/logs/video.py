@@ -12,23 +12,17 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.files.inputs import open_input
 from palpate.files.logs.images import Frame, ImageLog
 from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import Images, LogContents
-from palpate.files.tables.lines import open_input
 from palpate.opencv import opencv
 from palpate.signals.recording import Recording
 
+BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")  # that an MP4 or QuickTime file may begin with
 VIDEOS = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm")
 RATE = 30.0  # Hz where nothing says it
-_BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")  # that an MP4 or QuickTime file may begin with
 _ROUNDED = 1e-3  # s: to which Matroska rounds its stamps
-
-
-def is_video(first: bytes) -> bool:
-    """Return True if the first bytes of a file, twelve or more, are those of a video."""
-    riff = first[:4] == b"RIFF" and first[8:11] == b"AVI"
-    return riff or first[:4] == b"\x1aE\xdf\xa3" or first[4:8] in _BOXES
 
 
 class VideoLog(ImageLog):
@@ -168,7 +162,7 @@ def _lacks_index(path: Path) -> bool:
     """Check whether an MP4 or QuickTime file lacks a complete index (moov)."""
     size, at = path.stat().st_size, 0
     with open_input(path) as file:
-        if file.read(12)[4:8] not in _BOXES:
+        if file.read(12)[4:8] not in BOXES:
             return False
         while at + 8 <= size:
             file.seek(at)

@@ -26,9 +26,9 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
+from palpate.files.inputs import open_input, read_some
 from palpate.files.mcap.chunks import LARGEST, inflate
 from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
-from palpate.files.tables.lines import open_input, read_some
 
 MAGIC = b"\x89MCAP0\r\n"
 PIECE = 1 << 22  # bytes read at a time

@@ -10,8 +10,9 @@ from typing import Any, TypeVar, cast, overload
 
 from palpate.errors import InputError
 from palpate.files.atomic import write_text
+from palpate.files.inputs import load_toml
 from palpate.files.models.model import Model
-from palpate.files.models.toml import load_toml, toml_lines
+from palpate.files.models.toml import toml_lines
 from palpate.files.schema import Key, TableForm, parse
 from palpate.registry import Registry
 
@@ -59,16 +60,15 @@ def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
         hint = f"`{model.command}` writes {model.called}. {problem.hint}".strip()
         raise InputError(problem.what, where=problem.where, hint=hint) from None
     kind = table.pop("kind", None)
-    if holds is not None:
+    found = MODELS[kind] if isinstance(kind, str) and kind in MODELS else None  # no other kind is imported
+    if holds is not None and (found is None or found.holds is not holds):
         wanted, model = _model(holds)
-        if kind != wanted:
-            hint = f"`{model.command}` writes one (kind = {wanted!r})."
-            raise InputError(f"is not {model.called}.", where=str(path), hint=hint)
-    elif not isinstance(kind, str) or kind not in MODELS:
+        hint = f"`{model.command}` writes one (kind = {wanted!r})."
+        raise InputError(f"is not {model.called}.", where=str(path), hint=hint)
+    if found is None:
         known = ", ".join(repr(name) for name in MODELS)
         raise InputError("is not a model.", where=str(path), hint=f"Write its kind, one of {known}.")
-    model = MODELS[kind]
-    return parse(table, model.holds, file=str(path), forms=model.forms)
+    return parse(table, found.holds, file=str(path), forms=found.forms)
 
 
 def write_model(path: str | Path, value: Any) -> None:

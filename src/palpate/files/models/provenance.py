@@ -11,7 +11,7 @@ from typing import Any
 import tomlkit
 
 from palpate.files.atomic import write_text
-from palpate.files.models.toml import load_toml
+from palpate.files.inputs import load_toml
 
 
 def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, str]:

@@ -1,12 +1,9 @@
-"""Read TOML into dictionaries, and write it with comments, every number exact to the last bit."""
+"""Write TOML with comments, every number exact to the last bit."""
 
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
-from io import TextIOWrapper
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -14,33 +11,7 @@ import tomlkit
 from jaxtyping import Float
 from tomlkit.items import Array
 
-from palpate.errors import InputError
-from palpate.files.ati import refuse_calibration
-from palpate.files.tables.lines import open_input
 from palpate.spatial.arguments import takes_arrays
-
-_LARGEST = 1 << 25  # characters
-_LOOKED_AT = 1 << 12  # characters that tell what a file is
-
-
-def load_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises:
-        InputError: the file cannot be read, is longer than 32 MB, or is not TOML (the message names the line).
-    """
-    path = Path(path)
-    try:
-        with TextIOWrapper(open_input(path), encoding="utf-8-sig") as file:
-            text = file.read(_LARGEST + 1)
-        if len(text) > _LARGEST:
-            raise InputError("is larger than 32 MB, the limit of a TOML file.", where=str(path))
-        refuse_calibration(text[:_LOOKED_AT], path)
-        return tomllib.loads(text)
-    except (OSError, UnicodeDecodeError) as problem:
-        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
-    except (ValueError, RecursionError) as problem:  # tomllib's own, an integer too long, lists in lists in lists
-        raise InputError(f"is not TOML: {problem}.", where=str(path)) from problem
 
 
 @takes_arrays

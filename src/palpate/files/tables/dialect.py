@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from palpate.errors import InputError
-from palpate.files.ati import refuse_calibration
+from palpate.files.inputs import refuse_calibration
 from palpate.files.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, known_unit
 
 LOOKED_AT = 1 << 16  # bytes of a text that are looked at

@@ -15,12 +15,12 @@ import polars as pl
 from jaxtyping import Bool, Float, Int, UInt8
 
 from palpate.errors import InputError
+from palpate.files.inputs import complete_lines, open_input
 from palpate.files.tables.dialect import COMMENTS, LOOKED_AT, SPACES, Dialect, find_dialect, spaces_to_tabs
 from palpate.files.tables.fields import Fields, RowCount
-from palpate.files.tables.lines import complete_lines, open_input
 from palpate.files.tables.stamps import seconds
 from palpate.files.units import near
-from palpate.forks import require_polars_threads
+from palpate.processes import require_polars_threads
 from palpate.spatial.arguments import frozen_value
 
 _COMMENTS = tuple(mark.encode() for mark in COMMENTS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from palpate.files.models.model import Lines, Model
 from palpate.files.schema import Key, TableForm
@@ -31,6 +30,8 @@ def of_payload(payload: Payload) -> Lines:
 
 
 def _of_imu(imu: Imu) -> Lines:
+    from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
+
     spread = np.sqrt(np.diag(imu.covariance[:, 12:]))
     turned = Rotation.from_quat(imu.quaternion).as_rotvec(degrees=True)
     return [

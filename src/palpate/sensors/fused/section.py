@@ -19,7 +19,6 @@ from palpate.sensors.taxels.section import SKIN, skin_tare
 from palpate.setup.body import GivenBody
 from palpate.setup.built import BuiltEstimator, Guess
 from palpate.setup.setup import SensorKind, Setup
-from palpate.setup.wrench import first_seconds
 from palpate.signals.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
 
 _TEXT = """\
@@ -87,7 +86,7 @@ def _build(setup: Setup) -> BuiltEstimator:
     made = BuiltEstimator(estimator, felt.notes, felt.warnings, {**felt.settings, **vars(settings), **link.settings})
     tare = skin_tare(setup)
     if head is not None and tare is not None:
-        made.tared(sensor.tare(first_seconds(head, tare)))
+        made.tared(sensor.tare(head.first(tare)))
     elif tare is None:
         made.notes.append(
             "wrenches are taken as they are, so they must be tared: if they are not, write tare = SECONDS in [estimate]"

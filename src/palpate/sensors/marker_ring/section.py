@@ -22,7 +22,6 @@ from palpate.setup.body import GivenBody
 from palpate.setup.built import BuiltEstimator, Guess
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
-from palpate.setup.wrench import first_seconds
 from palpate.signals.recording import IMAGE
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Surface
@@ -142,7 +141,7 @@ def _build(setup: Setup) -> BuiltEstimator:
     made = BuiltEstimator(estimator, settings=dict(vars(table.contacts)))
     tare = setup.estimate.tare or table.tare
     if tare is not None and head is not None:
-        made.tared(estimator.tare(first_seconds(head, tare)))
+        made.tared(estimator.tare(head.first(tare)))
     return made
 
 

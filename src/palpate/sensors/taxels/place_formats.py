@@ -16,9 +16,9 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.files.atomic import write_text
+from palpate.files.inputs import open_input, read_some
 from palpate.files.logs.numbering import numbered_alike
 from palpate.files.models import read_model, write_model
-from palpate.files.tables.lines import open_input, read_some
 from palpate.files.tables.stated import Stated
 from palpate.files.units import split_unit
 from palpate.sensors.taxels.places import TaxelPlaces

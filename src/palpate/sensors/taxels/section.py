@@ -25,7 +25,7 @@ from palpate.sensors.taxels.skin_map.model import SkinMap, flat_map
 from palpate.setup.built import BuiltEstimator
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
-from palpate.setup.wrench import first_seconds, noted_filter
+from palpate.setup.wrench import noted_filter
 from palpate.signals.recording import CELLS
 
 REST = 5.0  # s of a stream from which the same is taken, where no tare says how long
@@ -263,7 +263,7 @@ def _build(setup: Setup) -> BuiltEstimator:
     body, intensity, tare, falling = skin.body, skin.intensity, skin_tare(setup), skin.table.falling
     health, stated = None, load_direction(intensity, falling)
     if head is not None:
-        first = max(HEAD, 0 if tare is None else len(first_seconds(head, tare)))
+        first = max(HEAD, 0 if tare is None else len(head.first(tare)))
         falling = falls_under_load(head, body, tare) if stated is None else stated
         health = examine(head.picked(slice(0, first)), body, seconds=tare, falling=falling)
     smooth, rate = setup.smoothing()

@@ -1,23 +1,45 @@
-"""Open input files, and read the complete lines of a text file in pieces."""
+"""Open input files, and read them: as XML, as TOML, or the complete lines of a text in pieces."""
 
 from __future__ import annotations
 
 import codecs
 import os
 import select
+import stat
+import tomllib
 from collections.abc import Callable, Iterator
-from io import BufferedReader
+from io import BufferedReader, TextIOWrapper
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from xml.etree import ElementTree
 
 from palpate.errors import InputError
-from palpate.files.atomic import irregular
 from palpate.files.units import near
 
 _INTO_A_FILE = "Save its contents to a file first, and name that file."
 _WAIT = 1.5  # s that a pipe is given until its first byte
 _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
+_LARGEST = 1 << 25  # characters of a TOML file
+_LOOKED_AT = 1 << 12  # characters that tell what a file is
+
+
+class Watched:
+    """A source that is read piece by piece and shows its progress.
+
+    Attributes:
+        path: of the file or folder.
+        size: bytes to read.
+        position: bytes read so far in the running iteration.
+        torn: after an iteration, a sentence on where the file was cut; "" if it is complete.
+    """
+
+    def __init__(self, path: Path, size: int) -> None:
+        self.path, self.size = path, size
+        self.position, self.torn = 0, ""
+
+    def notes(self) -> tuple[str, ...]:
+        """Return notes on what was read so far, one sentence each."""
+        return ()
 
 
 def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
@@ -43,6 +65,14 @@ def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
     raise InputError(f"is {kind}, not a file that can be read.", where=str(path), hint=hint)
 
 
+def irregular(status: os.stat_result) -> str:
+    """Return what the status is of, such as "a folder"; "" for a regular file."""
+    if stat.S_ISREG(status.st_mode):
+        return ""
+    kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+    return kinds.get(stat.S_IFMT(status.st_mode), "a device")
+
+
 def read_xml(path: Path, called: str) -> ElementTree.Element:
     """Return the root of an XML file; `called` is what it should be, in a message.
 
@@ -54,6 +84,41 @@ def read_xml(path: Path, called: str) -> ElementTree.Element:
             return ElementTree.parse(file).getroot()
     except (OSError, ElementTree.ParseError, UnicodeError, ValueError) as problem:
         raise InputError(f"is not {called} that can be read ({problem}).", where=str(path)) from problem
+
+
+def load_toml(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        InputError: the file cannot be read, is longer than 32 MB, or is not TOML (the message names the line).
+    """
+    path = Path(path)
+    try:
+        with TextIOWrapper(open_input(path), encoding="utf-8-sig") as file:
+            text = file.read(_LARGEST + 1)
+        if len(text) > _LARGEST:
+            raise InputError("is larger than 32 MB, the limit of a TOML file.", where=str(path))
+        refuse_calibration(text[:_LOOKED_AT], path)
+        return tomllib.loads(text)
+    except (OSError, UnicodeDecodeError) as problem:
+        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
+    except (ValueError, RecursionError) as problem:  # tomllib's own, an integer too long, lists in lists in lists
+        raise InputError(f"is not TOML: {problem}.", where=str(path)) from problem
+
+
+def refuse_calibration(text: bytes | str, path: Path) -> None:
+    """Check that a text that should be something else is not a calibration of ATI.
+
+    Raises:
+        InputError: it is.
+    """
+    if "<FTSensor" in (text.decode(errors="replace") if isinstance(text, bytes) else text):
+        raise InputError(
+            "is ATI's calibration of a force/torque sensor: neither a log nor a model of Palpate.",
+            where=str(path),
+            hint="`palpate inspect` shows its units and ranges for a rig; log forces and torques, not gauge voltages, "
+            "with the sensor's own software, which needs this file.",
+        )
 
 
 def _open_pipe(path: Path) -> BufferedReader:
