@@ -30,6 +30,8 @@ def exposed(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -
     if not found.all():  # else there is nothing to ask the ball
         low, cells = _cells(tree.corners)
         _rays.open_facets(tree.corners, tree.nodes, low, _STEP, cells, found)
+        if (cells == _rays.PASSAGE).any():  # also those that the balls found in passages can reach
+            _rays.open_facets(tree.corners, tree.nodes, low, _STEP, cells, found)
     result = np.empty_like(found)
     result[tree.corners[:, -1].astype(np.int64)] = found
     return result if areas[result].sum() > 0.01 * areas.sum() else np.ones_like(result)

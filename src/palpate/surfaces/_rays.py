@@ -14,14 +14,15 @@ from palpate.surfaces._bvh import STACK, WIDTH
 from palpate.surfaces._jit import inlined, inner, released
 from palpate.surfaces._vectors import tangents
 
-__all__ = ["BODY", "FREE", "SWEPT", "first_hits", "mark_facets", "open_facets"]
+__all__ = ["BODY", "FREE", "PASSAGE", "SWEPT", "first_hits", "mark_facets", "open_facets"]
 
-FREE, BODY, SWEPT = 0, 1, 2  # what is in a cell of the grid
+FREE, BODY, SWEPT, PASSAGE = 0, 1, 2, 3  # what is in a cell of the grid
 
 _LIFT = 1e-5  # where a ray starts, off its facet: beyond the rounding of float32 files
 _SPACING, _MOST = 0.02, 8  # of samples on a facet (1 % of the body), and how many at most along its longest side
 _LINES, _THROUGH = 16, 4  # over a sample in a passage, and how many of them lead out at both ends
 _STEEP, _FLAT = sin(radians(10)), cos(radians(10))  # of their ends, along the normal and across
+_LARGEST = 10.0  # cells: radius of a ball in a passage at most, for which the grid has room
 _ABOVE = 1.75  # cells, longer than a cell's diagonal: out of those of a facet's own plane
 _SEAM = 1e-9  # by which facets overlap for a ray, so that none slips through an edge
 
@@ -148,7 +149,7 @@ def _passes(o, n, far, low, step, cells):
         return False
     for at in range(1, int(far / step)):
         met = _cell(o, n, at * step, low, step, cells)
-        if met == SWEPT:
+        if met >= SWEPT:
             return True
     return False
 
@@ -157,7 +158,7 @@ def _passes(o, n, far, low, step, cells):
 def _leads_out(o, d, low, step, cells):
     """Return whether a line from o along d enters a swept cell before one of the body."""
     at, met = 0, FREE
-    while met == FREE:
+    while met in (FREE, PASSAGE):
         met = _cell(o, d, 0.5 * at * step, low, step, cells)
         at += 1
     return met == SWEPT
@@ -185,7 +186,24 @@ def _between(o, n, low, step, cells):
     return False
 
 
-@released("corners n 20, nodes float32 k 14 8, low 3, step float, cells int8 a b c, out out bool n")
+@inner
+def _fill(o, n, far, low, step, cells):
+    """Make the free cells PASSAGE that a ball between o and the next facet fills, if it meets no other."""
+    middle, radius = np.empty(3), min(0.5 * far / step, _LARGEST) - _ABOVE
+    for k in range(3):
+        middle[k] = (o[k] + 0.5 * far * n[k] - low[k]) / step - 0.5
+    for filled in (False, True):
+        for x in range(int(middle[0] - radius) + 1, int(middle[0] + radius) + 1):
+            for y in range(int(middle[1] - radius) + 1, int(middle[1] + radius) + 1):
+                for z in range(int(middle[2] - radius) + 1, int(middle[2] + radius) + 1):
+                    square = (x - middle[0]) ** 2 + (y - middle[1]) ** 2 + (z - middle[2]) ** 2
+                    if square < radius * radius and cells[x, y, z] == BODY:
+                        return
+                    if filled and square < radius * radius and cells[x, y, z] == FREE:
+                        cells[x, y, z] = PASSAGE
+
+
+@released("corners n 20, nodes float32 k 14 8, low 3, step float, cells out int8 a b c, out out bool n")
 def open_facets(corners, nodes, low, step, cells, out):
     """Set in out (f,) the facets that can be reached; those that are set already are not tested again.
 
@@ -213,9 +231,12 @@ def open_facets(corners, nodes, low, step, cells, out):
             for k in range(3):
                 o[k] += _LIFT * n[k]
             far = _first_hit(nodes, corners, o, n, pending)
-            if far < np.inf and _passes(o, n, far, low, step, cells):
+            if far == np.inf:
+                ways += 1
+            elif _passes(o, n, far, low, step, cells):
                 ways += 2
-            elif far == np.inf or (cells.size > 0 and far > 2.0 * _ABOVE * step and _between(o, n, low, step, cells)):
+            elif cells.size > 0 and far > 2.0 * _ABOVE * step and _between(o, n, low, step, cells):
+                _fill(o, n, far, low, step, cells)
                 ways += 1
             if ways >= min(parts, 2):
                 out[facet] = True
