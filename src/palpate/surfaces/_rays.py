@@ -144,7 +144,7 @@ def _cell(o, d, far, low, step, cells):
 
 @inner
 def _passes(o, n, far, low, step, cells):
-    """Return whether the line from o along n enters a swept cell before `far`, the next facet."""
+    """Return whether the line from o along n enters a cell that a ball fills before `far`, the next facet."""
     if cells.size == 0:
         return False
     for at in range(1, int(far / step)):
@@ -208,15 +208,15 @@ def open_facets(corners, nodes, low, step, cells, out):
     """Set in out (f,) the facets that can be reached; those that are set already are not tested again.
 
     Two of the samples on it, or the only one, are in a passage, or the ray along the normal leaves the body there (one
-    may look out through a gap); or from one that ray reaches a swept cell before a facet.
+    may look out through a gap); or from one that ray reaches a cell that a ball fills before a facet.
 
     Args:
         corners: (f, 20) as in a tree, the normals those of the facets.
         nodes: of the tree over them.
         low: (3,) where the grid begins.
         step: its cells' size.
-        cells: (a, b, c) FREE, BODY, or SWEPT, that a touching ball can fill; empty: only the rays that leave the body
-            count.
+        cells: (a, b, c) FREE, BODY, or SWEPT, that a touching ball can fill, some of which become PASSAGE; empty: only
+            the rays that leave the body count.
         out: (f,) bool.
     """
     o, pending = np.empty(3), np.empty((STACK, 2), dtype=np.int64)
