@@ -5,9 +5,9 @@ its normal, from two of the samples on it (or the only one), leave the body; or 
 facet, a place that a ball of a fifth of the body's size can reach from outside (the space around the body, opened by a
 ball [serra]): the inner walls of a mug, not those of a tube too narrow for a finger, or behind a gap.
 
-Between two fingers there is less room. A facet there is open if it is in a passage, in which a quarter of the lines over
-it lead out at both ends, or if its ray reaches a ball that fits between the two sides of a passage. A bore or a cup has
-one end, and a passage is wider than 4 % of the body's size (some cells of the grid).
+Between two fingers there is less room. A facet there is open if it is in a passage, in which a quarter of the lines
+over it lead out at both ends, or if its ray reaches a ball that fits between the two sides of a passage. A bore or a
+cup has one end, and a passage is wider than 4 % of the body's size (some cells of the grid).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def exposed(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -
 
 
 def _cells(corners: Float[np.ndarray, "f 20"]) -> tuple[Float[np.ndarray, "3"], Int8[np.ndarray, "a b c"]]:
-    """Return the grid's start, and its cells: of the body, those that a ball from outside can fill (less one), others."""
+    """Return the grid's start, and its cells: of the body, those that a ball from outside fills, others."""
     from scipy.ndimage import distance_transform_edt, label
 
     from palpate.surfaces import _rays
