@@ -66,7 +66,7 @@ def _judge(name: str, mesh: palpate.Mesh, torsion: float, count: int) -> Iterato
     rng = np.random.default_rng(11)
     points, normals = _reachable(mesh, count, rng)
     silence = NOISE * rng.standard_normal((count, GAP, 6))
-    touches = [_touch(p, n, torsion, rng) for p, n in zip(points, normals, strict=True)]
+    touches = [touch(p, n, torsion, rng) for p, n in zip(points, normals, strict=True)]
     wrenches = np.concatenate([part for pair in zip(touches, silence, strict=True) for part in pair])
     log = Recording(np.arange(len(wrenches)) / RATE, {"force": wrenches[:, :3], "torque": wrenches[:, 3:]})
     made = palpate.Locator(mesh, noise=NOISE, friction=FRICTION, torsion=torsion)
@@ -115,7 +115,7 @@ def _reachable(mesh: palpate.Mesh, count: int, rng: np.random.Generator) -> tupl
     return points[free][:count], normals[free][:count]
 
 
-def _touch(point: np.ndarray, normal: np.ndarray, torsion: float, rng: np.random.Generator) -> np.ndarray:
+def touch(point: np.ndarray, normal: np.ndarray, torsion: float, rng: np.random.Generator) -> np.ndarray:
     """Wrenches (LENGTH, 6), with noise."""
     time = np.arange(LENGTH) / RATE
     across = np.linalg.svd(normal[None])[2][1:]

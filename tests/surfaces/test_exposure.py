@@ -114,6 +114,44 @@ def test_inner_walls_with_room_before_them_stay_and_those_of_a_narrow_tube_do_no
     assert tube.covered[~outer & deep].all()
 
 
+def fingers(gap: float, facet: float = 0.5 * R) -> tuple[np.ndarray, np.ndarray]:
+    """Three fingers of R x 2 R x 7 R on a palm, with gaps between them."""
+    parts = [moved(box((R, 2 * R, 7 * R)), k * (R + gap), 0, 3.5 * R) for k in (-1, 0, 1)]
+    body = trimesh.Trimesh(*joined(moved(box((6 * R, 2 * R, 8 * R)), 0, 0, -3.9 * R), *parts), process=False)
+    fine = body.subdivide_to_size(facet)
+    return np.array(fine.vertices), np.array(fine.faces)
+
+
+@pytest.mark.parametrize("turned_by", [0.0, 0.7])
+def test_sides_of_a_gap_that_is_open_at_both_ends_can_be_touched(turned_by: float) -> None:
+    """A ball of a fifth of the body's size, 3.3 R wide, does not fit in."""
+    vertices, faces = fingers(1.2 * R)
+    turn = Pose.from_rotation_vector(turned_by * np.array([1.0, -0.6, 0.3]), (0.0, 0.0, 0.0))
+    mesh = Mesh.from_arrays(turn.apply(vertices), faces)
+    at = turn.inverse().apply(middles(mesh))
+    sides = (np.abs(turn.inverse().rotate(mesh.normals)[:, 0]) > 0.9) & (at[:, 2] > 0.6 * R)
+    assert sides.sum() > 500
+    assert not mesh.covered[sides].any()
+
+
+def test_a_press_in_a_gap_competes_with_those_on_the_next_fingers() -> None:
+    mesh = Mesh.from_arrays(*fingers(1.2 * R))
+    point, normal = np.array([0.5 * R, 0.1 * R, 3.1 * R]), np.array([1.0, 0.0, 0.0])
+    noise = np.array([0.02] * 3 + [1e-4] * 3)
+    locator = Locator(mesh, noise=noise)
+    wrench = pressing(point, normal, -3.0 * normal, 0.0)
+    assert np.linalg.norm(locator.candidates(wrench).point - point, axis=1).min() < 1e-6
+    assert locator.run(wrench).status == Status.AMBIGUOUS
+
+
+def test_walls_of_a_narrow_cup_stay_covered() -> None:
+    cup = turned([(0, 0), (1.2, 0), (1.2, 20), (1, 20), (1, 0.2), (0, 0.2)])
+    inside = (np.linalg.norm(middles(cup)[:, :2], axis=1) < 1.1 * R) & (middles(cup)[:, 2] > 0.5 * R)
+    deep = inside & (middles(cup)[:, 2] < 18 * R)
+    assert deep.sum() > 500
+    assert cup.covered[deep].all()
+
+
 def test_an_open_sheet_is_open_and_a_mesh_inside_out_is_taken_as_it_is() -> None:
     assert not plane((0, 0, 0), (0.3, -0.2, 1.0)).covered.any()
     vertices, faces = ball(R)

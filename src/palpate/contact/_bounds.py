@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._settings import FRICTION, SOFT, TORSION
-from palpate.contact._slopes import sandwich, sensitivity, tangents, to_metres, to_unit
+from palpate.contact._slopes import sandwich, sensitivity, to_metres, to_unit
 from palpate.surfaces._bvh import room
 from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, search_in
-from palpate.surfaces._vectors import copy_into, cross_into, dot
+from palpate.surfaces._vectors import copy_into, cross_into, dot, tangents
 
 __all__ = ["distance_to_bounds", "distance_to_point", "inverse"]
 

@@ -14,13 +14,13 @@ import numpy as np
 from palpate.contact._bounds import inverse
 from palpate.contact._edges import edges_of, near_previous, read_edge
 from palpate.contact._settings import CENTRE, FRICTION, SCALE, TORSION
-from palpate.contact._slopes import sandwich, tangents
+from palpate.contact._slopes import sandwich
 from palpate.surfaces._bvh import KIND
 from palpate.surfaces._edges import SHARP
 from palpate.surfaces._jit import chosen_for, inner
 from palpate.surfaces._kernels import is_mesh
 from palpate.surfaces._patches import VERTEX
-from palpate.surfaces._vectors import copy_into, cross_into, dot
+from palpate.surfaces._vectors import copy_into, cross_into, dot, tangents
 
 __all__ = ["distance_to_edges"]
 

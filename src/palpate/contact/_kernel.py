@@ -38,7 +38,6 @@ from palpate.contact._slopes import (
     sensitivity,
     slopes_at,
     softened,
-    tangents,
     to_metres,
     to_unit,
 )
@@ -58,7 +57,7 @@ from palpate.contact._touch import (
 from palpate.surfaces._bvh import room
 from palpate.surfaces._jit import inlined, inner, released
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search_in, shape_operator
-from palpate.surfaces._vectors import copy_into, cross_into, dot
+from palpate.surfaces._vectors import copy_into, cross_into, dot, tangents
 
 __all__ = ["estimate_many", "first_free"]
 

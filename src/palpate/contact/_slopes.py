@@ -17,19 +17,9 @@ import numpy as np
 from palpate.contact._settings import CENTRE, DEPTH, EXPONENT, SCALE, SOFT
 from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import shape_operator
-from palpate.surfaces._vectors import cross_into, dot
+from palpate.surfaces._vectors import cross_into, dot, tangents
 
-__all__ = ["sandwich", "sandwich_into", "sensitivity", "slopes_at", "softened", "tangents", "to_metres", "to_unit"]
-
-
-@inner
-def tangents(n, out):
-    """Write two unit vectors across n, right-handed with it (Duff et al. 2017), into out (2, 3)."""
-    sign = 1.0 if n[2] >= 0.0 else -1.0
-    a = -1.0 / (sign + n[2])
-    b = n[0] * n[1] * a
-    out[0, 0], out[0, 1], out[0, 2] = 1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]
-    out[1, 0], out[1, 1], out[1, 2] = b, sign + n[1] * n[1] * a, -n[1]
+__all__ = ["sandwich", "sandwich_into", "sensitivity", "slopes_at", "softened", "to_metres", "to_unit"]
 
 
 @inner

@@ -6,15 +6,24 @@ Lengths are in the tree's unit size: half the diagonal of the body is 1.
 # pyright: basic
 from __future__ import annotations
 
+from math import cos, pi, radians, sin
+
 import numpy as np
 
 from palpate.surfaces._bvh import STACK, WIDTH
 from palpate.surfaces._jit import inlined, inner, released
+from palpate.surfaces._vectors import tangents
 
-__all__ = ["first_hits", "mark_facets", "open_facets"]
+__all__ = ["BODY", "FREE", "PASSAGE", "SWEPT", "first_hits", "mark_facets", "open_facets"]
+
+FREE, BODY, SWEPT, PASSAGE = 0, 1, 2, 3  # what is in a cell of the grid
 
 _LIFT = 1e-5  # where a ray starts, off its facet: beyond the rounding of float32 files
 _SPACING, _MOST = 0.02, 8  # of samples on a facet (1 % of the body), and how many at most along its longest side
+_LINES, _THROUGH = 16, 4  # over a sample in a passage, and how many of them lead out at both ends
+_STEEP, _FLAT = sin(radians(10)), cos(radians(10))  # of their ends, along the normal and across
+_LARGEST = 10.0  # cells: radius of a ball in a passage at most, for which the grid has room
+_ABOVE = 1.75  # cells, longer than a cell's diagonal: out of those of a facet's own plane
 _SEAM = 1e-9  # by which facets overlap for a ray, so that none slips through an edge
 
 
@@ -112,7 +121,7 @@ def _sample(row, parts, at, out):
         out[k] = row[k] + across * (row[6 + k] - row[k]) + along * (row[12 + k] - row[6 + k])
 
 
-@released("corners n 20, low 3, step float, grid out bool a b c")
+@released("corners n 20, low 3, step float, grid out int8 a b c")
 def mark_facets(corners, low, step, grid):
     """Set the cells of `grid` (a, b, c), of size `step` from `low` (3,) on, that a facet passes through."""
     point = np.empty(3)
@@ -121,36 +130,93 @@ def mark_facets(corners, low, step, grid):
         for at in range(parts * parts):
             _sample(corners[facet], parts, at, point)
             cell = ((point - low) / step).astype(np.int64)
-            grid[cell[0], cell[1], cell[2]] = True
+            grid[cell[0], cell[1], cell[2]] = BODY
 
 
 @inner
-def _passes(o, n, far, low, step, swept):
-    """Return whether the line from o along n enters a swept cell before `far`, the next facet, in the grid."""
-    if swept.size == 0:
+def _cell(o, d, far, low, step, cells):
+    """Return what is in the grid's cell at o + far d."""
+    x = int((o[0] + far * d[0] - low[0]) / step)
+    y = int((o[1] + far * d[1] - low[1]) / step)
+    z = int((o[2] + far * d[2] - low[2]) / step)
+    return cells[x, y, z]
+
+
+@inner
+def _passes(o, n, far, low, step, cells):
+    """Return whether the line from o along n enters a cell that a ball fills before `far`, the next facet."""
+    if cells.size == 0:
         return False
     for at in range(1, int(far / step)):
-        x = int((o[0] + at * step * n[0] - low[0]) / step)
-        y = int((o[1] + at * step * n[1] - low[1]) / step)
-        z = int((o[2] + at * step * n[2] - low[2]) / step)
-        if swept[x, y, z]:
+        met = _cell(o, n, at * step, low, step, cells)
+        if met >= SWEPT:
             return True
     return False
 
 
-@released("corners n 20, nodes float32 k 14 8, low 3, step float, swept bool a b c, out out bool n")
-def open_facets(corners, nodes, low, step, swept, out):
+@inner
+def _leads_out(o, d, low, step, cells):
+    """Return whether a line from o along d enters a swept cell before one of the body."""
+    at, met = 0, FREE
+    while met in (FREE, PASSAGE):
+        met = _cell(o, d, 0.5 * at * step, low, step, cells)
+        at += 1
+    return met == SWEPT
+
+
+@inner
+def _between(o, n, low, step, cells):
+    """Return whether o, on a facet, is in a passage: `_THROUGH` of the lines over it lead out at both ends."""
+    start, d, t, through = np.empty(3), np.empty(3), np.empty((2, 3)), 0
+    tangents(n, t)
+    for k in range(3):
+        start[k] = o[k] + _ABOVE * step * n[k]
+    for i in range(_LINES):
+        c, s = _FLAT * np.cos(i * pi / _LINES), _FLAT * np.sin(i * pi / _LINES)
+        ends = 0
+        for sign in (1.0, -1.0):
+            for k in range(3):
+                d[k] = _STEEP * n[k] + sign * (c * t[0, k] + s * t[1, k])
+            if not _leads_out(start, d, low, step, cells):
+                break
+            ends += 1
+        through += ends // 2
+        if through == _THROUGH:
+            return True
+    return False
+
+
+@inner
+def _fill(o, n, far, low, step, cells):
+    """Make the free cells PASSAGE that a ball between o and the next facet fills, if it meets no other."""
+    middle, radius = np.empty(3), min(0.5 * far / step, _LARGEST) - _ABOVE
+    for k in range(3):
+        middle[k] = (o[k] + 0.5 * far * n[k] - low[k]) / step - 0.5
+    for filled in (False, True):
+        for x in range(int(middle[0] - radius) + 1, int(middle[0] + radius) + 1):
+            for y in range(int(middle[1] - radius) + 1, int(middle[1] + radius) + 1):
+                for z in range(int(middle[2] - radius) + 1, int(middle[2] + radius) + 1):
+                    square = (x - middle[0]) ** 2 + (y - middle[1]) ** 2 + (z - middle[2]) ** 2
+                    if square < radius * radius and cells[x, y, z] == BODY:
+                        return
+                    if filled and square < radius * radius and cells[x, y, z] == FREE:
+                        cells[x, y, z] = PASSAGE
+
+
+@released("corners n 20, nodes float32 k 14 8, low 3, step float, cells out int8 a b c, out out bool n")
+def open_facets(corners, nodes, low, step, cells, out):
     """Set in out (f,) the facets that can be reached; those that are set already are not tested again.
 
-    From two of the samples on it, or the only one, the ray along the normal leaves the body (one may look out through a
-    gap); or from one it reaches a swept cell before a facet.
+    Two of the samples on it, or the only one, are in a passage, or the ray along the normal leaves the body there (one
+    may look out through a gap); or from one that ray reaches a cell that a ball fills before a facet.
 
     Args:
         corners: (f, 20) as in a tree, the normals those of the facets.
         nodes: of the tree over them.
         low: (3,) where the grid begins.
         step: its cells' size.
-        swept: (a, b, c) cells that a touching ball can fill; empty: only the rays that leave the body count.
+        cells: (a, b, c) FREE, BODY, or SWEPT, that a touching ball can fill, some of which become PASSAGE; empty: only
+            the rays that leave the body count.
         out: (f,) bool.
     """
     o, pending = np.empty(3), np.empty((STACK, 2), dtype=np.int64)
@@ -165,7 +231,13 @@ def open_facets(corners, nodes, low, step, swept, out):
             for k in range(3):
                 o[k] += _LIFT * n[k]
             far = _first_hit(nodes, corners, o, n, pending)
-            ways += 1 if far == np.inf else 2 if _passes(o, n, far, low, step, swept) else 0
+            if far == np.inf:
+                ways += 1
+            elif _passes(o, n, far, low, step, cells):
+                ways += 2
+            elif cells.size > 0 and far > 2.0 * _ABOVE * step and _between(o, n, low, step, cells):
+                _fill(o, n, far, low, step, cells)
+                ways += 1
             if ways >= min(parts, 2):
                 out[facet] = True
                 break

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.surfaces._jit import inner
 
-__all__ = ["copy_into", "cross_into", "dot", "solve_positive"]
+__all__ = ["copy_into", "cross_into", "dot", "solve_positive", "tangents"]
 
 
 @inner
@@ -27,6 +27,16 @@ def copy_into(values, out):
     """Copy `values` into `out` of one length; `out[:] = values` costs seconds to compile, for its error message."""
     for k in range(len(out)):
         out[k] = values[k]
+
+
+@inner
+def tangents(n, out):
+    """Write two unit vectors across n, right-handed with it (Duff et al. 2017), into out (2, 3)."""
+    sign = 1.0 if n[2] >= 0.0 else -1.0
+    a = -1.0 / (sign + n[2])
+    b = n[0] * n[1] * a
+    out[0, 0], out[0, 1], out[0, 2] = 1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]
+    out[1, 0], out[1, 1], out[1, 2] = b, sign + n[1] * n[1] * a, -n[1]
 
 
 @inner

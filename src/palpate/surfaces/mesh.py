@@ -231,7 +231,7 @@ class Mesh(Value):
     def covered(self) -> Bool[np.ndarray, " f"]:
         """Mask of the facets that give no contacts, (f,); without `touchable`, those that nothing outside can reach.
 
-        They are found on first use, by rays and a ball of a fifth of the body's size.
+        They are found on first use, by rays, a ball of a fifth of the body's size, and passages between two sides.
         """
         found = ~(exposed(self.vertices, self.faces) if self.touchable is None else self.touchable)
         found.flags.writeable = False
