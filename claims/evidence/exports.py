@@ -353,7 +353,7 @@ REFUSED = (
         refused="two columns"),
     Export(*_file("us_dates.csv", "dates of which day and month cannot be told apart",
         _table(["Time", *FT], _cells(_clock("%m/%d/%Y %H:%M:%S"), *_wrench()))), refused="'Time' has no numbers"),
-    Export(*_file("column.txt", "one column", _table(["fx"], _cells(_wrench()[0]))), refused="only one column"),
+    Export(*_file("column.txt", "one column", _table(["fx"], _cells(_wrench()[0]))), refused="is not a log of any of"),
     Export(*_file("forces.csv", "forces without torques", _table(["time", *FT[:3]], _cells(_time(), *_wrench()[:3]))),
         refused="is not a log of any of"),
 )  # fmt: skip

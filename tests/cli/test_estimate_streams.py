@@ -221,7 +221,7 @@ def long(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def answering(made: Path, long: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """A program in the middle of its work: its log is a pipe that holds back the end, and some rows are written."""
     os.mkfifo(tmp_path / "log.csv")
-    call = ["estimate", "log.csv", "--rig", str(made / "rig.toml"), "-o", "contacts.csv"]
+    call = ["estimate", "log.csv", "--rig", str(made / "mine.toml"), "-o", "contacts.csv"]
     process = subprocess.Popen(
         [sys.executable, "-m", "palpate", *call],
         cwd=tmp_path,
@@ -249,7 +249,7 @@ def _begun(part: Path) -> bool:
 def answers(made: Path, long: Path, tmp_path_factory: pytest.TempPathFactory) -> Contacts:
     """Of the whole long log."""
     output = tmp_path_factory.mktemp("answers") / "contacts.parquet"
-    assert estimate(long, made / "rig.toml", output) == 0
+    assert estimate(long, made / "mine.toml", output) == 0
     return read_contacts(output)
 
 
@@ -317,7 +317,7 @@ def test_a_tare_takes_the_bias_off(
     assert estimate(biased, bare, tmp_path / "tared.csv", "--tare", "0.3", "--noise", "0.02", "0.001") == 0
     said = capsys.readouterr().out
     assert "5.39 N" in said  # (4, -3, 2)
-    assert "the tare holds only while the sensor keeps its orientation" in said
+    assert "the tare of the wrenches holds only while the sensor keeps its orientation" in said
     tared, right = (read_contacts(tmp_path / f"{name}.csv").estimate for name in ("tared", "clean"))
     assert np.abs(tared.force - right.force).max() < 5 * NOISE[0] / np.sqrt(61)
     both = tared.answered & right.answered

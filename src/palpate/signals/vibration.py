@@ -144,7 +144,7 @@ class Vibration:
 def _path(held: HeldRows, first: int, end: int, length: int) -> Float[np.ndarray, "w 12"]:
     """Return the mean rotation (9) and position (3) of the poses of each window; NaN where none is known."""
     every = length // POSES
-    turns = held.values(first, end, lambda rows: rows.channels[ORIENTATION], every)
+    turns = held.values(first, end, lambda rows: rows.channels.get(ORIENTATION, np.full((len(rows), 4), np.nan)), every)
     places = held.values(first, end, lambda rows: rows.channels.get(POSITION, np.zeros((len(rows), 3))), every)
     rows = np.column_stack([rotation_from_quaternion(turns).reshape(-1, 9), places]).reshape(-1, POSES, 12)
     known = np.isfinite(rows)
@@ -162,6 +162,8 @@ def _around(
     covariance: Float[np.ndarray, "w 36"], moving: Bool[np.ndarray, " w"]
 ) -> tuple[Float[np.ndarray, "w 36"], Float[np.ndarray, "w 36"]]:
     """Return the mean covariance of the windows around each in which the arm moves, and its own if that is larger."""
+    if not len(covariance):
+        return covariance, covariance
     pad = np.full((AROUND, 37), np.nan)
     size = np.where(moving, covariance[:, _FORCE].sum(axis=1), np.nan)
     padded = np.concatenate([pad, np.column_stack([size, covariance]), pad])

@@ -189,6 +189,9 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
     poses = pose_path(layout.pose_file, log.path)
     if poses is not None:
         return _posed(log, open_log(poses, pose_layout(layout)))
+    if layout.offset and isinstance(log, ColumnLog) and log.path.is_fifo():
+        what = "is a pipe, whose rows cannot be read twice, as a clock's offset needs."
+        raise InputError(what, where=str(log.path), hint="Save its contents to a file first, or remove the offset.")
     if layout.offset and isinstance(log, ColumnLog) and ORIENTATION in plan(layout, log.contents().names, log.path):
         itself = replace(layout, pose_file=log.path.name, pose_time_unit=layout.time_unit)
         return _posed(_opened(path, itself), open_log(path, replace(pose_layout(itself), rate=layout.rate)))

@@ -15,14 +15,14 @@ from palpate.spatial.arguments import takes_arrays
 
 
 @takes_arrays
-def toml_array(rows: Float[np.ndarray, "n k"] | Sequence[Sequence[float]]) -> Array:
+def toml_array(rows: Float[np.ndarray, "n k"]) -> Array:
     """Return a matrix (n, k) as a tomlkit `Array`, one row per line.
 
     Raises:
         InputError: rows has another shape.
     """
     array = tomlkit.array()
-    for row in np.asarray(rows).tolist():
+    for row in rows.tolist():
         array.append(row)
     return array.multiline(multiline=True)
 

@@ -31,6 +31,7 @@ from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 
 POOR = 3.0  # times the expected residual: beyond it the model, not the noise, is what is left
+UNKNOWN = 1e-3  # m: assumed error of touches that are too few to show it
 
 
 @dataclass(frozen=True)
@@ -78,17 +79,19 @@ class CalibrateMounting(Calibration):
             recording.time, wrenches, touches.start, touches.end, estimator.sensor.noise, covariances
         )
         initial = setup.link.mount
-
+        few = marks is not None and len(touches) < FEWEST
+        placement = float(np.hypot(self.placement, UNKNOWN)) if few else self.placement
         mounting = identify_mounting(
             means,
             surface,
             initial=initial,
             points=None if marks is None else touches.point,
             noise=spreads,
-            spreads=Spreads(placement=self.placement),
+            spreads=Spreads(placement=placement),
             labels=touches.label,
         )
-        error = mounting.error if marks is not None and len(mounting.touches) >= FEWEST else None
+        error = None if marks is None else TouchError(placement) if few else mounting.error
+        assumed = f"fewer than {FEWEST} touches do not show their own error: {1e3 * UNKNOWN:.2g} mm each is assumed"
         kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
         payload = setup.of(ForceTorqueSection).table.payload is not None
         return CalibrationResult(
@@ -99,7 +102,7 @@ class CalibrateMounting(Calibration):
                 *([] if error is None else [("touches err by", _err_by(error, self.placement))]),
             ],
             (mounting, None if error is None else error.placement(self.placement)),
-            notes=[*surface.notes, *recording.notes, *mounting.notes],
+            notes=[*surface.notes, *recording.notes, *mounting.notes, *([assumed] if few else [])],
             warnings=_doubts(mounting, initial, payload=payload, anywhere=marks is None),
         )
 

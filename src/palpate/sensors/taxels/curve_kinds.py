@@ -16,6 +16,7 @@ from palpate.spatial.arguments import takes_arrays
 FEWEST = 8  # rows that a curve needs
 _DEGREES = (1, 2, 3, 4, 5)
 _TWO_RANGE = 3  # forces without which there are no two ranges
+_FEW = 6  # forces of which a curve takes each as a knot
 _FOLDS = 5
 _Make = Callable[[np.ndarray, np.ndarray], Curve]
 
@@ -147,10 +148,11 @@ def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarra
 
 
 def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
-    """Return up to twelve forces [N], equally spaced along the curve; all of them where they are as few."""
+    """Return up to twelve forces [N], equally spaced along the curve, no more than there are."""
     count, levels = int(np.clip(len(force) // 8, 2, 12)), np.unique(force[force > 0])
-    if len(levels) <= count:
+    if len(levels) < _FEW:
         return levels
+    count = min(count, len(levels))
     order = np.argsort(force, kind="stable")
     window = max(len(force) // 40, 1)
     smooth = np.convolve(signed[order], np.ones(window) / window, mode="valid")
