@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -80,17 +80,19 @@ class CalibrateMounting(Calibration):
         )
         initial = setup.link.mount
         few = marks is not None and len(touches) < FEWEST
-        placement = float(np.hypot(self.placement, UNKNOWN)) if few else self.placement
+        spread = Spreads(placement=self.placement)
+        if few:
+            spread = replace(spread, placement=float(np.hypot(self.placement, UNKNOWN)))
         mounting = identify_mounting(
             means,
             surface,
             initial=initial,
             points=None if marks is None else touches.point,
             noise=spreads,
-            spreads=Spreads(placement=placement),
+            spreads=spread,
             labels=touches.label,
         )
-        error = None if marks is None else TouchError(placement) if few else mounting.error
+        error = None if marks is None else TouchError(spread.placement) if few else mounting.error
         assumed = f"fewer than {FEWEST} touches do not show their own error: {1e3 * UNKNOWN:.2g} mm each is assumed"
         kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
         payload = setup.of(ForceTorqueSection).table.payload is not None
