@@ -17,6 +17,7 @@ from palpate.sensors.taxels._rest import (
     CELLS,
     CURVE,
     ERROR,
+    FADING,
     FORCE,
     GOOD,
     HELD,
@@ -240,8 +241,8 @@ def _split(cells, count, name, force, spread, neighbours, between, sure, share, 
 
 
 @inner
-def _charts(cells, count, end, origin, place, at, parent, parts):
-    """Find the peaks of an area's basins; return the places (q, 2, end) of its cells, one chart or one for each peak.
+def _charts(cells, count, end, origin, place, at, parent, parts, charts):
+    """Find the peaks of an area's basins, and write the places of its cells in `charts`; return how many there are.
 
     One chart serves a sheet, and an area with one peak. On a curved body each peak has its own, as a chart is true
     about its origin alone.
@@ -253,30 +254,31 @@ def _charts(cells, count, end, origin, place, at, parent, parts):
             parts[number, 4] = k
             number += 1
     own = len(place[2]) == 0
-    charts = np.empty((number if own else 1, 2, end))
-    for q in range(len(charts)):
+    many = number if own else 1
+    for q in range(many):
         if own:
             _chart(cells, end, int(parts[q, 4]) if number > 1 else origin, place, at)
-        for i in range(end):
-            charts[q, 0, i], charts[q, 1, i] = at[0, cells[i]], at[1, cells[i]]
-    return number, charts
+        if number > 1:
+            for i in range(end):
+                charts[q, 0, i], charts[q, 1, i] = at[0, cells[i]], at[1, cells[i]]
+    return number, many
 
 
 @inner
-def _mixture(cells, count, end, force, charts, parent, parts, number, shares):
-    """Fit round Gaussians to an area's force; write parts (p, 5): place, variance, weight, peak; and shares (end, p).
+def _mixture(cells, count, end, force, charts, many, parent, parts, number, shares):
+    """Fit round Gaussians to an area's force; write parts (p, 5): place, variance, weight, peak; and shares (p, end).
 
-    Each part's place is in its own chart.
+    Each part's place is in its own chart, if there are so many.
     """
+    if number == 1:
+        shares[0, :end] = 1.0
+        return
     for i in range(count):
         k = cells[i]
         for p in range(number):
             if parts[p, 4] == k:
-                q = min(p, len(charts) - 1)
+                q = min(p, many - 1)
                 parts[p, 0], parts[p, 1], parts[p, 2], parts[p, 3] = charts[q, 0, i], charts[q, 1, i], 0.5, force[k]
-    if number == 1:
-        shares[:end, 0] = 1.0
-        return
     sums = np.empty((PARTS, 4))
     for step in range(_ROUNDS):
         sums[:] = 0.0
@@ -285,12 +287,12 @@ def _mixture(cells, count, end, force, charts, parent, parts, number, shares):
             weight = max(force[k], 0.0)
             if step == 0:  # begin with the basins
                 for p in range(number):
-                    shares[i, p] = 1.0 if parent[k] == int(parts[p, 4]) else 0.0
+                    shares[p, i] = 1.0 if parent[k] == int(parts[p, 4]) else 0.0
             else:
-                _shares(charts, i, parts, number, shares[i])
+                _shares(charts, many, i, parts, number, shares)
             for p in range(number):
-                q = min(p, len(charts) - 1)
-                own, row, column = weight * shares[i, p], charts[q, 0, i], charts[q, 1, i]
+                q = min(p, many - 1)
+                own, row, column = weight * shares[p, i], charts[q, 0, i], charts[q, 1, i]
                 sums[p, 0] += own
                 sums[p, 1] += own * row
                 sums[p, 2] += own * column
@@ -301,24 +303,24 @@ def _mixture(cells, count, end, force, charts, parent, parts, number, shares):
                 parts[p, 0], parts[p, 1], parts[p, 3] = row, column, sums[p, 0]
                 parts[p, 2] = max(0.5 * (sums[p, 3] / sums[p, 0] - row * row - column * column), _NARROW)
     for i in range(end):
-        _shares(charts, i, parts, number, shares[i])
+        _shares(charts, many, i, parts, number, shares)
 
 
 @inner
-def _shares(charts, i, parts, number, share):
+def _shares(charts, many, i, parts, number, shares):
     """Write the share of an area's i-th cell that belongs to each contact."""
     least = np.inf
     for p in range(number):
-        q = min(p, len(charts) - 1)
+        q = min(p, many - 1)
         square = ((charts[q, 0, i] - parts[p, 0]) ** 2 + (charts[q, 1, i] - parts[p, 1]) ** 2) / parts[p, 2]
-        share[p] = 0.5 * square - np.log(parts[p, 3] / parts[p, 2])
-        least = min(least, share[p])
+        shares[p, i] = 0.5 * square - np.log(parts[p, 3] / parts[p, 2])
+        least = min(least, shares[p, i])
     total = 0.0
     for p in range(number):
-        share[p] = np.exp(least - share[p])
-        total += share[p]
+        shares[p, i] = np.exp(least - shares[p, i])
+        total += shares[p, i]
     for p in range(number):
-        share[p] /= total
+        shares[p, i] /= total
 
 
 @inner
@@ -547,7 +549,7 @@ def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
 
 @inner
 def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, curves, settings, zeros, numbers, whole,
-              clock, out):  # fmt: skip
+              clock, work, out):  # fmt: skip
     """Write a frame's contacts to `out` and return their number, -1 while the zero of all cells moves.
 
     Baselines of untouched cells follow the readings.
@@ -563,10 +565,10 @@ def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, cu
     if moving or clock[STILL] > 0.0:
         settle(time, moving, value, zeros, numbers, whole, clock)
         return -1
-    parts = np.empty((PARTS, 5))
+    parts, shares, charts = work
     found, name, most = 0, 0, min(MOST, len(out))
     for seed in range(len(raw)):
-        if z[seed] <= least(on, off, peak[seed]) or label[seed] != 0 or not live[seed]:
+        if z[seed] <= on or label[seed] != 0 or not live[seed] or z[seed] <= least(on, off, peak[seed]):
             continue
         name += 1
         count = _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells)
@@ -579,21 +581,21 @@ def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, cu
         end = _rim(name, count, live, neighbours, steps, label, at, cells)
         _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
         _split(cells, count, name, force, spread, neighbours, between, sure, share, label, parent)
-        number, charts = _charts(cells, count, end, origin, place, at, parent, parts)
-        shares = np.empty((end, number))
-        _mixture(cells, count, end, force, charts, parent, parts, number, shares)
+        number, many = _charts(cells, count, end, origin, place, at, parent, parts, charts)
+        _mixture(cells, count, end, force, charts, many, parent, parts, number, shares)
         for part in range(number):
-            if len(charts) > 1:
+            if many > 1:
                 origin = int(parts[part, 4])
                 for i in range(end):
                     at[0, cells[i]], at[1, cells[i]] = charts[part, 0, i], charts[part, 1, i]
-            if found < most and _measure(cells, count, end, shares[:, part], raw, value, numbers, sign, place, origin,
+            if found < most and _measure(cells, count, end, shares[part], raw, value, numbers, sign, place, origin,
                                          out[found]):  # fmt: skip
                 found += 1
     for k in range(len(raw)):
         if label[k] == 0 and live[k]:
             baseline[k] += drift * (value[k] - baseline[k])
-    recover(passed, off, recovers, value, numbers, whole, clock)
+    if name > 0 or clock[FADING] > 0.0:
+        recover(passed, off, recovers, value, numbers, whole, clock)
     clock[TOUCHES] += found > 0
     return found
 
@@ -614,7 +616,7 @@ def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
     """
     time n, raw n m, values out k m, status out int8 k, left out w, place (3 m 3, 2 m, a b 6, int, c 3 3), table
     (int64 m d, m d 2, int64 m d 2, int), curves (e 2048, e), settings 13*float, smoothing (out f 6, out f 2, out
-    g, float, out 2, out h p, out q), clock out 10, zeros (out 11 m, out 11 3, out 2), numbers out 16 m, whole out
+    g, float, out 2, out h p, out q), clock out 11, zeros (out 11 m, out 11 3, out 2), numbers out 16 m, whole out
     int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n, forces out t m
     """
 )
@@ -647,6 +649,8 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
     drift, turn, resting, reach, speed, patience, walk = settings[6:]
     sections, start, gains, gap, since, state, shares = smoothing
     age, identity = np.empty(1, dtype=np.int64), np.empty(MOST, dtype=np.int64)
+    cells = numbers.shape[1]
+    work = np.empty((PARTS, 5)), np.empty((PARTS, cells)), np.empty((PARTS, 2, cells))
     used = 0
     for i in range(len(time)):
         if i > 0 and len(out) - used < MOST:
@@ -673,7 +677,7 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
             if walk > 0.0:
                 enter_window(time[i], walk, settings[4], zeros, numbers, whole)
             found = _contacts(time[i], raw[i], value, scale, passed, follows, recovers, place, table, curves, settings,
-                              zeros, numbers, whole, clock, here)  # fmt: skip
+                              zeros, numbers, whole, clock, work, here)  # fmt: skip
             if walk > 0.0 and found >= 0:
                 keep_window(time[i], value, zeros, whole)
             settling, found = found < 0, max(found, 0)

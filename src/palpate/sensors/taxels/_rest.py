@@ -17,8 +17,8 @@ GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, TOUCHED, WHOLE = 0, 1, 
 # that jumped and the time of the last, share of cells above rest less those below in the last frame, largest share of a
 # touch that remained and its cell
 LATEST, UNUSED, STILL, JUMPS, JUMPED, SIDE, REMAINS, WHERE = 0, 1, 2, 3, 4, 5, 6, 7
-# frames far below rest without a touch, and frames with a touch
-FALLEN, TOUCHES, CLOCK = 8, 9, 10
+# frames far below rest without a touch, frames with a touch, and cells whose touch has not faded yet
+FALLEN, TOUCHES, FADING, CLOCK = 8, 9, 10, 11
 _SETTLES = 10  # frames without motion whose mean is a new zero
 _BOTH, _MOST = 0.2, 0.75  # of the cells above rest and as many below, and off it in all: no touch does that
 _ALL, _NONE = 0.9, 0.1  # of the cells that step together in one frame, and that were off their rest before it
@@ -196,9 +196,11 @@ def fade(cells, count, passed, off, z, numbers, label):
 def recover(passed, off, recovers, value, numbers, whole, clock):
     """Let baselines quickly follow what remains of touches that ended, until it is mostly below `off`."""
     baseline, z, peak, faded = numbers[BASELINE], numbers[Z], numbers[PEAK], numbers[FADED]
-    label, live, ended = whole[LABEL], whole[LIVE], 0
+    label, live, touched, ended = whole[LABEL], whole[LIVE], 0, 0
     for k in range(len(value)):
+        touched += peak[k] != 0.0
         ended += (peak[k] != 0.0) & (label[k] == 0)
+    clock[FADING] = touched
     if ended == 0:
         return
     for k in range(len(value)):

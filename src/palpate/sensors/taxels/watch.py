@@ -36,7 +36,7 @@ class TaxelWatch:
     def reset(self) -> None:
         """Forget all frames."""
         self._times, self._same, self._free = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
-        self._last: np.ndarray = np.full((1, len(self._body)), np.nan)
+        self._last: np.ndarray = np.full(len(self._body), np.nan)
         self._kept, self._empty, self._stride, self._count = list[np.ndarray](), list[np.ndarray](), 1, 0
         self._ghosts: dict[str, float] = {}
 
@@ -55,10 +55,10 @@ class TaxelWatch:
         if not len(time):
             return
         self._times.append(time.copy())
-        self._same.append(_repeats(np.concatenate([self._last, raw])))
+        self._same.append(np.append((raw[0] == self._last).all(), _repeats(raw)))
         first: Int[np.ndarray, " n"] = np.cumsum(counts) - counts
         self._free.append(np.isnan(rows[first, 0]))
-        self._last = raw[-1:].copy()
+        self._last = raw[-1].copy()
         self._keep(raw, self._free[-1])
         if self._body.rows:
             for frame in np.flatnonzero(counts >= CORNERS)[:KEPT].tolist():
