@@ -29,39 +29,39 @@ def rows(small: bool) -> Iterator[Row]:
 
 
 def hand() -> trimesh.Trimesh:
-    """Four fingers of 10 x 18 x 70 mm on a palm, 19 mm apart."""
+    """Return four fingers of 10 x 18 x 70 mm on a palm, 19 mm apart."""
     fingers = [((0.010, 0.018, 0.072), (0.029 * (k - 1.5), 0.0, 0.034)) for k in range(4)]
     return _boxes(((0.103, 0.022, 0.080), (0.0, 0.0, -0.040)), *fingers)
 
 
 def gripper() -> trimesh.Trimesh:
-    """Two fingers of 12 x 22 x 57 mm, 14 mm apart, with pads 10 mm apart, on a body of 75 mm."""
+    """Return two fingers of 12 x 22 x 57 mm, 14 mm apart, with pads 10 mm apart, on a body of 75 mm."""
     sides = [((0.012, 0.022, 0.057), (0.013 * s, 0.0, 0.0265)) for s in (-1, 1)]
     pads = [((0.005, 0.025, 0.030), (0.0075 * s, 0.0, 0.042)) for s in (-1, 1)]
     return _boxes(((0.075, 0.075, 0.090), (0.0, 0.0, -0.045)), *sides, *pads)
 
 
 def _boxes(*parts: tuple[tuple[float, ...], tuple[float, ...]]) -> trimesh.Trimesh:
-    """Boxes of these sides about these middles [m], fingers above z = 0."""
+    """Return boxes of these sides about these middles [m], fingers above z = 0."""
     placed = [trimesh.creation.box(sides, trimesh.transformations.translation_matrix(at)) for sides, at in parts]
     return trimesh.util.concatenate(placed).subdivide_to_size(FINE)
 
 
 def _judge(name: str, body: trimesh.Trimesh, count: int) -> Iterator[Row]:
-    rng, whole = np.random.default_rng(23), LENGTH + PAUSE
+    rng, period = np.random.default_rng(23), LENGTH + PAUSE
     points, normals = _touchable(body, count, rng)
     locator = palpate.Locator(
         palpate.Mesh.from_trimesh(body, unit="m"), noise=NOISE, friction=FRICTION, torsion=TORSION
     )
-    wrenches = NOISE * rng.standard_normal((count, whole, 6))
+    wrenches = NOISE * rng.standard_normal((count, period, 6))
     for one, point, normal in zip(wrenches, points, normals, strict=True):
         one[:LENGTH] = touch(point, normal, TORSION, rng)
     wrenches = wrenches.reshape(-1, 6)
     log = Recording(np.arange(len(wrenches)) / RATE, {"force": wrenches[:, :3], "torque": wrenches[:, 3:]})
     estimator = WrenchEstimator(locator, palpate.ForceTorque(NOISE), live=False)
     found = find_touches(palpate.Contacts.joined(list(estimator.stream([log]))))
-    number = (found.peak_time * RATE / whole).astype(np.int64)
-    error = np.linalg.norm(found.point - points[number], axis=1)
+    touched = (found.peak_time * RATE / period).astype(np.int64)
+    error = np.linalg.norm(found.point - points[touched], axis=1)
     deviation = np.sqrt(np.trace(found.covariance, axis1=1, axis2=2))
     sure = found.ambiguous <= 0.5
     off = int(np.count_nonzero(sure & (error > 5 * deviation)))
@@ -78,7 +78,7 @@ def _judge(name: str, body: trimesh.Trimesh, count: int) -> Iterator[Row]:
 def _alone(
     name: str, locator: palpate.Locator, points: np.ndarray, normals: np.ndarray, rng: np.random.Generator
 ) -> Iterator[Row]:
-    """Single samples, of forces along the normal."""
+    """Yield the row of single samples, of forces along the normal."""
     clean = contact_wrenches(points, normals, -FORCE * normals, np.zeros(len(points)))
     found = locator.run(clean + NOISE * rng.standard_normal(clean.shape), sequential=False)
     deviation = np.sqrt(np.trace(found.covariance, axis1=1, axis2=2))
@@ -89,7 +89,7 @@ def _alone(
 
 
 def _touchable(body: trimesh.Trimesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Points on the fingers, uniform in area, and their normals."""
+    """Return points on the fingers, uniform in area, and their normals."""
     dense = cKDTree(trimesh.sample.sample_surface_even(body, 100_000, seed=1)[0])
     points, facets = trimesh.sample.sample_surface(body, 40 * count, seed=2)
     points, normals = np.asarray(points), np.asarray(body.face_normals[facets])

@@ -215,8 +215,8 @@ def test_frames_are_fused_as_each_alone(friction: float) -> None:
     blocks = [each.covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for each in alone for i in range(len(each.share))]
     np.testing.assert_array_equal(found.spread, [block[np.triu_indices(3)] for block in blocks])
     for k in np.flatnonzero(np.isfinite(found.p)).tolist():
-        np.testing.assert_array_equal(found.whitened[k], alone[k].given.whitened[0])
-        np.testing.assert_array_equal(found.factors[k], alone[k].given.factors[0])
+        np.testing.assert_array_equal(found.whitened[k], alone[k].whitened[0])
+        np.testing.assert_array_equal(found.factors[k], alone[k].factors[0])
     none = locator.fuse_frames(np.empty((0, 17)), np.empty(0, np.int64), np.empty((0, 6)), np.empty((0, 6, 6)))
     assert [len(each) for each in none] == [0] * len(none)
     with pytest.raises(InputError, match="add up to the 11 contacts"):
@@ -318,8 +318,9 @@ def test_without_a_wrench_the_skin_alone_answers() -> None:
     assert np.isnan(found.surprise).all()
     assert not found.alarm
     np.testing.assert_allclose(found.share, 1.0)
-    with pytest.raises(InputError, match="at least one wrench"):
-        FusedLocator(SURFACE).unseen(found)
+    assert (found.whitened.shape, found.factors.shape) == ((0, 6), (0, 6, 6))
+    with pytest.raises(InputError, match="whitened"):
+        FusedLocator(SURFACE).unseen_by(np.full(6, np.nan), np.eye(6))
 
 
 def test_one_of_two_sensors_may_be_silent() -> None:
@@ -390,7 +391,7 @@ def test_an_unseen_contact_is_found_where_it_is() -> None:
     found = locator.fuse(*vars(replace(made, wrenches=made.wrenches + more)).values())
     assert found.alarm
     assert found.p[0] < 0.01
-    unseen = locator.unseen(found)
+    unseen = locator.unseen_by(found.whitened[0].copy(), found.factors[0].copy())
     assert unseen.belief.sum() == pytest.approx(1.0)
     assert (np.diff(unseen.belief) <= 0.0).all()
     assert unseen.belief[unseen.region].sum() >= 0.95
@@ -430,7 +431,7 @@ def test_the_evidence_of_a_place_is_that_of_a_gaussian() -> None:
     """Of the wrench, by the forces that one more contact may have there; and its patches are those of SciPy."""
     made = case(12, 2)
     found = FusedLocator(SURFACE).fuse(*vars(replace(made, wrenches=made.wrenches + 0.3)).values())
-    unseen = FusedLocator(SURFACE).unseen(found)
+    unseen = FusedLocator(SURFACE).unseen_by(found.whitened[0].copy(), found.factors[0].copy())
     expected, cov = found.expected[0], twin(made, replace(FREE, turns=0))[3]
     places = candidates(SURFACE)
     by_place = {tuple(place[:3]): place for place in places}

@@ -67,29 +67,6 @@ class FusionSettings:
             raise InputError(f"alarm must be between 0 and 0.5, not {self.alarm:g}.")
 
 
-@dataclass(frozen=True, eq=False)
-class Given(LockedValue):
-    """Inputs from which forces were computed, of the k sensors with a finite wrench.
-
-    Attributes:
-        contacts: (n, 17) rows of `FusedLocator.rows`.
-        wrenches: (k, 6) [N, N m].
-        covariances: (k, 6, 6) of the wrenches' noise.
-        carries: (k, n) whether a sensor feels a contact.
-        whitened: (k, 6) wrench less the expected one, whitened by `factors`.
-        factors: (k, 6, 6) L D L^T of that difference's covariance.
-        p: (k,) see `Fused`.
-    """
-
-    contacts: Float[np.ndarray, "n 17"]
-    wrenches: Float[np.ndarray, "k 6"]
-    covariances: Float[np.ndarray, "k 6 6"]
-    carries: Bool[np.ndarray, "k n"]
-    whitened: Float[np.ndarray, "k 6"]
-    factors: Float[np.ndarray, "k 6 6"]
-    p: Float[np.ndarray, " k"]
-
-
 @frozen_value
 class Fused(LockedValue):
     """Forces of n contacts, and how well the wrenches of k sensors fit them.
@@ -105,7 +82,8 @@ class Fused(LockedValue):
             into the cones.
         p: (k,) share of touches without an unseen contact whose wrench is as far off.
         alarm: whether a contact pushes that the skin does not feel.
-        given: inputs of the computation.
+        whitened: (h, 6) of the h finite wrenches: less the expected one, whitened by `factors`.
+        factors: (h, 6, 6) L D L^T of that difference's covariance.
         notes: a sentence each.
     """
 
@@ -118,7 +96,8 @@ class Fused(LockedValue):
     surprise: Float[np.ndarray, " k"]
     p: Float[np.ndarray, " k"]
     alarm: bool
-    given: Given
+    whitened: Float[np.ndarray, "h 6"]
+    factors: Float[np.ndarray, "h 6 6"]
     notes: tuple[str, ...] = ()
 
 
@@ -129,7 +108,7 @@ class FusedFrames(NamedTuple):
         force, share, bound: (m, 3) [N], (m,) and (m,), see `Fused`.
         spread: (m, 6) [N^2] covariance of each force: xx, xy, xz, yy, yz, zz.
         p, alarm: (n,), see `Fused`.
-        whitened, factors: (n, 6) and (n, 6, 6), see `Given`; NaN without a wrench.
+        whitened, factors: (n, 6) and (n, 6, 6), see `Fused`; NaN without a wrench.
         notes: a sentence each.
     """
 
@@ -278,13 +257,12 @@ class FusedLocator:
             off = totals if sensors == 1 else np.zeros((1, 16))
             force, notes = self._within(force, contacts[:, 3:6], np.array([count]), [covariance], off)
         slack, bound = self._slack(force, contacts[:, 3:6])
-        p = totals[:, 9].copy()
         fit = np.full((len(wrenches), 10), np.nan)
         fit[heard] = totals[:, :10]
-        alarm = bool((p * sensors < self.settings.alarm).any())
+        alarm = bool((totals[:, 9] * sensors < self.settings.alarm).any())
         by_sensor = (fit[:, :6].copy(), fit[:, 6].copy(), fit[:, 9].copy())
-        inputs = Given(*given, totals[:, 10:].copy(), factors, p)
-        return Fused(force, covariance, out[:, 3].copy(), slack, bound, *by_sensor, alarm, inputs, notes)
+        misfit = (totals[:, 10:].copy(), factors)
+        return Fused(force, covariance, out[:, 3].copy(), slack, bound, *by_sensor, alarm, *misfit, notes)
 
     def _within(
         self,
@@ -309,22 +287,10 @@ class FusedLocator:
         slack = self.settings.friction * normal - across
         return slack, slack <= _BINDS * (1.0 + np.abs(normal))
 
-    def unseen(self, fused: Fused) -> Unseen:
-        """Return as `Unseen` the places of one more contact that explain the wrench of `fused` with the least `p`.
-
-        Raises:
-            InputError: `fused` has no finite wrench.
-        """
-        given = fused.given
-        if not len(given.wrenches):
-            raise InputError("at least one wrench must be finite: unseen contacts cannot be found without it.")
-        k = int(np.argmin(given.p))
-        return self.unseen_by(given.whitened[k].copy(), given.factors[k].copy())
-
     def unseen_by(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Unseen:
         """Return as `Unseen` the places of one more contact that a wrench feels and the skin does not.
 
-        `whitened` and `factor`: of a frame, as in `FusedFrames`.
+        `whitened` and `factor`: of a wrench, as in `Fused` and `FusedFrames`.
 
         Raises:
             InputError: a number is not finite, as in a frame without a wrench.
