@@ -59,7 +59,7 @@ def inline(drawn: Figure) -> str:
         if (layout := drawn.get_layout_engine()) is not None:  # once, or all is drawn twice
             layout.execute(drawn)
             drawn.set_layout_engine("none")
-        drawn.savefig(page, format="svg", transparent=True, dpi=200, metadata={"Date": None, "Creator": None})
+        drawn.savefig(page, format="svg", transparent=True, dpi=180, metadata={"Date": None, "Creator": None})
     text = page.getvalue()
     text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
     text = re.sub(r'^<svg[^>]*viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1" role="img">', text, count=1)
