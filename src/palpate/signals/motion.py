@@ -121,9 +121,12 @@ class Motion:
     def _taken(self, block: Recording) -> Float[np.ndarray, "n 8"]:
         """Return time, quaternion and position, (n, 8)."""
         self._require(block)
-        missing = np.full((len(block), 3), np.nan)
-        poses = block.channels.get(ORIENTATION, np.full((len(block), 4), np.nan))
-        return np.column_stack([block.time, poses, block.channels.get(POSITION, missing)])
+        taken = np.full((len(block), 8), np.nan)
+        taken[:, 0] = block.time
+        for name, columns in ((ORIENTATION, slice(1, 5)), (POSITION, slice(5, 8))):
+            if name in block.channels:
+                taken[:, columns] = block.channels[name]
+        return taken
 
     def _require(self, block: Recording) -> None:
         has = set(block.channels)
