@@ -18,7 +18,7 @@ from palpate.spatial.pose_track import sound_quaternions
 FEWEST, MEDIAN_LENGTH = 50, 1.5382  # samples at rest; median length of a normal 3-vector
 TILT, BIAS = np.radians(3.0), 0.5  # rad, m/s^2: most that the prior standard deviations may be
 LEAST = 1e-6  # m/s^2: deviation of numbers without noise
-ROUNDS = 10
+LASTING, ROUNDS = 1.0, 10  # s of a rest that counts as one reading
 
 
 @takes_arrays
@@ -27,8 +27,8 @@ def imu_at_rest(recording: Recording, motion: Motion) -> Imu | None:
 
     At rest, by the poses, it reads a = Q f + bias with f = -R^T g, or 0 where its readings are without gravity. Q and
     bias are those of maximum posterior density. Their prior standard deviations are the readings' deviation from f,
-    and that over 1 g, at most 0.5 m/s^2 and 3 degrees. Each rest counts as one reading, with the deviation of one,
-    for errors that stay during a rest. So a single orientation gives the sum of both, and the covariance the rest.
+    and that over 1 g, at most 0.5 m/s^2 and 3 degrees. Each second of a rest counts as one reading, for errors that
+    last. A single orientation shows only what both add up to; the covariance holds how uncertain that is in others.
 
     Args:
         recording: with ACCELERATION.
@@ -43,7 +43,7 @@ def imu_at_rest(recording: Recording, motion: Motion) -> Imu | None:
     if len(readings) < FEWEST:
         return None
     middles = np.array([np.median(readings[rest], axis=0) for rest in rests])
-    directions = np.array([forces[rest].mean(axis=0) for rest in rests])
+    directions = np.array([np.median(forces[rest], axis=0) for rest in rests])
     noise = _deviation(readings - forces)
     least = 1.0 / np.repeat([min(noise / G, TILT), min(noise, BIAS)], 3) ** 2
     state, covariance = np.zeros(6), np.zeros((6, 6))  # rotation vector [rad] of Q, bias
@@ -67,14 +67,15 @@ def _imu(state: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"], no
 def _at_rest(
     recording: Recording, motion: Motion
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], list[slice]]:
-    """Return the readings (n, 3) where poses show no motion, the specific forces (n, 3) there, and the rests."""
+    """Return the readings (n, 3) where poses show no motion, the specific forces (n, 3) there, and seconds of rests."""
     still = Motion(window=motion.window, lever=motion.lever).stream(iter([recording]))
     unsteady = np.concatenate([block.channels[UNSTEADY][:, 0] for block in still])
     readings, quaternions = recording.channels[ACCELERATION], recording.channels[ORIENTATION]
     known = (unsteady == 0.0) & np.isfinite(readings).all(axis=1) & sound_quaternions(quaternions)
     gravity = np.zeros(3) if motion.source != "imu" or motion.gravity is None else motion.gravity
     forces = -np.einsum("nji,j->ni", rotation_from_quaternion(quaternions[known]), gravity)
-    cuts: list[int] = [0, *(np.flatnonzero(np.diff(np.flatnonzero(known)) > 1) + 1).tolist(), len(forces)]
+    rows, seconds = np.flatnonzero(known), np.floor(recording.time[known] / LASTING)
+    cuts: list[int] = [0, *(np.flatnonzero((np.diff(rows) > 1) | (np.diff(seconds) != 0)) + 1).tolist(), len(rows)]
     return readings[known], forces, [slice(start, end) for start, end in pairwise(cuts)]
 
 
