@@ -2,5 +2,6 @@
 
 from palpate.files.datasets.dataset import Dataset, Episode, is_dataset, read_dataset
 from palpate.files.datasets.labelled import write_labelled
+from palpate.files.datasets.named import write_named
 
-__all__ = ["Dataset", "Episode", "is_dataset", "read_dataset", "write_labelled"]
+__all__ = ["Dataset", "Episode", "is_dataset", "read_dataset", "write_labelled", "write_named"]

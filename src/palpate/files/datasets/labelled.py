@@ -14,16 +14,9 @@ import numpy as np
 import polars as pl
 
 from palpate.errors import InputError
-from palpate.files.atomic import replacing, write_text, writing
+from palpate.files.atomic import PART, replacing, write_text, writing
 from palpate.files.contacts import read_contacts
-from palpate.files.datasets.columns import (
-    PREFIX,
-    contact_columns,
-    contact_features,
-    joined,
-    statistics,
-    to_series,
-)
+from palpate.files.datasets.columns import PREFIX, contact_columns, contact_features, joined, statistics, to_series
 from palpate.files.datasets.dataset import EPISODES, INFO, Dataset, Episode, json_lines, read_json
 from palpate.files.logs.parquet import EPISODE, reading_parquet
 
@@ -55,6 +48,8 @@ def write_labelled(data: Dataset, contacts: Mapping[int, Path], output: Path, fr
         raise InputError(f"has a column {taken[0]!r} already.", where=str(data.root), hint=hint)
     with writing(output):
         (output / INFO).unlink(missing_ok=True)
+        for left in list(output.rglob(f".*{PART}")):  # by a run that was killed
+            left.unlink()
         _copy(data, output)
     found = dict[int, Statistics]()
     for file, episodes in groupby(sorted(data.episodes, key=lambda each: each.file), key=lambda each: each.file):
