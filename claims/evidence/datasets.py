@@ -37,8 +37,8 @@ for k in range(len(first)):
 for name in new:
     values = np.stack([np.atleast_1d(copy[k][name].numpy()) for k in range(len(copy))]).astype(float)
     kept = copy.meta.stats[name]
-    for key, value in (("mean", values.mean(0)), ("std", values.std(0)), ("min", values.min(0)), ("max", values.max(0))):
-        wrong += not np.allclose(kept[key], value, rtol=1e-4, atol=1e-9)
+    for key in ("mean", "std", "min", "max"):
+        wrong += not np.allclose(kept[key], getattr(values, key)(axis=0), rtol=1e-4, atol=1e-9)
 batch = next(iter(torch.utils.data.DataLoader(copy, batch_size=8)))
 print(len(first), len(copy), copy.num_episodes, len(new), wrong, tuple(batch["observation.contact.point"].shape))
 """
@@ -101,7 +101,7 @@ def _table(root: Path) -> pl.DataFrame:
 def _rows_equal(folder: Path, version: str, count: int) -> Row:
     first, copy = _table(folder / "data_set"), _table(folder / "plain")
     new = [name for name in copy.columns if name.startswith(PREFIX)]
-    same = copy.drop(new).equals(first.cast(dict(copy.drop(new).schema)))
+    same = copy.drop(new).equals(first.cast(copy.drop(new).schema))
     got = f"{len(copy):,} of {len(first):,} rows, {len(new)} new columns, the others {'equal' if same else 'OTHER'}"
     return Row(f"{count} episodes of {version}: rows of the copy", "all, equal", got, same and len(new) == 5)
 
@@ -113,7 +113,8 @@ def _right(folder: Path, version: str, points: np.ndarray) -> Iterator[Row]:
     point, upper = (np.array(copy[PREFIX + name].to_list(), dtype=float) for name in ("point", "covariance"))
     pressed = np.isfinite(points[:, 0])
     share = float(np.mean(found == pressed))
-    yield Row(f"{version}: rows with a contact where one is, none where none is", ">= 0.99", f"{share:.4f}", share >= 0.99)
+    what = f"{version}: rows with a contact where one is, none where none is"
+    yield Row(what, ">= 0.99", f"{share:.4f}", share >= 0.99)
     both = found & pressed
     error = point[both] - points[both]
     covariance = upper[both][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
@@ -135,5 +136,6 @@ def _opened(folder: Path, version: str, count: int) -> Row:
     )
     words = (done.stdout.splitlines() or [done.stderr[-300:]])[-1]
     first, copied, episodes, new, wrong = map(int, words.split(" (")[0].split()) if not done.returncode else [0] * 5
-    got = words if done.returncode else f"{copied:,} of {first:,} rows, {episodes} episodes, {new} columns, {wrong} wrong"
-    return Row(what, target, got, (copied, episodes, new, wrong) == (first, count, 5, 0) and first > 0)
+    got = f"{copied:,} of {first:,} rows, {episodes} episodes, {new} columns, {wrong} wrong"
+    right = first > 0 and (copied, episodes, new, wrong) == (first, count, 5, 0)
+    return Row(what, target, words if done.returncode else got, right)

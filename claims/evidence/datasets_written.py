@@ -70,7 +70,6 @@ def _episode(rng: np.random.Generator, number: int, length: int, version: str) -
     wrench = np.where(pressed[:, None], np.concatenate([force, np.cross(point, force)]), 0.0)
     wrench += rng.normal(size=(length, 6)) * np.repeat([0.05, 0.0005], 3)
     state = np.concatenate([rng.normal(size=(length, 2)), wrench], axis=1).astype(np.float32)
-    fixed = version == "v3.0"
     frame = pl.DataFrame(
         {
             "observation.state": state,
@@ -83,9 +82,10 @@ def _episode(rng: np.random.Generator, number: int, length: int, version: str) -
             "task_index": np.zeros(length, dtype=np.int64),
         }
     )
-    lists = {"observation.state": pl.List(pl.Float32), "action": pl.List(pl.Float32)}
-    lists |= {"observation.tactile": pl.List(pl.List(pl.Float32))}
-    return frame if fixed else frame.cast(lists), np.where(pressed[:, None], point, np.nan)
+    lists = {"observation.state": 1, "observation.tactile": 2, "action": 1}  # of version 2: of any length
+    kinds = [pl.List(pl.Float32), pl.List(pl.List(pl.Float32))]
+    loose = frame.with_columns(pl.col(name).cast(kinds[axes - 1]) for name, axes in lists.items())
+    return frame if version == "v3.0" else loose, np.where(pressed[:, None], point, np.nan)
 
 
 def _version_2(folder: Path, frames: Sequence[pl.DataFrame], version: str) -> None:

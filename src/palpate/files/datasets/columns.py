@@ -9,11 +9,8 @@ import numpy as np
 import polars as pl
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import Status
 from palpate.contact.table import LABELS
 from palpate.errors import InputError
-
-__all__ = ["PREFIX", "Columns", "contact_columns", "contact_features", "joined", "statistics", "to_series"]
 
 PREFIX = "observation.contact."
 Columns = Mapping[str, np.ndarray]

@@ -15,8 +15,6 @@ from palpate.errors import InputError
 from palpate.files.inputs import open_input
 from palpate.files.logs.parquet import reading_parquet, sample_shapes, scan_rows
 
-__all__ = ["EPISODES", "INFO", "Dataset", "Episode", "is_dataset", "json_lines", "read_dataset", "read_json"]
-
 INFO = Path("meta/info.json")
 EPISODES = "meta/episodes/*/*.parquet"  # of version 3
 _TIME = "timestamp"
@@ -121,7 +119,8 @@ def _info(path: Path) -> dict[str, Any]:
         raise InputError(what, where=str(path), hint="Convert it with LeRobot's own tools first.")
     if isinstance(fps, bool) or not isinstance(fps, int | float) or not fps > 0:
         raise InputError(f"states no rate: fps is {fps!r}.", where=str(path), hint="Write the frames a second there.")
-    if not isinstance(features, dict) or not all(isinstance(each, dict) for each in features.values()):
+    listed = list(cast("dict[str, object]", features).values()) if isinstance(features, dict) else [None]
+    if not all(isinstance(each, dict) for each in listed):
         raise InputError("states no features.", where=str(path), hint=_AGAIN)
     return info
 

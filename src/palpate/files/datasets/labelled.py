@@ -20,8 +20,6 @@ from palpate.files.datasets.columns import PREFIX, contact_columns, contact_feat
 from palpate.files.datasets.dataset import EPISODES, INFO, Dataset, Episode, json_lines, read_json
 from palpate.files.logs.parquet import EPISODE, reading_parquet
 
-__all__ = ["write_labelled"]
-
 Statistics = dict[str, dict[str, np.ndarray]]
 _LINKED = ("videos", "images")  # folders of files that nobody edits
 _USUAL = ("min", "max", "mean", "std", "count")

@@ -11,8 +11,6 @@ import polars as pl
 from palpate.files.datasets.dataset import Dataset
 from palpate.files.logs.parquet import reading_parquet, scan_rows
 
-__all__ = ["write_named"]
-
 
 def write_named(data: Dataset, path: Path) -> dict[str, str]:
     """Write the first episode, each list of named numbers as a column a name; return column -> its name in the data.
@@ -40,5 +38,6 @@ def _named(data: Dataset) -> Iterator[tuple[str, list[str]]]:
         names: Any = feature.get("names")
         if isinstance(names, dict):  # {"motors": [...]}
             names = next(iter(cast("dict[str, Any]", names).values()), None)
-        if isinstance(names, list) and [len(set(names))] == feature.get("shape") and len(names) > 1:
-            yield name, [str(each) for each in names]
+        texts = [str(each) for each in cast("list[object]", names)] if isinstance(names, list) else []
+        if len(texts) > 1 and [len(set(texts))] == feature.get("shape"):
+            yield name, texts

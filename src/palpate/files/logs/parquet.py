@@ -6,6 +6,7 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from functools import reduce
 from math import prod
+from pathlib import Path
 
 import numpy as np
 import polars as pl
