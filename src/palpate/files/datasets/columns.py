@@ -22,7 +22,7 @@ _NAMES = {
     "force": _AXES,
     "covariance": ("xx", "xy", "xz", "yy", "yz", "zz"),
 }
-_WHOLE = ("count", "status")
+_INTEGERS = ("count", "status")
 _UPPER = np.triu_indices(3)
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
@@ -38,7 +38,7 @@ def contact_features(frame: str) -> dict[str, dict[str, Any]]:
     }
     return {
         f"{PREFIX}{name}": {
-            "dtype": "int64" if name in _WHOLE else "float32",
+            "dtype": "int64" if name in _INTEGERS else "float32",
             "shape": [len(names)],
             "names": list(names),
             "info": info[name],

@@ -46,8 +46,8 @@ def write_labelled(data: Dataset, contacts: Mapping[int, Path], output: Path, fr
         raise InputError(f"has a column {taken[0]!r} already.", where=str(data.root), hint=hint)
     with writing(output):
         (output / INFO).unlink(missing_ok=True)
-        for left in list(output.rglob(f".*{PART}")):  # by a run that was killed
-            left.unlink()
+        for unfinished in list(output.rglob(f".*{PART}")):  # of a run that was killed
+            unfinished.unlink()
         _copy(data, output)
     found = dict[int, Statistics]()
     for file, episodes in groupby(sorted(data.episodes, key=lambda each: each.file), key=lambda each: each.file):
@@ -152,7 +152,7 @@ def _write_statistics(root: Path, found: Mapping[int, Statistics], output: Path)
         _write_rows(output / path.relative_to(root), rows.with_columns(columns), kept)
 
 
-def _alike(old: Mapping[str, Mapping[str, Any]], new: Statistics) -> dict[str, dict[str, list[float]]]:
+def _alike(old: Mapping[str, Mapping[str, Any]], new: Statistics) -> dict[str, dict[str, list[Any]]]:
     """Return new statistics as lists, those that the old ones have of another feature."""
     there = next(iter(old.values()), dict.fromkeys(_USUAL))
     return {name: {key: each.tolist() for key, each in values.items() if key in there} for name, values in new.items()}
