@@ -277,6 +277,8 @@ def test_a_row_has_its_largest_contact() -> None:
     assert made["force"].tolist() == [[0, 0, 3], [0, 0, 2], [0, 0, 0]]
     assert made["point"].tolist() == [[3, 0, 0], [2, 0, 0], [0, 0, 0]]
     assert made["covariance"].shape == (3, 6)
+    known = columns.statistics({"covariance": np.float32([[1.0] * 6, [3.0] * 6, [np.nan] * 6])})[f"{PREFIX}covariance"]
+    assert (known["mean"].tolist(), known["count"].tolist()) == ([2.0] * 6, [3])
     with pytest.raises(InputError, match="contacts of 3 samples, but the episode has 4 rows"):
         columns.contact_columns(_contacts(rows), 4)
 

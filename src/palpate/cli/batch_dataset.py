@@ -17,7 +17,7 @@ CONTACTS = "contacts"  # folder in the output, of the files of contacts
 
 @dataclass(frozen=True)
 class EpisodeLog:
-    """An episode as a log of its own: its data set, whose episodes are left out, and its place there."""
+    """An episode as a log of its own: its data set, without the list of its episodes, and its place there."""
 
     data: Dataset
     episode: Episode

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import polars as pl
+from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.table import LABELS
@@ -50,6 +50,8 @@ def contact_features(frame: str) -> dict[str, dict[str, Any]]:
 def contact_columns(contacts: Contacts, count: int) -> dict[str, np.ndarray]:
     """Return the columns, name -> (count, k), of a log with `count` samples: in each row the largest contact.
 
+    Without a contact all but the status are 0; a covariance that is not known is NaN.
+
     Raises:
         InputError: the contacts are those of another number of samples.
     """
@@ -70,23 +72,21 @@ def contact_columns(contacts: Contacts, count: int) -> dict[str, np.ndarray]:
     }
 
 
-def to_series(name: str, values: np.ndarray) -> pl.Series:
-    """Return a column as LeRobot stores it: plain numbers for one a row, else lists of one length."""
-    return pl.Series(f"{PREFIX}{name}", values[:, 0] if values.shape[1] == 1 else values)
-
-
 def statistics(columns: Columns) -> dict[str, dict[str, np.ndarray]]:
-    """Return name of each column with `PREFIX` -> name of each statistic -> (k,), as LeRobot keeps them."""
+    """Return name of each column with `PREFIX` -> name of each statistic -> (k,), of the rows that are known."""
+    return {f"{PREFIX}{name}": _statistics(values) for name, values in columns.items()}
+
+
+def _statistics(values: Float[np.ndarray, "n k"] | Int[np.ndarray, "n k"]) -> dict[str, np.ndarray]:
+    known = values[np.isfinite(values).all(axis=1)]
+    known = known if len(known) else np.zeros_like(values[:1])
     return {
-        f"{PREFIX}{name}": {
-            "min": values.min(axis=0),
-            "max": values.max(axis=0),
-            "mean": values.mean(axis=0, dtype=np.float64),
-            "std": values.std(axis=0, dtype=np.float64),
-            "count": np.array([len(values)]),
-            **{key: np.quantile(values, share, axis=0) for key, share in _QUANTILES.items()},
-        }
-        for name, values in columns.items()
+        "min": known.min(axis=0),
+        "max": known.max(axis=0),
+        "mean": known.mean(axis=0, dtype=np.float64),
+        "std": known.std(axis=0, dtype=np.float64),
+        "count": np.array([len(values)]),
+        **{key: np.quantile(known, share, axis=0) for key, share in _QUANTILES.items()},
     }
 
 

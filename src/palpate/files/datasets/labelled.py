@@ -16,7 +16,7 @@ import polars as pl
 from palpate.errors import InputError
 from palpate.files.atomic import PART, replacing, write_text, writing
 from palpate.files.contacts import read_contacts
-from palpate.files.datasets.columns import PREFIX, contact_columns, contact_features, joined, statistics, to_series
+from palpate.files.datasets.columns import PREFIX, contact_columns, contact_features, joined, statistics
 from palpate.files.datasets.dataset import EPISODES, INFO, Dataset, Episode, json_lines, read_json
 from palpate.files.logs.parquet import EPISODE, reading_parquet
 
@@ -101,8 +101,13 @@ def _label(
         for name, values in made.items():
             columns.setdefault(name, np.zeros((len(rows), values.shape[1]), values.dtype))[here] = values
         found[index] = statistics(made)
-    _write_rows(target, rows.with_columns(to_series(*each) for each in columns.items()), kept)
+    _write_rows(target, rows.with_columns(_series(*each) for each in columns.items()), kept)
     return found
+
+
+def _series(name: str, values: np.ndarray) -> pl.Series:
+    """Return a column as LeRobot stores it: plain numbers for one a row, else lists of one length."""
+    return pl.Series(f"{PREFIX}{name}", values[:, 0] if values.shape[1] == 1 else values)
 
 
 def _write_rows(path: Path, rows: pl.DataFrame, kept: Mapping[str, str]) -> None:
