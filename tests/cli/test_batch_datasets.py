@@ -183,6 +183,15 @@ def _rows(change: Callable[[pl.DataFrame], pl.DataFrame]) -> Callable[[Path], No
     return spoil
 
 
+def _file(name: str, text: str | None) -> Callable[[Path], None]:
+    def spoil(root: Path) -> None:
+        (root / "meta" / name).unlink()
+        if text is not None:
+            (root / "meta" / name).write_text(text)
+
+    return spoil
+
+
 WIDER = pl.col("observation.state").list.concat(pl.lit([0.0], dtype=pl.List(pl.Float32)))
 
 
@@ -195,10 +204,11 @@ WIDER = pl.col("observation.state").list.concat(pl.lit([0.0], dtype=pl.List(pl.F
         (_info(lambda info: info.update(data_path="../{episode_index}.parquet")), 1, "a file outside of its folder"),
         (_info(lambda info: info.update(data_path="{other}.parquet")), 1, "does not state where the rows"),
         (_info(lambda info: info["features"].update({f"{PREFIX}point": {}})), 1, "column 'observation.contact.point'"),
-        (lambda root: (root / "meta/info.json").write_text("{"), 1, "is not JSON"),
-        (lambda root: (root / "meta/info.json").write_text("[]"), 1, "holds no JSON object"),
-        (lambda root: (root / "meta/episodes.jsonl").unlink(), 1, "episodes.jsonl: the file does not exist"),
-        (lambda root: (root / "meta/episodes.jsonl").write_text(""), 1, "has no episodes"),
+        (_file("info.json", "{"), 1, "is not JSON"),
+        (_file("info.json", "[]"), 1, "holds no JSON object"),
+        (_file("episodes.jsonl", None), 1, "episodes.jsonl: the file does not exist"),
+        (_file("episodes.jsonl", ""), 1, "has no episodes"),
+        (_file("episodes_stats.jsonl", '{"episode_index": 7, "stats": {}}'), 1, "does not hold the statistics of each"),
         (_rows(lambda rows: rows[:-1]), 5, "has 60 rows of episode 1, but the folder meta states 61"),
         (_rows(lambda rows: rows.with_columns(WIDER)), 5, "'observation.state' has 9 numbers, but meta/info.json"),
         (_rows(lambda rows: rows.drop("observation.state")), 5, "there is no column 'observation.state[2]'"),
@@ -223,6 +233,12 @@ def test_a_data_set_is_labelled_alone_and_elsewhere(tmp_path: Path, capsys: pyte
     assert _batch(tmp_path, out="data_set/out") == 1
     assert "is the data set or in it" in capsys.readouterr().err
     data, rig = str(tmp_path / "data_set"), str(tmp_path / "rig.toml")
+    assert main(["rig", "new", data, "-o", str(tmp_path / "new.toml"), "--poses", rig]) == 1
+    assert "not for a data set" in capsys.readouterr().err
+    (tmp_path / "out/data").mkdir(parents=True)
+    (tmp_path / "out/data/episode_000009.parquet").write_text("")
+    assert _batch(tmp_path) == 1
+    assert "is of another data set" in capsys.readouterr().err
     assert main(["batch", data, rig, "--rig", rig, "-o", str(tmp_path / "out"), "--workers", "1"]) == 1
     assert "is labelled alone" in capsys.readouterr().err
 
@@ -271,16 +287,16 @@ def test_a_row_has_its_largest_contact() -> None:
     forces = [(0, 1.0), (0, 3.0), (1, 2.0), (1, 1.0)]
     rows = [{**one, "sample": sample, "fz": force, "px": force} for sample, force in forces]
     rows += [{**one, "sample": 2, "fz": 9.0, "status": "off_surface"}]
-    made = columns.contact_columns(_contacts(rows), 3)
+    made = columns.contact_columns(_contacts(rows), 3, "contacts.csv")
     assert made["count"].tolist() == [[2], [2], [0]]
     assert made["status"].tolist() == [[0], [0], [Status.OFF_SURFACE]]
     assert made["force"].tolist() == [[0, 0, 3], [0, 0, 2], [0, 0, 0]]
     assert made["point"].tolist() == [[3, 0, 0], [2, 0, 0], [0, 0, 0]]
     assert made["covariance"].shape == (3, 6)
-    known = columns.statistics({"covariance": np.float32([[1.0] * 6, [3.0] * 6, [np.nan] * 6])})[f"{PREFIX}covariance"]
+    known = columns.statistics({"covariance": np.array([[1.0] * 6, [3.0] * 6, [np.nan] * 6])})[f"{PREFIX}covariance"]
     assert (known["mean"].tolist(), known["count"].tolist()) == ([2.0] * 6, [3])
-    with pytest.raises(InputError, match="contacts of 3 samples, but the episode has 4 rows"):
-        columns.contact_columns(_contacts(rows), 4)
+    with pytest.raises(InputError, match=r"contacts\.csv: holds contacts of 3 samples, but the episode has 4 rows"):
+        columns.contact_columns(_contacts(rows), 4, "contacts.csv")
 
 
 def test_a_slice_names_columns(tmp_path: Path) -> None:

@@ -90,6 +90,8 @@ def rig_new(
             raise InputError("is missing: give a log, or a device to listen to.", where="LOG or --source")
         named = dict[str, str]()
         if is_dataset(seen):
+            if poses is not None:
+                raise InputError("is for tables, not for a data set.", where="--poses", hint="Leave it out.")
             data, seen = read_dataset(seen), Path(scratch) / seen.resolve().name
             named = write_named(data, seen)
         proposal = propose_rig(seen, body, output.parent, sensor=sensor, topic=topic, rate=rate, poses=poses)

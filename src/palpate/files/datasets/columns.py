@@ -47,17 +47,18 @@ def contact_features(frame: str) -> dict[str, dict[str, Any]]:
     }
 
 
-def contact_columns(contacts: Contacts, count: int) -> dict[str, np.ndarray]:
+def contact_columns(contacts: Contacts, count: int, where: str) -> dict[str, np.ndarray]:
     """Return the columns, name -> (count, k), of a log with `count` samples: in each row the largest contact.
 
-    Without a contact all but the status are 0; a covariance that is not known is NaN.
+    Without a contact all but the status are 0; a covariance that is not known is NaN. `where` is the file of the
+    contacts.
 
     Raises:
         InputError: the contacts are those of another number of samples.
     """
     estimate, sample = contacts.estimate, contacts.sample
     if len(seen := np.unique(sample)) != count or (count and seen[-1] != count - 1):
-        raise InputError(f"holds contacts of {len(seen)} samples, but the episode has {count} rows.")
+        raise InputError(f"holds contacts of {len(seen)} samples, but the episode has {count} rows.", where=where)
     answered = estimate.answered
     force = np.where(answered, np.nan_to_num(np.linalg.norm(estimate.force, axis=1)), -1.0)
     order = np.lexsort((force, sample))

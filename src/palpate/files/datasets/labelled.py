@@ -39,11 +39,16 @@ def write_labelled(data: Dataset, contacts: Mapping[int, Path], output: Path, fr
         frame: coordinate frame of the contacts.
 
     Raises:
-        InputError: the data set has such columns, a file cannot be read or written, or contacts are of other rows.
+        InputError: the data set has such columns, a file cannot be read or written, contacts are of other rows, or the
+            folder has rows of another data set.
     """
     if taken := [name for name in data.features if name.startswith(PREFIX)]:
         hint = "Give the data set that it was made from."
         raise InputError(f"has a column {taken[0]!r} already.", where=str(data.root), hint=hint)
+    rows = {output / each.file for each in data.episodes}
+    if others := [path for path in sorted((output / "data").rglob("*.parquet")) if path not in rows]:
+        hint = "Name another folder with -o FOLDER."
+        raise InputError("is of another data set, which would be mixed with this one.", where=str(others[0]), hint=hint)
     with writing(output):
         (output / INFO).unlink(missing_ok=True)
         for unfinished in list(output.rglob(f".*{PART}")):  # of a run that was killed
@@ -52,7 +57,11 @@ def write_labelled(data: Dataset, contacts: Mapping[int, Path], output: Path, fr
     found = dict[int, Statistics]()
     for file, episodes in groupby(sorted(data.episodes, key=lambda each: each.file), key=lambda each: each.file):
         found |= _label(data.root / file, {each.index: each for each in episodes}, contacts, output / file)
-    _write_statistics(data.root, dict(sorted(found.items())), output)
+    try:
+        _write_statistics(data.root, dict(sorted(found.items())), output)
+    except (KeyError, TypeError, AttributeError) as problem:
+        what = f"does not hold the statistics of each episode, as LeRobot writes them ({problem!r})."
+        raise InputError(what, where=str(data.root / "meta"), hint="Copy the data set again.") from problem
     features = {**data.features, **contact_features(frame)}
     _write_json(output / INFO, {**data.info, "features": features})
 
@@ -94,10 +103,7 @@ def _label(
     found, columns = dict[int, Statistics](), dict[str, np.ndarray]()
     for index in episodes:
         here = np.flatnonzero(whose == index)
-        try:
-            made = contact_columns(read_contacts(contacts[index]), len(here))
-        except InputError as problem:
-            raise InputError(problem.what, where=problem.where or str(contacts[index]), hint=problem.hint) from problem
+        made = contact_columns(read_contacts(contacts[index]), len(here), str(contacts[index]))
         for name, values in made.items():
             columns.setdefault(name, np.zeros((len(rows), values.shape[1]), values.dtype))[here] = values
         found[index] = statistics(made)
