@@ -117,6 +117,7 @@ class Setup(SharedTables):
             "time": self.time.column,
             "time_unit": self.time.unit,
             "rate": self.time.rate,
+            "episode": self.time.episode,
             "orientation": self.orientation.columns,
             "orientation_form": self.orientation.form,
             "inverse": self.orientation.inverse,

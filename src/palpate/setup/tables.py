@@ -113,7 +113,8 @@ class RigForceTorque:
 class RigTime:
     """The [time] of a rig: the time's column and unit; `rate` [Hz] if it is a counter ("samples") or there is none.
 
-    Without `unit` it is the one that the log states, or else the one that its first times suggest.
+    Without `unit` it is the one that the log states, or else the one that its first times suggest. `episode` is the one
+    to read of a Parquet file with several (`episode_index`), whose times each begin again.
 
     Raises:
         ValueError: the rate is not positive and finite, or is missing for a counter.
@@ -122,6 +123,7 @@ class RigTime:
     column: str = "time"
     unit: str | None = None
     rate: float | None = None
+    episode: int | None = None
 
     def __post_init__(self) -> None:
         require_positive(self, "rate")

@@ -101,6 +101,7 @@ class LogLayout:
         images: of a camera, which are read alone: `wrench` is None, and no `arrays`. None: no images are read.
         rate: [Hz] of a log without a time column; None: it must have one. For a video it replaces the stamps; for a
             folder of images without times None is 30 Hz.
+        episode: the only rows to read of a Parquet file with a column `episode_index`; None: all.
         force_unit, torque_unit: see `palpate.files.units`.
         axes: recorded axes that are the sensor's x, y, z, of force and torque alike; "-x" flips.
         left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
@@ -138,6 +139,7 @@ class LogLayout:
     arrays: tuple[ArrayChannel, ...] = ()
     images: ImageChannel | None = None
     rate: float | None = None
+    episode: int | None = None
     force_unit: str = "N"
     torque_unit: str = "N m"
     axes: tuple[str, ...] = ("x", "y", "z")
