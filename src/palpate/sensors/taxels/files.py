@@ -6,7 +6,7 @@ from dataclasses import MISSING, fields
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from palpate.files.models.model import Lines, Model, span
 from palpate.files.schema import Key, TableForm
@@ -21,19 +21,6 @@ def _curve(curve: Curve) -> dict[str, Any]:
     optional = {each.name for each in fields(curve) if each.default is not MISSING} | {"knots"}
     stated = {each.name: getattr(curve, each.name) for each in fields(curve)}
     return {name: value for name, value in stated.items() if name not in optional or np.any(value)}
-
-
-def _intensity(
-    curve: tuple[Curve, ...],
-    which: Int[np.ndarray, "rows columns"] | Int[np.ndarray, " k"] | None = None,
-    **rest: Any,
-) -> Intensity:
-    return Intensity(curve, which, **rest)
-
-
-def _intensity_keys(intensity: Intensity) -> dict[str, Any]:
-    keys = {name: getattr(intensity, name) for name in ("unit", "which", "notes", "provenance")}
-    return keys | {"curve": intensity.curves}
 
 
 def _of_intensity(intensity: Intensity) -> Lines:
@@ -71,8 +58,7 @@ INTENSITY = Model(
                 "notes": Key(),
                 "provenance": Key(),
             },
-            _intensity,
-            _intensity_keys,
+            called={"curves": "curve"},
         ),
         Curve: TableForm(
             {
