@@ -23,6 +23,7 @@ from palpate.sensors.fused.estimator import FusedEstimator
 from palpate.spatial.pose import skew
 from tests.size import lines_of_code
 from tests.support.checked import CALLS, start_counting
+from tests.way import measured
 
 ROOT = Path(__file__).resolve().parents[1]
 HEAVY = ("numba", "scipy", "trimesh", "polars", "collada", "tyro", "embreex", "numpy", "jaxtyping")
@@ -215,6 +216,15 @@ def test_few_functions_take_a_rig() -> None:
     """Below the commands they take a `Setup` or plain values."""
     taken = _offending(r"\brig: Rig\b", [file for file in _ours() if file.is_relative_to(ROOT / "src")])
     assert len(taken) <= 15, taken
+
+
+def test_the_way_of_a_rig_is_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the command to the skin's estimator few files are called, few calls climb, and few frames lie between."""
+    monkeypatch.setattr("sys.argv", [])
+    skin = ROOT / "tests" / "v03" / "skin"
+    files, climbs, frames = measured(["estimate", str(skin / "log.csv"), "--rig", str(skin / "rig.toml")])
+    assert "sensors/taxels/estimator.py" in files
+    assert (len(files) <= 40, len(climbs) <= 4, frames <= 10) == (True, True, True), (files, climbs, frames)
 
 
 NAMED = re.compile(
