@@ -59,7 +59,8 @@ class TableForm:
         keys: name -> constraints and comment, in the order of the file; other keys follow.
         build: annotated function from the keys to a value; None: the class. `**rest` takes those of `keys` that are
             fields of the class.
-        spell: function from a value to the keys; None: its fields.
+        spell: function from a value to the keys that are not its fields, or not as they are; None: there are none. Keys
+            without a value (None) are not written.
         called: field -> its key, where they differ.
     """
 
