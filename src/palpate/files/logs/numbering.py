@@ -147,7 +147,7 @@ def require_units(array: ArrayChannel, columns: Sequence[str], stated: Stated, p
     """Check that a log states no other unit of a channel's numbers than that in which they are read.
 
     Args:
-        array: the channel.
+        array: the channel, whose `unit` is not None.
         columns: of the channel.
         stated: units that the log `path` states.
         path: of the log.
