@@ -310,7 +310,7 @@ def test_no_file_lists_again_what_its_names_say() -> None:
     """A name without an underscore is public; `__all__` stands in packages, and in files that offer fewer names."""
     again: list[str] = []
     for file in (ROOT / "src").rglob("*.py"):
-        body = ast.parse(file.read_text(encoding="utf-8")).body
+        body = [] if file.name == "__init__.py" else ast.parse(file.read_text(encoding="utf-8")).body
         made = {node.name for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
         for node in (each for each in body if isinstance(each, ast.Assign | ast.AnnAssign)):
             if ast.unparse(node).startswith("__all__") and node.value is not None:
