@@ -16,7 +16,7 @@ import trimesh
 import palpate
 from claims.row import ROOT, Row
 from palpate.setup import Rig
-from palpate.setup.surface import RigSurface
+from palpate.setup.tables import RigSurface
 from palpate_lab.papers.navigator import PaperNavigator
 
 SHOWN = 3  # calls that are named in a row

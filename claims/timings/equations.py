@@ -8,7 +8,7 @@ import numpy as np
 import palpate
 from claims.evidence.bodies import R
 from claims.row import Row
-from palpate.surfaces import Ellipsoid, _equation, _kernels
+from palpate.surfaces import Ellipsoid, _bvh, _equation
 from palpate_lab.papers.iterative import locate_iteratively
 from palpate_lab.simulation import touch_wrenches
 from palpate_lab.simulation.shapes import EllipsoidBody as Truth
@@ -25,7 +25,7 @@ def rows(small: bool) -> Iterator[Row]:
     points = truth.sample(count, rng)
     wrenches = touch_wrenches(points, truth.normals(points), rng, pitch=0.3 * R)
     locator, prepared = palpate.Locator(surface, torsion=np.inf), surface.prepared()
-    unit, row, found = wrenches.copy(), locator.empty(), np.zeros((_kernels.CAPACITY + 1, _kernels.CANDIDATE))
+    unit, row, found = wrenches.copy(), locator.empty(), np.zeros((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
     unit[:, 3:] /= prepared.scale  # its centre is the origin
 
     def analytic(i: int) -> None:

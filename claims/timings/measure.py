@@ -12,7 +12,7 @@ from numba import njit
 import palpate
 from claims.timings import rivals
 from palpate.contact.locate import in_space
-from palpate.surfaces import _bvh
+from palpate.surfaces import _bvh, _patches
 from palpate.surfaces._patches import FLAT as FACET
 from palpate.surfaces._patches import patch_rows
 from palpate.surfaces._tree import Tree, build_tree
@@ -157,7 +157,7 @@ def _agree(calls: dict[str, Variant], meshes: Meshes, found: np.ndarray) -> None
         count = int(search(unit[i], *rest))
         rows = found[:count]
         ours = {
-            int(meshes.tree.corners[int(p), _bvh.FACET])
+            int(meshes.tree.corners[int(p), _patches.FACET])
             for p, kind in zip(rows[:, 0], rows[:, 6], strict=True)
             if kind == 0
         }

@@ -62,7 +62,7 @@ def test_poses_are_interpolated_at_the_wrenches(tmp_path: Path, monkeypatch: pyt
     assert off.magnitude().max() < 1e-4  # the rates of the axes change by 1e-2 rad/s between poses
     np.testing.assert_allclose(whole.channels[POSITION][:, 0], whole.time, atol=1e-9)
     assert not any("pose" in note for note in whole.notes)
-    monkeypatch.setattr("palpate.files.logs.csv.PIECE", 1500)
+    monkeypatch.setattr("palpate.files.logs.text.PIECE", 1500)
     monkeypatch.setattr("palpate.files.logs.columns.BLOCK", 70)
     cut = read_recording(log, layout)
     np.testing.assert_array_equal(cut.channels[ORIENTATION], whole.channels[ORIENTATION])

@@ -449,12 +449,12 @@ class Locator:
         Raises:
             InputError: the wrench is not six numbers.
         """
-        from palpate.surfaces import _kernels
+        from palpate.surfaces import _bvh, _kernels
 
         wrench = shaped(wrench, _WRENCH, "wrench")
         centre, scale = self._settings[at.CENTRE : at.CENTRE + 3], self._settings[at.SCALE]
         force, moment = wrench[:3], wrench[3:]
-        found = np.zeros((_kernels.CAPACITY + 1, _kernels.CANDIDATE))
+        found = np.zeros((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
         if not np.all(np.abs(wrench) <= at.LARGEST) or not np.any(force):
             found = found[:0]
         else:

@@ -18,9 +18,10 @@ from palpate.files.schema import parse
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
 from palpate.setup.drift import RigDrift
 from palpate.setup.kinds import ASSUMED, KINDS
+from palpate.setup.link import Link
 from palpate.setup.setup import NamedSensor, SensorKind, Setup, SharedTables
 from palpate.setup.source import RigSource
-from palpate.setup.surface import OF_ANY_MESH, Link, RigSurface
+from palpate.setup.tables import OF_ANY_MESH, RigSurface
 from palpate.signals.recording import FORCE, Recording
 from palpate.spatial.pose import Pose
 
@@ -67,7 +68,7 @@ class Rig(SharedTables):
     """
 
     surface: RigSurface | None = None
-    sensors: Mapping[str, Any] = field(default_factory=lambda: {})
+    sensors: Mapping[str, Any] = field(default_factory=dict[str, Any])
     source: RigSource | None = None
     folder: Path = field(default_factory=Path)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
@@ -70,6 +70,19 @@ class ArrayChannel:
     def mend(self) -> str:
         """A sentence on what to correct in a rig; "" without one."""
         return f"Correct the numbers in the rig's [{self.table}], or name the columns there." if self.table else ""
+
+    def sized(self, columns: Sequence[str], path: Path) -> Sequence[str]:
+        """Return columns of the log `path`, one for each number of the channel.
+
+        Raises:
+            InputError: there are more or fewer.
+        """
+        if (count := len(columns)) != self.size:
+            named = self.columns is not None
+            has = f"names {count} columns" if named else f"has {count} columns in addition to the time"
+            what = f"{has}, but {self.size} {self.name} ({self.described}) are needed."
+            raise InputError(what, where=self.table if named else str(path), hint=self.mend)
+        return columns
 
     def as_recorded(self) -> ArrayChannel:
         """Return the channel with numbers in the unit and the order in which they are recorded."""

@@ -15,7 +15,6 @@ from palpate.files.inputs import open_input, read_some
 from palpate.files.logs.arrays import ArrayLog, HeldLog
 from palpate.files.logs.bag import BagFile, open_folder
 from palpate.files.logs.columns import ColumnLog, plan
-from palpate.files.logs.csv import CsvLog
 from palpate.files.logs.cursor import Cursor
 from palpate.files.logs.decoding import role, shape_of
 from palpate.files.logs.frame_folder import FrameFolder, holds_frames
@@ -29,7 +28,7 @@ from palpate.files.logs.message_fields import FieldPath, field_of, paths_of
 from palpate.files.logs.parquet import ParquetLog
 from palpate.files.logs.pose_table import pose_layout
 from palpate.files.logs.survey import Survey, survey_of
-from palpate.files.logs.text_frames import TextFrames, holds_text_frames
+from palpate.files.logs.text import CsvLog, TextFrames, holds_text_frames
 from palpate.files.logs.topic_log import TopicLog
 from palpate.files.logs.topics import choose, choose_images
 from palpate.files.logs.transforms import TREES

@@ -30,8 +30,8 @@ from palpate.setup.guess_columns import WrenchColumns, acceleration_table, colum
 from palpate.setup.guess_pose import guess_pose
 from palpate.setup.names import made_up
 from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
-from palpate.setup.tables import RigForceTorque
 from palpate.setup.wrench import wrench_estimator
+from palpate.setup.wrench_table import RigForceTorque
 from palpate.signals.acceleration import turned_from_gravity, wrong_acceleration
 from palpate.signals.motion import Motion, error_at_rest
 from palpate.signals.noise import Noise, NoiseSpectrum, estimate_noise, log_noise, wrong_noise

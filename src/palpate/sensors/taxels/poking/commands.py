@@ -34,8 +34,8 @@ from palpate.sensors.taxels.section import SkinSection
 from palpate.setup import load_rig
 from palpate.setup.pokes import RigPokes
 from palpate.setup.setup import Setup
-from palpate.setup.surface import RigPose
-from palpate.setup.tables import RigForceTorque
+from palpate.setup.tables import RigPose
+from palpate.setup.wrench_table import RigForceTorque
 from palpate.signals.recording import Recording
 from palpate.surfaces import Surface
 
