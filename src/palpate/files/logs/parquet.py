@@ -65,7 +65,7 @@ class ParquetLog(ColumnLog):
         if _EPISODE in shapes and (count := int(frame.select(pl.col(_EPISODE).n_unique()).collect().item())) > 1:
             what = f"holds {count} episodes, whose times begin again."
             raise InputError(what, where=str(self.path), hint=f"Write one file for each {_EPISODE}.")
-        self._columns = columns = Columns(self._layout, self.path, shapes, poses=self.poses)
+        self._columns = columns = Columns(self._layout, self.path, shapes, poses=self.pose_log)
         arrays = list(dict.fromkeys(columns.places[name][0] for name in columns.names))
         for name in arrays:
             kind = kinds[name]

@@ -26,8 +26,8 @@ from palpate.sensors.force_torque.orientation_form import confirmed_pose
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
 from palpate.setup.built import FIRST, BuiltEstimator, Guess
-from palpate.setup.guess_columns import WrenchColumns, acceleration_table, columns_guess
-from palpate.setup.guess_pose import guess_pose
+from palpate.setup.guess_columns import WrenchColumns, acceleration_table, columns_guess, columns_of_pose
+from palpate.setup.guess_pose import PoseGuess, guess_pose
 from palpate.setup.names import made_up
 from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
 from palpate.setup.tables import RigForceTorque
@@ -296,8 +296,9 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
     bare = replace(bare, orientation=pose.orientation) if pose is not None and quaternion else bare
     opened = open_log(log, bare)
     recording = join(list(opened.blocks()))
-    if found.time is not None:
-        if made_up(contents.names) and found.time.column and (np.diff(recording.time) <= 0).mean() > 0.1:
+    if found.time is not None or found.pose_table:
+        timed = found.time is not None and found.time.column
+        if timed and made_up(contents.names) and (np.diff(recording.time) <= 0).mean() > 0.1:
             return None  # the first of seven columns without names is no time
         if pose is not None and quaternion:
             pose = confirmed_pose(pose, recording, based=found.layout.frame == "base")
@@ -349,7 +350,9 @@ def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> Wren
     several = (
         f"{len(wrenches)} topics hold wrenches: {', '.join(wrenches)}; the first is taken, and --topic chooses another"
     )
-    pose = guess_pose(seen, LogLayout(wrench_topic=wrenches[0]), body)
+    layout = LogLayout(wrench_topic=wrenches[0])
+    named, lines, read = columns_of_pose(contents)
+    pose = PoseGuess(replace(layout, **read), "", []) if lines else guess_pose(seen, layout, body)
     why = f"topic {wrenches[0]!r} holds forces and torques"
     fields = {
         "wrench": f"topic = {guess.quoted(wrenches[0])}",
@@ -358,11 +361,12 @@ def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> Wren
     }
     remarks = [*([several] if len(wrenches) > 1 else []), *pose.remarks]
     imus, layout = guess.imu_topics(contents), pose.layout
-    if imus and layout.frames is None and layout.orientation_topic in (None, NONE):  # gravity comes from nowhere else
+    nowhere = layout.frames is None and layout.orientation_topic in (None, NONE) and not lines
+    if imus and nowhere:  # gravity comes from nowhere else
         layout = replace(layout, acceleration_topic=imus[0])
     elif imus:
         remarks.append(f"topic {imus[0]!r} of an IMU is not used: if it is on the sensor, name it in [acceleration]")
-    return WrenchColumns(why, layout, fields, tuple(remarks))
+    return WrenchColumns(why, layout, fields, tuple(remarks), pose=named, pose_table=lines)
 
 
 def _with_imu(found: WrenchColumns, recording: Recording) -> WrenchColumns:
