@@ -262,18 +262,16 @@ def _motion(setup: Setup, head: Recording | None) -> Motion | None:
         what = "the payload takes gravity from the IMU with which it was calibrated."
         hint = 'Name the IMU\'s columns or topic there, and write kind = "imu".'
         raise InputError(what, where="[acceleration] of the rig", hint=hint)
-    if head is None:
-        return None
-    recorded = stated.kind if ACCELERATION in head.channels else "none"
-    if recorded != "none" and not stated.from_poses:
+    felt = head is None or ACCELERATION in head.channels
+    if head is not None and felt and stated.recorded:
         wrong = wrong_acceleration(head.channels[ACCELERATION], stated.kind)
         if wrong:
             raise InputError(f"{wrong}.", where=f"{head.source}, [acceleration] of the rig")
-    if payload.imu is not None:
+    source = "poses" if stated.from_poses else stated.kind if felt else "none"
+    if payload.imu is not None or (head is None and source != "imu"):
         return None
-    source = "poses" if stated.from_poses else recorded
     made = Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
-    if source in ("motion", "imu"):
+    if head is not None and source in ("motion", "imu"):
         made.error = error_at_rest(head, made)
     return made
 
