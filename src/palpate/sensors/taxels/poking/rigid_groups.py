@@ -116,7 +116,7 @@ class Units:
             found[rows, :, 3:] = -skew(self.places[0][rows] - self.centre[unit])
             return found
         steps = np.concatenate([np.diag(_STEP), -np.diag(_STEP)])  # all at once: a walk costs by the call
-        ends = self._repeated(6).moved(np.repeat(steps, len(self), axis=0)).places[0].reshape(6, -1, 3)[:, rows]
+        ends = self.repeated(6).moved(np.repeat(steps, len(self), axis=0)).places[0].reshape(6, -1, 3)[:, rows]
         found[rows] = np.moveaxis((ends[:3] - ends[3:]) / (2.0 * _STEP)[:, None, None], 0, 2)
         return found
 
@@ -145,25 +145,8 @@ class Units:
         np.maximum.at(worst, self.layout.module[rows], np.abs(self.stretch[rows]).max(axis=1, initial=0.0))
         return worst > _FOLDED * self.layout.spacing
 
-    def of_units(self, values: Float[np.ndarray, " k"]) -> Float[np.ndarray, " u"]:
-        """Return the sums (u,) of values (k,) of the taxels of each unit.
-
-        Raises:
-            InputError: values has another shape.
-        """
-        return np.bincount(self.layout.module[self.taxels], values[self.taxels], len(self))
-
-    def picked(self, which: Bool[np.ndarray, " u"]) -> Units:
-        """Return `Units` without the others; the layout keeps its indices.
-
-        Raises:
-            InputError: which has another shape.
-        """
-        number = np.append(np.where(which, np.cumsum(which) - 1, -1), -1)
-        layout = ModuleLayout(self.layout.places, number[self.layout.module])
-        return replace(self, layout=layout, centre=self.centre[which], frame=self.frame[which])
-
-    def _repeated(self, times: int) -> Units:
+    def repeated(self, times: int) -> Units:
+        """Return `Units` so many times, one after the other."""
         shift = np.repeat(np.arange(times), len(self.layout)) * len(self)
         module = np.tile(self.layout.module, times)
         layout = ModuleLayout(np.tile(self.layout.places, (times, 1)), np.where(module >= 0, module + shift, -1))
@@ -258,19 +241,31 @@ def _unfolded(units: Units, places: Vectors, share: Float[np.ndarray, " k"]) -> 
     folded = np.zeros(len(units), dtype=np.bool_) if units.surface is None or units.alone else units.folded
     if not folded.any():
         return units
-    some = units.picked(folded)
+    some = _picked(units, folded)
     reach = float(np.nanmax(np.linalg.norm(some.layout.places, axis=1)))
     sides = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     for size in reach / 2.0 ** np.arange(_HALVED):
         step = size * np.array([1.0, 1.0, 1.0 / reach])
-        tried = some._repeated(len(sides)).moved(np.repeat(step * sides, len(some), axis=0))
+        tried = some.repeated(len(sides)).moved(np.repeat(step * sides, len(some), axis=0))
         gap = np.nansum((tried.places[0] - np.tile(places, (len(sides), 1))) ** 2, axis=1) * np.tile(share, len(sides))
-        cost = tried.of_units(gap) + _STIFF * tried.of_units((tried.stretch**2).sum(axis=1))
+        cost = _of_units(tried, gap) + _STIFF * _of_units(tried, (tried.stretch**2).sum(axis=1))
         best = cost.reshape(len(sides), -1).argmin(axis=0) * len(some) + np.arange(len(some))
         some = replace(some, centre=tried.centre[best], frame=tried.frame[best])
     centre, frame = units.centre.copy(), units.frame.copy()
     centre[folded], frame[folded] = some.centre, some.frame
     return replace(units, centre=centre, frame=frame)
+
+
+def _picked(units: Units, which: Bool[np.ndarray, " u"]) -> Units:
+    """Return units without the others; the layout keeps its indices."""
+    number = np.append(np.where(which, np.cumsum(which) - 1, -1), -1)
+    layout = ModuleLayout(units.layout.places, number[units.layout.module])
+    return replace(units, layout=layout, centre=units.centre[which], frame=units.frame[which])
+
+
+def _of_units(units: Units, values: Float[np.ndarray, " k"]) -> Float[np.ndarray, " u"]:
+    """Return the sums of values of the taxels of each unit."""
+    return np.bincount(units.layout.module[units.taxels], values[units.taxels], len(units))
 
 
 def _solved(
