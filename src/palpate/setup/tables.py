@@ -296,6 +296,11 @@ class RigAcceleration:
         if self.from_poses and (self.columns or self.topic):
             raise ValueError("from_poses and recorded acceleration exclude each other")
 
+    @property
+    def recorded(self) -> bool:
+        """True if recorded accelerations are used."""
+        return self.kind != "none" and not self.from_poses
+
 
 @dataclass(frozen=True)
 class RigFilter:

@@ -137,7 +137,6 @@ class ColumnLog(Log):
         super().__init__(path, path.stat().st_size if path.exists() else 0)
         self._layout = layout
         self._columns: Columns | None = None
-        self.poses: Log | None = None  # table of the poses, if it is another one
 
     @property
     def time_unit(self) -> tuple[str, str]:

@@ -186,7 +186,7 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
     layout = layout or LogLayout()
     log = _opened(path, layout)
     poses = pose_path(layout.pose_file, log.path)
-    if poses is not None:
+    if poses is not None and not (isinstance(log, TopicLog) and log.posed):
         return _posed(log, open_log(poses, pose_layout(layout)))
     if layout.offset and isinstance(log, ColumnLog) and log.path.is_fifo():
         what = "is a pipe, whose rows cannot be read twice, as a clock's offset needs."
@@ -198,12 +198,11 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
 
 
 def _posed(log: Log, poses: Log) -> Log:
-    """Return the log, to whose rows the poses of a table are joined."""
-    if not isinstance(log, ColumnLog):
-        hint = "Name its topic of poses, or two frames, in the rig's [orientation], without file."
-        what = f"is no table, so the poses of {poses.path.name} cannot be joined."
-        raise InputError(what, where=str(log.path), hint=hint)
-    log.poses = poses
+    """Return the log, to whose samples the poses of a table are joined."""
+    if not isinstance(log, ColumnLog | TopicLog):
+        what = f"holds images, to which the poses of {poses.path.name} cannot be joined."
+        raise InputError(what, where=str(log.path), hint="Remove file from the rig's [orientation].")
+    log.pose_log = poses
     return log
 
 
@@ -251,10 +250,10 @@ def read_poses(
         InputError: the file is not a log, has no poses, or needs a library that is not installed.
     """
     log = open_log(path, layout)
+    log = log.pose_log or log
     if isinstance(log, TopicLog):
         time, values = log.poses()
         return time, values[:, 3:], values[:, :3]
-    log = log.poses if isinstance(log, ColumnLog) and log.poses is not None else log
     recording = join(list(log.blocks()))
     if ORIENTATION not in recording.channels:
         what = "the log has no orientation."

@@ -55,7 +55,7 @@ class ParquetLog(ColumnLog):
             what = f"holds {count} episodes, whose times begin again."
             hint = "Write episode = 0 in the rig's [time], or give the data set's folder to `palpate batch`."
             raise InputError(what, where=str(self.path), hint=hint)
-        self._columns = columns = Columns(self._layout, self.path, shapes, poses=self.poses)
+        self._columns = columns = Columns(self._layout, self.path, shapes, poses=self.pose_log)
         arrays = list(dict.fromkeys(columns.places[name][0] for name in columns.names))
         for name in arrays:
             kind = kinds[name]

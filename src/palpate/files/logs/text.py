@@ -71,7 +71,7 @@ class CsvLog(ColumnLog):
                 self.position = file.tell() if file.seekable() else 0
                 if self._columns is None:
                     shapes, stated = _shapes(table), Stated.of_dialect(table.dialect)
-                    self._columns = Columns(self._layout, self.path, shapes, stated, self.poses)
+                    self._columns = Columns(self._layout, self.path, shapes, stated, self.pose_log)
                 table.counted(self._rows)
                 if len(table):
                     yield from self._columns.blocks(self._reader(table, self._columns, shapes))
