@@ -69,4 +69,5 @@ def main(commits: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main([subprocess.check_output(["git", "rev-parse", each], text=True, cwd=ROOT).strip() for each in sys.argv[1:]])
+    names = subprocess.check_output(["git", "rev-parse", *sys.argv[1:]], text=True, cwd=ROOT).split()
+    main([name[:8] for name in names])
