@@ -11,7 +11,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -22,7 +22,7 @@ OURS = ("PALPATE_", "NUMBA_", "PYTHONPATH", "PYTEST_", "VIRTUAL_ENV", "MAKE")  #
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool | None, bool | None]:
     """Note what a test takes, with what it starts."""
     begin = _cpu()
     try:
