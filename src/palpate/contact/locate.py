@@ -134,7 +134,9 @@ class Locator:
         self._state, self._wrench = _state(None), np.zeros((1, 6))
         self._first_free: Callable[..., int] = _kernel.first_free
         self._many = self._bound()
-        self(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), self.empty())
+        wrench = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+        self(wrench, self.empty())
+        self.candidates(wrench)
         self.run(np.zeros((1, 6)))
         self.reset()
 
