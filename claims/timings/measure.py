@@ -3,13 +3,13 @@
 import gc
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numba import njit
 
 import palpate
+from claims.clock import in_turns
 from claims.timings import rivals
 from palpate.contact.locate import in_space
 from palpate.surfaces import _bvh
@@ -24,31 +24,6 @@ ROUNDS = 5
 FACETS = "flat kernel, facets only, h/R 0.05"
 FLAT, FULL = "flat kernel, h/R 0.05", "full answer, h/R 0.3"
 BEGINNER = "palpate.locate(list, mesh), h/R 0.3"
-
-
-@dataclass
-class Single:
-    """One query at a time, from Python: times [us] of the calls, in turns."""
-
-    name: str
-    times: list[float] = field(default_factory=list)
-
-    def at(self, percent: float) -> float:
-        """A percentile [us]; NaN where it was not run."""
-        return float(np.percentile(self.times, percent)) if self.times else float("nan")
-
-
-@dataclass
-class Batch:
-    """Many queries in one compiled call, one thread: the rates of the rounds [1/s]."""
-
-    name: str
-    rates: list[float] = field(default_factory=list)
-
-    @property
-    def rate(self) -> float:
-        """The median of the rounds; NaN where it was not run."""
-        return float(np.median(self.rates)) if self.rates else float("nan")
 
 
 @njit(cache=True, nogil=True)
@@ -92,8 +67,8 @@ def _facets_only(mesh: palpate.Mesh) -> Tree:
 Variant = tuple[Callable[..., Any], np.ndarray, tuple[object, ...]]  # what is called, first arguments, the others
 
 
-def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
-    """Call by call; `budget` [s] bounds a slow variant's share of a round."""
+def singles(meshes: Meshes, queries: int, budget: float) -> dict[str, np.ndarray]:
+    """Return the times [us] of the calls; `budget` [s] bounds a slow variant's share of a round."""
     facets = len(meshes.flat.faces)
     slight, steep = touches(queries, 0.05), touches(queries, 0.3, seed=2)
     unit, tree, out = meshes.inside(slight), meshes.tree, meshes.locator.empty()
@@ -120,11 +95,11 @@ def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
             rays.transpose(1, 0, 2)[:, :, None].copy(),
             (),
         )
-    results = {name: Single(name) for name in calls}
+    times = {name: list[float]() for name in calls}
     for turn in range(ROUNDS):
         for name, (call, arguments, rest) in calls.items():
-            _time(call, np.roll(arguments, -turn * 7, axis=0), rest, budget, results[name].times)
-    return list(results.values())
+            _time(call, np.roll(arguments, -turn * 7, axis=0), rest, budget, times[name])
+    return {name: np.array(each) for name, each in times.items()}
 
 
 def _as_list(mesh: palpate.Mesh) -> Callable[[np.ndarray], palpate.ContactEstimate]:
@@ -174,7 +149,8 @@ def _rays(wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(origin * 1e3, np.float32), np.ascontiguousarray(along, np.float32)
 
 
-def batches(meshes: Meshes, count: int) -> list[Batch]:
+def batches(meshes: Meshes, count: int) -> dict[str, float]:
+    """Return the rates [1/s] of many queries in one compiled call, one thread: the median of the rounds."""
     level, slight, steep = touches(count, 0.0), touches(count, 0.05), touches(count, 0.3, seed=2)
     tree, found = meshes.tree, np.empty((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
     parts = (tree.nodes, tree.corners, found)
@@ -193,14 +169,7 @@ def batches(meshes: Meshes, count: int) -> list[Batch]:
     if cast is not None:
         rays = _rays(level)
         calls["embreex, h = 0"] = lambda: cast(*rays)
-    results = {name: Batch(name) for name in calls}
-    for turn in range(ROUNDS + 1):
-        for name, call in calls.items():
-            begin = time.perf_counter()
-            call()
-            if turn:  # the first only warms up
-                results[name].rates.append(count / (time.perf_counter() - begin))
-    return list(results.values())
+    return {name: count / float(np.median(took)) for name, took in in_turns(calls, ROUNDS).items()}
 
 
 def short(value: float) -> str:
