@@ -35,7 +35,7 @@ def in_turns(
 
 
 def by_blocks(calls: Mapping[str, Callable[[int], object]], count: int, size: int) -> dict[str, np.ndarray]:
-    """Return the times (count,) [us] of calls with 0, 1, ...: a block of each in its turn, so that all meet the same."""
+    """Return the times (count,) [us] of calls with 0, 1, ...: a block of each in turn, so that all meet the same."""
     took = {name: np.empty(count) for name in calls}
     for start in range(0, count, size):
         for name, call in calls.items():

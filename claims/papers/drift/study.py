@@ -118,16 +118,9 @@ def touches(
         more.append(float(off[at] - base[at]))
         after.append(float(off[later] - base[later]))
         eaten.append(float(np.linalg.norm((found.zero[at] - told.zero[at])[:3])))
-    return Line(
-        f"{name}, onset {onset:g} s, {trials} trials",
-        {
-            "median more": float(np.median(more)),
-            "95 %": float(np.percentile(more, 95)),
-            "eaten, 95 %": float(np.percentile(eaten, 95)),
-            "eaten, most": max(eaten),
-            "3 s later, most": max(after),
-        },
-    )
+    middle, high, eaten_high = np.median(more), np.percentile(more, 95), np.percentile(eaten, 95)
+    figures = {"median more": middle, "95 %": high, "eaten, 95 %": eaten_high, "eaten, most": max(eaten)}
+    return Line(f"{name}, onset {onset:g} s, {trials} trials", {**figures, "3 s later, most": max(after)})
 
 
 def jumps(size: float, seconds: float, trials: int, skin: bool = False, alone: bool = False) -> Line:

@@ -89,17 +89,10 @@ def case(
     degrees, plane = ANGLES[angle]
     pad = pad or assumed.Pad()
     signs = np.where(np.arange(len(marks)) % 2, -1.0, 1.0)
+    aims = marks + centred * pad.radius * normals
     presses = [
-        press(
-            probe,
-            mark,
-            tilted(normal, sign * degrees, plane),
-            pad,
-            twist,
-            spacing,
-            mark + centred * pad.radius * normal,
-        )
-        for mark, normal, sign in zip(marks, normals, signs, strict=True)
+        press(probe, mark, tilted(normal, sign * degrees, plane), pad, twist, spacing, aim)
+        for mark, aim, normal, sign in zip(marks, aims, normals, signs, strict=True)
     ]
     first = np.cross(normals, [0.0, 1.0, 0.0])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -113,14 +106,6 @@ class Errors:
 
     mark: np.ndarray
     centroid: np.ndarray
-    unanswered: int
-
-    @classmethod
-    def joined(cls, parts: list[Errors]) -> Errors:
-        mark, centroid = (
-            np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("mark", "centroid")
-        )
-        return cls(mark, centroid, sum(part.unanswered for part in parts))
 
 
 def errors(
@@ -161,7 +146,7 @@ def errors(
     off = np.einsum("bmrk,mki->bmri", missed, some.tangents)
     # pressed at mark + off, so everything else moved along by as much: the same as a mark off the other way
     mark = np.linalg.norm(points + off - some.marks[:, None], axis=-1)
-    return Errors(mark, np.linalg.norm(points - centroids, axis=-1), int(np.sum(~found.answered)))
+    return Errors(mark, np.linalg.norm(points - centroids, axis=-1))
 
 
 def calibrated(some: Case, mesh: palpate.Mesh, draws: Draws, causes: Collection[str]) -> palpate.Pose:
