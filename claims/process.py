@@ -1,8 +1,11 @@
 """Processes of their own, what they print, and what they take."""
 
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
@@ -27,14 +30,36 @@ class Took(NamedTuple):
     peak: float
 
 
+class Running:
+    """A process of Python with these words, at work."""
+
+    def __init__(self, *words: str | Path, cwd: str | Path | None = None, env: Mapping[str, str] | None = None) -> None:
+        self._begin, pipe, nothing = perf_counter(), subprocess.PIPE, subprocess.DEVNULL
+        command = [sys.executable, "-c", _START, sys.executable, *map(str, words)]
+        self._process = subprocess.Popen(
+            command, stdin=nothing, stdout=pipe, stderr=pipe, text=True, cwd=cwd, env=env, start_new_session=True
+        )
+
+    def ended(self, patience: float | None = None) -> tuple[int, str, Took]:
+        """Return the exit code, stderr and what it took; after so many seconds it is killed."""
+        try:
+            printed, said = self._process.communicate(timeout=patience)
+        except subprocess.TimeoutExpired:
+            os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.communicate()
+            return -signal.SIGKILL, "hangs", Took("", inf, inf, inf)
+        *lines, last = said.splitlines()
+        cpu, peak = map(float, last.split())
+        took = Took(printed, perf_counter() - self._begin, cpu, peak / 1024)
+        return self._process.returncode, "\n".join(lines), took
+
+
 def python(*words: str | Path, cwd: str | Path | None = None, env: Mapping[str, str] | None = None) -> Took:
     """Run Python with these words to its end, which must be a good one."""
-    begin, command = perf_counter(), [sys.executable, "-c", _START, sys.executable, *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=env)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(command[4:])} ended with {done.returncode}: {done.stderr}")
-    cpu, peak = map(float, done.stderr.splitlines()[-1].split())
-    return Took(done.stdout, perf_counter() - begin, cpu, peak / 1024)
+    code, said, took = Running(*words, cwd=cwd, env=env).ended()
+    if code:
+        raise RuntimeError(f"{' '.join(map(str, words))} ended with {code}: {said}")
+    return took
 
 
 def palpate(*words: str | Path, cwd: str | Path | None = None) -> Took:

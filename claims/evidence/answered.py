@@ -40,18 +40,16 @@ def _touches(
     name: str, body: Body, ratio: float, count: int, sizes: tuple[int, ...], reported: bool = False
 ) -> Iterator[Row]:
     points, wrenches = made(body, count, ratio)
-    shares, medians, largest, right, among = [], [], [], [], []
+    found_of = list[tuple[float, ...]]()
     for facets in sizes:
         mesh = mesh_of(body, facets)
         locator = locator_on(mesh, ratio)
         found = locator.run(wrenches, sequential=False)
         error = np.where(found.answered, np.linalg.norm(found.point - points, axis=1), np.inf)
         limit = 20 * mesh.edge**2 / R
-        shares.append(found.answered.mean())
-        medians.append(np.median(error))
-        largest.append(error.max())
-        right.append(np.mean(error <= limit))
-        among.append(_among(locator, wrenches, points, error, limit))
+        among = _among(locator, wrenches, points, error, limit)
+        found_of.append((found.answered.mean(), np.median(error), error.max(), np.mean(error <= limit), among))
+    shares, medians, largest, right, among = map(list, zip(*found_of, strict=True))
     title = f"{name}, h/R <= {ratio:g}"
     least, median_limit = (0.999, 20e-6) if ratio >= 1 else (1.0, 5e-6)
     middle = medians[min(1, len(medians) - 1)]

@@ -117,11 +117,13 @@ def _live() -> None:
     from palpate.live.cobs import encoded
     from palpate.live.netft_status import status_word
     from palpate.live.poses import LivePoses
+    from palpate.live.ros_messages import image_message
     from palpate.setup.guess_time import TimeGuess
 
     encoded(np.arange(12.0).reshape(2, 6), 1, "f8")
     status_word("Net F/T").bad(np.array([0, 1 << 31]))
     LivePoses(None).at(np.array([0, 10**9]))
+    image_message(0, "camera", np.zeros((4, 5, 3), np.uint8))
     TimeGuess("time", "").judged(np.arange(50) * 0.01, "s", "")
 
 

@@ -57,18 +57,16 @@ class Export:
 
 
 def _cells(*columns: Sequence[object] | np.ndarray, decimal: str = ".") -> Cells:
-    made = [
-        [(each if isinstance(each, str) else f"{each:.12g}").replace(".", decimal) for each in column]
-        for column in columns
-    ]
-    return list(zip(*made, strict=True))
+    def text(each: object) -> str:
+        return (each if isinstance(each, str) else f"{each:.12g}").replace(".", decimal)
+
+    return list(zip(*([text(each) for each in column] for column in columns), strict=True))
 
 
 def _wrench(force: float = 1.0, torque: float = 1.0, digits: int = 12) -> list[np.ndarray]:
     """Six columns, so many of a unit to a newton and a newton-metre."""
-    return [
-        np.round(column * scale, digits) for column, scale in zip(WRENCH.T, [force] * 3 + [torque] * 3, strict=True)
-    ]
+    scales = [force] * 3 + [torque] * 3
+    return [np.round(column * scale, digits) for column, scale in zip(WRENCH.T, scales, strict=True)]
 
 
 def _table(
@@ -124,10 +122,8 @@ def _franka(*, both: bool) -> str:
     names, there = [f"state.O_T_EE[{k}]" for k in range(16)], np.tile(pose.T.ravel(), (ROWS, 1)).T
     about = -np.column_stack([WRENCH[:, :3], WRENCH[:, 3:] + np.cross(place, WRENCH[:, :3])])
     columns = [*joints, *there, *about.T, *(-WRENCH.T if both else [])]
-    return _table(
-        ["duration", "success rate", *q, *names, *base, *(own if both else [])],
-        _cells(_time(1e3), ["1"] * ROWS, *columns),
-    )
+    heads = ["duration", "success rate", *q, *names, *base, *(own if both else [])]
+    return _table(heads, _cells(_time(1e3), ["1"] * ROWS, *columns))
 
 
 def _lvm() -> str:

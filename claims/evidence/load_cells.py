@@ -166,12 +166,8 @@ def _limits(runs: Runs, small: bool) -> Iterator[Row]:
             name = f"{what}, {method}"
             got = f"{ratio:.3f} ({1e6 * ratio * least:.1f} um, bound {1e6 * least:.1f} um; {len(use):,} samples)"
             yield Row(f"{name}: RMSE of position over the Cramer-Rao bound", "1.25", got, ratio <= 1.25)
-            yield Row(
-                f"{name}: truth in the 95 % ellipse",
-                "93 to 97 %",
-                f"{inside:.1%}",
-                0.93 - slack <= inside <= 0.97 + slack,
-            )
+            met = 0.93 - slack <= inside <= 0.97 + slack
+            yield Row(f"{name}: truth in the 95 % ellipse", "93 to 97 %", f"{inside:.1%}", met)
 
 
 def _bound(bench: Bench, run: BenchRun, k: int, torque: bool) -> float:
@@ -237,20 +233,16 @@ def _starts(runs: Runs, count: int) -> Iterator[Row]:
     run, rng = runs.first(RIGID), np.random.default_rng(41)
     array = RIGID.cells()
     points, costs, failed, led = list[np.ndarray](), list[float](), 0, 0
-    spots, normals = RIGID.ellipse.foot(*np.meshgrid(np.linspace(-9e-3, 9e-3, 7), np.linspace(-12e-3, 12e-3, 7)))
-    wrenches = (
-        contact_wrenches(spots.reshape(-1, 3), normals.reshape(-1, 3), -1.5 * normals.reshape(-1, 3), np.zeros(49))
-        @ array.forward().T
-    )
+    grid = np.meshgrid(np.linspace(-9e-3, 9e-3, 7), np.linspace(-12e-3, 12e-3, 7))
+    spots, normals = (each.reshape(-1, 3) for each in RIGID.ellipse.foot(*grid))
+    wrenches = contact_wrenches(spots, normals, -1.5 * normals, np.zeros(49)) @ array.forward().T
     for _ in range(count):
         gains = rng.uniform(2.0, 30.0, (4, 1, 1)) * (np.eye(3) + 0.2 * rng.standard_normal((4, 3, 3)))
         places = array.position + 2e-3 * rng.standard_normal((4, 3)) / 3**0.5
         maps = [np.concatenate([gain, np.cross(place, gain.T).T]) for gain, place in zip(gains, places, strict=True)]
         try:
-            found = identify_load_cells(
-                *(run.time, run.voltages, run.force, run.position, SURFACE),
-                options=CalibrationOptions(start=np.concatenate(maps, axis=1)),
-            )
+            options = CalibrationOptions(start=np.concatenate(maps, axis=1))
+            found = identify_load_cells(run.time, run.voltages, run.force, run.position, SURFACE, options=options)
         except palpate.PalpateError:
             failed += 1
             continue
@@ -261,9 +253,8 @@ def _starts(runs: Runs, count: int) -> Iterator[Row]:
         costs.append(found.fit.cost)
     spread = float(np.linalg.norm(np.ptp(points, axis=0), axis=1).max())
     relative = float(np.ptp(costs) / np.min(costs))
-    got = f"{1e9 * spread:.3g} nm, cost to {relative:.1e}; {count - failed} of {count} settle, " + (
-        f"{count - failed - led} by themselves and {led} by the linear start"
-    )
+    got = f"{1e9 * spread:.3g} nm, cost to {relative:.1e}; {count - failed} of {count} settle, "
+    got += f"{count - failed - led} by themselves and {led} by the linear start"
     met = failed == 0 and spread <= 1e-6 and relative <= 1e-6
     what = f"{count} starts, sensitivities 2 to 30 N/V drawn, cells 2 mm off: predicted contacts, cost"
     yield Row(what, "within 1 um, 1e-6", got, met)
@@ -372,30 +363,23 @@ def _surfaces(runs: Runs, small: bool) -> Iterator[Row]:
 
 def _sentences(runs: Runs) -> Iterator[Row]:
     line, run = replace(RIGID, layout=in_line(3), twist=1.0), runs.first(RIGID)
-    lined = runs.first(line)
+    lined, quiet = runs.first(line), runs.first(QUIET)
     late = (run.time > 3.5) & (run.trajectory == 0)
     wrong = run.voltages.copy()
     wrong[:, 5] *= 1e3
     still = spoilt(run, of_cell(1), "dead").voltages
-    for what, given, places in (
-        ("three cells in line, places stated", (lined, slice(None), lined.voltages), line.cells().position),
-        ("three cells in line, places not stated", (lined, slice(None), lined.voltages), None),
-        ("no unloaded start", (run, late, run.voltages), None),
-        (
-            "too few directions: one path, hardly any friction",
-            (runs.first(QUIET), slice(0, 12_000 // runs.thin), None),
-            None,
-        ),
-        ("a column in mV", (run, slice(None), wrong), None),
-        ("a dead cell on the bench", (run, slice(None), still), None),
+    every, few = slice(None), slice(0, 12_000 // runs.thin)
+    for what, log, part, volts, places in (
+        ("three cells in line, places stated", lined, every, lined.voltages, line.cells().position),
+        ("three cells in line, places not stated", lined, every, lined.voltages, None),
+        ("no unloaded start", run, late, run.voltages, None),
+        ("too few directions: one path, hardly any friction", quiet, few, quiet.voltages, None),
+        ("a column in mV", run, every, wrong, None),
+        ("a dead cell on the bench", run, every, still, None),
     ):
-        log, part, volts = given
-        volts = log.voltages if volts is None else volts
+        given = log.time[part], volts[part], log.force[part], log.position[part], SURFACE
         try:
-            identify_load_cells(
-                *(log.time[part], volts[part], log.force[part], log.position[part], SURFACE),
-                options=CalibrationOptions(positions=places),
-            )
+            identify_load_cells(*given, options=CalibrationOptions(positions=places))
             got, met = "accepted", False
         except palpate.PalpateError as refusal:
             got, met = str(refusal), True

@@ -278,14 +278,9 @@ def _presses() -> tuple[RingPresses, RingPresses]:
     return made[0], made[1]
 
 
-def _ring(
-    rng: np.random.Generator,
-    spoil: Callable[[RingPresses, np.random.Generator], RingPresses] = lambda known, rng: known,
-) -> float:
-    known, judged = (
-        replace(each, displacements=each.displacements + SHAKE * rng.normal(size=each.displacements.shape))
-        for each in _presses()
-    )
+def _ring(rng: np.random.Generator, spoil: Callable[..., RingPresses] = lambda known, rng: known) -> float:
+    shaken = [each.displacements + SHAKE * rng.normal(size=each.displacements.shape) for each in _presses()]
+    known, judged = (replace(each, displacements=seen) for each, seen in zip(_presses(), shaken, strict=True))
     response, squares = fit_response(spoil(known, rng)), list[float]()
     locator = RingLocator(response, MARKERS, SHAKE)
     for k in range(len(judged)):

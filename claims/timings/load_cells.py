@@ -44,12 +44,8 @@ def _speed(name: str, run: BenchRun, found: LoadCellCalibration) -> Iterator[Row
     tip.tare(palpate.Recording(run.time[rest], {VOLTAGE: run.voltages[rest]}))
     loaded = np.linalg.norm(run.wrench[:, :3], axis=1) >= 1.0
     volts, stamps = np.ascontiguousarray(run.voltages[loaded][:8000]), run.time[loaded][:8000]
-    block, row, each, rates = (
-        palpate.Recording(stamps, {VOLTAGE: volts}),
-        tip.empty(),
-        list[np.ndarray](),
-        list[float](),
-    )
+    block, row = palpate.Recording(stamps, {VOLTAGE: volts}), tip.empty()
+    each, rates = list[np.ndarray](), list[float]()
     for _ in range(ROUNDS):
         each.append(timed(lambda k: tip.update_into(stamps[k], volts[k], row), len(volts)))
         rates.append(1e6 * len(volts) / float(timed(lambda _: tip.run(block), 1)[0]))

@@ -90,11 +90,8 @@ def singles(meshes: Meshes, queries: int, budget: float) -> dict[str, np.ndarray
     cast = rivals.embree_scene(meshes.flat, query="INTERSECT")
     if cast is not None:
         rays = np.stack(_rays(slight))  # (2, n, 3)
-        calls["embreex, one ray, zero pitch"] = (
-            lambda ray: cast(ray[0], ray[1]),
-            rays.transpose(1, 0, 2)[:, :, None].copy(),
-            (),
-        )
+        rays = rays.transpose(1, 0, 2)[:, :, None].copy()
+        calls["embreex, one ray, zero pitch"] = (lambda ray: cast(ray[0], ray[1]), rays, ())
     times = {name: list[float]() for name in calls}
     for turn in range(ROUNDS):
         for name, (call, arguments, rest) in calls.items():
@@ -131,11 +128,8 @@ def _agree(calls: dict[str, Variant], meshes: Meshes, found: np.ndarray) -> None
     for i in range(20):
         count = int(search(unit[i], *rest))
         rows = found[:count]
-        ours = {
-            int(meshes.tree.corners[int(p), _bvh.FACET])
-            for p, kind in zip(rows[:, 0], rows[:, 6], strict=True)
-            if kind == 0
-        }
+        patches = rows[rows[:, 6] == 0, 0].astype(int)
+        ours = set(meshes.tree.corners[patches, _bvh.FACET].astype(int).tolist())
         for name, (call, wrenches, _) in calls.items():
             if name not in (FLAT, FACETS, FULL, BEGINNER) and not ours <= set(call(wrenches[i]).tolist()):
                 raise RuntimeError(f"{name} and the kernel disagree on wrench {i}")

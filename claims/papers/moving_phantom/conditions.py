@@ -144,16 +144,14 @@ def _probes() -> list[Condition]:
 
 
 def _others(sizes: Sizes) -> list[Condition]:
+    kinds: dict[str, dict[str, Any]] = {name: {"variant": variant} for name, variant in INERTIA.items() if variant}
+    kinds[BOUNDED] = {"lab": {"acceleration": 30.0}}
     made = [
-        sine(f"inertia {name} {way}", way, 2, seed=seed, variant=variant)
-        for name, variant in INERTIA.items()
-        if variant
+        sine(f"inertia {name} {way}", way, 2, seed=seed, **kind)
+        for name, kind in kinds.items()
         for way in DIRECTIONS
         for seed in _seeds(sizes.few)
     ]
-    for way in DIRECTIONS:
-        for seed in _seeds(sizes.few):
-            made.append(sine(f"inertia {BOUNDED} {way}", way, 2, seed=seed, lab={"acceleration": 30.0}))
     for sign in (-1.0, 1.0):
         for way, bias in zip(DIRECTIONS, ((sign * BIAS, 0.0), (0.0, sign * BIAS)), strict=True):
             still = LabSettings(motion=motion("still", begin=BEGIN), seed=SEED)
