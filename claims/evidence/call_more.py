@@ -67,8 +67,7 @@ def _surfaces() -> None:
     wrench = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
     locate_iteratively(wrench, fitted, start=fitted.origin)
     locator = Locator(mesh, noise=np.repeat([0.02, 0.001], 3))
-    free = np.full(4, -1, np.int8)
-    locator.first_free(np.tile(wrench, (4, 1)), None, free)
+    locator.first_free(np.tile(wrench, (4, 1)), None, np.full(4, -1, np.int8))
 
 
 def _calibrations(rng: np.random.Generator) -> None:

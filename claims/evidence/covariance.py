@@ -76,8 +76,7 @@ def _coverage(name: str, body: Body, smooth: bool, force: tuple[float, float], c
     for i, payload in enumerate(trials.payloads):
         wrench, added = payload.compensate(sensed[i : i + 1], trials.rotations[i : i + 1])
         located[i], covariances[i] = back @ wrench[0], back @ (added[0] + np.diag(NOISE**2)) @ back.T
-    mesh = mesh_of(body, 20_000, smooth)
-    locator = palpate.Locator(mesh, noise=NOISE, on=0.0, off=0.0)
+    locator = palpate.Locator(mesh_of(body, 20_000, smooth), noise=NOISE, on=0.0, off=0.0)
     found = locator.run(located, covariances, sequential=False)
     share, mean = coverage(found, points)
     spread = np.sqrt(np.einsum("nii->n", found.covariance[found.answered]))

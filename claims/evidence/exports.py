@@ -16,8 +16,7 @@ _PUSHES = ((30, 60, np.array([0.3, -2.0, -3.0])), (75, 105, np.array([-1.5, -2.5
 
 
 def _session() -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(12)
-    wrench = rng.normal(0.0, 1.0, (ROWS, 6)) * ([2e-3] * 3 + [2e-5] * 3)
+    wrench = np.random.default_rng(12).normal(0.0, 1.0, (ROWS, 6)) * ([2e-3] * 3 + [2e-5] * 3)
     for (first, last, force), point in zip(_PUSHES, POINTS, strict=True):
         wrench[first:last] += np.concatenate([force, np.cross(point, force)])
     return np.arange(ROWS) / RATE, np.column_stack([np.round(wrench[:, :3], 4), np.round(wrench[:, 3:], 6)])

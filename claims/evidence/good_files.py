@@ -119,8 +119,7 @@ def _mcap(declared: list[Record], messages: list[Record], compression: str | Non
     keys = [struct.unpack_from("<H", content)[0] for _, content in messages]
     counts = b"".join(struct.pack("<HQ", key, keys.count(key)) for key in sorted(set(keys)))
     statistics = struct.pack("<QHIIIIQQI", len(messages), 2, 2, 0, 0, 0, 0, 0, len(counts)) + counts
-    start = len(pack(data))
-    foot = (2, struct.pack("<QQI", start, 0, 0))
+    foot = (2, struct.pack("<QQI", len(pack(data)), 0, 0))
     return pack([*data, *declared, (11, statistics), foot]) + b"\x89MCAP0\r\n"
 
 

@@ -78,8 +78,7 @@ def _log(kind: str, rng: np.random.Generator, matrix: np.ndarray | None = None) 
 
 
 def _answers(log: Recording, sensor: ForceTorque, made: Filter | None) -> ContactEstimate:
-    mesh = mesh_of(BODIES[BODY], 20_000)
-    locator = Locator(mesh, on=0.5, off=0.3)
+    locator = Locator(mesh_of(BODIES[BODY], 20_000), on=0.5, off=0.3)
     chain = WrenchEstimator(locator, sensor, mount=MOUNT, filter=made, rate=RATE, live=False)
     chain.tare(log.picked(slice(0, TARE)))
     found = ContactEstimate.joined([answer.estimate for answer in chain.stream([log])])

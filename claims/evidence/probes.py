@@ -75,8 +75,7 @@ class Outside:
     """Which points can be touched from outside, in millimetres: at metre scale ray casters miss."""
 
     def __init__(self, mesh: palpate.Mesh) -> None:
-        body = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False)
-        self.caster = body.ray
+        self.caster = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False).ray
 
     def __call__(self, points: np.ndarray, normals: np.ndarray, ways: np.ndarray | None = None) -> np.ndarray:
         """Whether rays along the normals, or other ways, meet nothing."""

@@ -226,8 +226,7 @@ def _moving(count: int) -> Iterator[Row]:
             press(SHEET, [Patch(*place, 0.75, force) for place, force in zip(places, newtons, strict=True)])
             for places in path
         ]
-        frames = read_out(model, np.stack([each.loads for each in pressed]), rng)
-        found = _skin().run(frames)
+        found = _skin().run(read_out(model, np.stack([each.loads for each in pressed]), rng))
         same, judged, missing = _identities(found, [each.point for each in pressed])
         kept, total, lost = kept + same, total + judged, lost + missing
     got = f"{kept / total:.2%} of {total:,} samples of touches; {lost / (total + lost):.2%} were not found"

@@ -121,8 +121,7 @@ def _time(link: Mesh, small: bool) -> Iterator[Row]:
 
 def _modes() -> Iterator[Row]:
     """A smooth wrist of which only 24 x 8 facets are given."""
-    heights = np.linspace(-0.04, 0.04, 9)
-    mesh = round_mesh(wristlike, 24, heights)
+    mesh = round_mesh(wristlike, 24, np.linspace(-0.04, 0.04, 9))
     for mode in ("facets", "vertices"):
         off, turned, _ = _against(mesh, mode)
         got = f"{off.mean():.4f} mm mean, {off.max():.4f} worst; {turned.mean():.3f} deg mean, {turned.max():.3f} worst"
@@ -144,8 +143,7 @@ def _against(mesh: Mesh, mode) -> tuple[np.ndarray, np.ndarray, str]:
     z, angle = rng.uniform(-0.03, 0.03, 5000), rng.uniform(-np.pi, np.pi, 5000)
     truth, step = wristlike(z, angle), 1e-6
     by_z = wristlike(z + step, angle) - wristlike(z - step, angle)
-    by_angle = wristlike(z, angle + step) - wristlike(z, angle - step)
-    ought = np.cross(by_angle, by_z)
+    ought = np.cross(wristlike(z, angle + step) - wristlike(z, angle - step), by_z)
     ought /= np.linalg.norm(ought, axis=1, keepdims=True)
     uv = found.surface.nearest(truth, found.chart.coordinates(truth)[:, :2])
     points, normals = found.surface.at(uv)

@@ -20,8 +20,7 @@ CALIBRATION, LIVE, BLOCKS = 5.0, 8.0, 250_000  # s, us, contacts a second
 
 def rows(small: bool) -> Iterator[Row]:
     for name in ("rigid", "soft layer"):
-        bench = BENCHES[name]
-        run = bench.run(0, thin=10 if small else 1)
+        run = BENCHES[name].run(0, thin=10 if small else 1)
         begin = time.perf_counter()
         found = _calibrated(run, soft=name != "rigid")
         took = time.perf_counter() - begin

@@ -161,8 +161,7 @@ def _came_down(
         return np.clip(at * speed, 0.0, DEEP)
 
     frames = [camera.frame([way.at(float(d)).discs for d in depth(t + span)], float(t)) for t in time]
-    truth = [way.at(float(d)) for d in depth(time)]
-    answers = _bench.answered(made, frames, truth)
+    answers = _bench.answered(made, frames, [way.at(float(d)) for d in depth(time)])
     inside = (time > 0.0) & (time < lasts)
     read = np.arange(0.0, lasts, 1.0 / READ)
     newest = np.searchsorted(time + 0.5 * SHUTTER / RATE, read, side="right") - 1
