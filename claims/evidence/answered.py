@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 import palpate
-from claims.evidence.bodies import BODIES, BUMPIER, CONVEX, SIZES, R, curvature, mesh_of, path
+from claims.evidence.bodies import BODIES, BUMPIER, CONVEX, SIZES, R, curvature, mesh_of, path, touched
 from claims.row import Row
-from palpate_lab.simulation import Body, touch_wrenches
+from palpate_lab.simulation import Body
 
 
 def rows(small: bool) -> Iterator[Row]:
@@ -28,8 +28,7 @@ def rows(small: bool) -> Iterator[Row]:
 def made(body: Body, count: int, ratio: float, seed: int = 7) -> tuple[np.ndarray, np.ndarray]:
     """Points and the wrenches of touches there: tan(theta) to 0.5, pitch within +-ratio R, 1 to 10 N."""
     rng = np.random.default_rng(seed)
-    points = body.sample(count, rng)
-    return points, touch_wrenches(points, body.normals(points), rng, tan_theta=0.5, pitch=ratio * R)
+    return touched(body, count, rng, tan_theta=0.5, pitch=ratio * R)
 
 
 def locator_on(mesh: palpate.Mesh, ratio: float) -> palpate.Locator:

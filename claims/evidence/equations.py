@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 import palpate
-from claims.evidence.bodies import R
+from claims.evidence.bodies import R, touched
 from claims.row import Row
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Cylinder, Ellipsoid, EllipticCylinder, Paraboloid, Sphere, superquadric
@@ -57,8 +57,7 @@ def orders(count: int) -> tuple[np.ndarray, list[float]]:
     """Orders of convergence in the edge on meshes of 500 to 32,000 facets, and the rms errors [m]."""
     rng = np.random.default_rng(4)
     truth, surface = Truth(AXES), Ellipsoid(AXES)
-    points = truth.sample(count, rng)
-    wrenches = touch_wrenches(points, truth.normals(points), rng, pitch=0.3 * R)
+    points, wrenches = touched(truth, count, rng, pitch=0.3 * R)
     errors = []
     for facets in (500, 2_000, 8_000, 32_000):
         answer = palpate.Locator(surface.mesh(facets), torsion=np.inf).run(wrenches, sequential=False)

@@ -7,9 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import palpate
-from claims.evidence.bodies import BODIES, BUMPIER, R, mesh_of, path
+from claims.evidence.bodies import BODIES, BUMPIER, R, mesh_of, path, touched
 from claims.row import Row
-from palpate_lab.simulation import Body, contact_wrenches, touch_wrenches
+from palpate_lab.simulation import Body, contact_wrenches
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)  # N, N m
 
@@ -51,8 +51,7 @@ def _invariance(count: int) -> Iterator[Row]:
         for name, (body, smooth) in _bodies().items():
             rng = np.random.default_rng(11)
             mesh = mesh_of(body, 2_000, smooth)
-            points = body.sample(count, rng)
-            wrenches = touch_wrenches(points, body.normals(points), rng, pitch=R)
+            wrenches = touched(body, count, rng, pitch=R)[1]
             found = unchanged(mesh, wrenches, *change(mesh, wrenches, rng))
             worst.append((name, found.gap / mesh.size))
             lost, sets = lost + found.lost, sets + found.sets

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from claims.evidence.bodies import BODIES, R, mesh_of
+from claims.evidence.bodies import BODIES, R, mesh_of, touched
 from claims.evidence.covariance import NOISE, coverage
 from claims.row import Row
 from palpate import ForceTorque, Locator, Pose, Recording
@@ -19,7 +19,6 @@ from palpate.signals import Butterworth, Kalman
 from palpate.signals.filters import Filter
 from palpate.signals.noise import Noise, estimate_noise, rest_noise, wrong_noise
 from palpate.signals.recording import FORCE, TORQUE
-from palpate_lab.simulation import touch_wrenches
 
 RATE = 500.0  # Hz
 BODY = "ellipsoid 1 : 0.7 : 0.5"
@@ -65,8 +64,7 @@ def _quantised(readings: np.ndarray, kind: str) -> np.ndarray:
 
 def _log(kind: str, rng: np.random.Generator, matrix: np.ndarray | None = None) -> tuple[Recording, np.ndarray]:
     body = BODIES[BODY]
-    points = body.sample(COUNT, rng)
-    touches = touch_wrenches(points, body.normals(points), rng, force=(2.0, 10.0), pitch=0.2 * R)
+    points, touches = touched(body, COUNT, rng, force=(2.0, 10.0), pitch=0.2 * R)
     sensed = touches @ MOUNT.wrench_matrix().T @ (np.eye(6) if matrix is None else matrix)
     resting = np.zeros((COUNT, TOUCH, 6))
     loads = np.stack([np.repeat(sensed[:, None], TOUCH, axis=1), resting], axis=1).reshape(-1, 6)

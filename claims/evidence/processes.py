@@ -12,12 +12,11 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from random import Random
-from tempfile import TemporaryDirectory
 
 import polars as pl
 
 from claims.process import Running
-from claims.row import Row
+from claims.row import Row, scratch
 from palpate.cli import main
 from palpate_lab.simulation import simulate_session, write_session
 from palpate_lab.simulation.session_mcap import write_session_mcap
@@ -70,8 +69,7 @@ if __name__ == "__main__":
 
 def rows(small: bool) -> Iterator[Row]:
     """Small: a pair of commands, one fork, few special files."""
-    with TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         session = simulate_session(touches=3, facets=320)
         write_session(session, folder)
         write_session_mcap(session, folder)

@@ -6,11 +6,10 @@ import numpy as np
 
 import palpate
 from claims.clock import by_blocks
-from claims.evidence.bodies import R
+from claims.evidence.bodies import R, touched
 from claims.row import Row
 from palpate.surfaces import Ellipsoid, _equation, _kernels
 from palpate_lab.papers.iterative import locate_iteratively
-from palpate_lab.simulation import touch_wrenches
 from palpate_lab.simulation.shapes import EllipsoidBody as Truth
 
 BLOCK = 50
@@ -22,8 +21,7 @@ def rows(small: bool) -> Iterator[Row]:
     count = 100 if small else 2_000
     rng = np.random.default_rng(5)
     truth, surface = Truth(AXES), Ellipsoid(AXES)
-    points = truth.sample(count, rng)
-    wrenches = touch_wrenches(points, truth.normals(points), rng, pitch=0.3 * R)
+    wrenches = touched(truth, count, rng, pitch=0.3 * R)[1]
     locator, prepared = palpate.Locator(surface, torsion=np.inf), surface.prepared()
     unit, row, found = wrenches.copy(), locator.empty(), np.zeros((_kernels.CAPACITY + 1, _kernels.CANDIDATE))
     unit[:, 3:] /= prepared.scale  # its centre is the origin

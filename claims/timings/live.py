@@ -8,7 +8,6 @@ import os
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -21,7 +20,7 @@ import numpy as np
 import trimesh
 
 from claims.clock import timed
-from claims.row import Row
+from claims.row import Row, scratch
 from palpate.live.live import Live
 from palpate.live.netft import REQUEST, SAMPLE, START
 from palpate.live.netft_device import NetFtDevice
@@ -246,8 +245,7 @@ def _blocks(folder: Path, *, judged: bool) -> Iterator[Row]:
 def rows(small: bool) -> Iterator[Row]:
     """A body of 20k facets, full answers; small judges nothing."""
     seconds = 5.0 if small else 30.0
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         trimesh.Trimesh(*BumpySphere(R).mesh(FACETS), process=False).export(folder / "body.stl")
         yield from _blocks(folder, judged=not small)
         yield _peer(folder, seconds)

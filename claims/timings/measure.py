@@ -10,13 +10,14 @@ from numba import njit
 
 import palpate
 from claims.clock import in_turns
+from claims.evidence.bodies import touched
 from claims.timings import rivals
 from palpate.contact.locate import in_space
 from palpate.surfaces import _bvh
 from palpate.surfaces._patches import FLAT as FACET
 from palpate.surfaces._patches import patch_rows
 from palpate.surfaces._tree import Tree, build_tree
-from palpate_lab.simulation import BumpySphere, touch_wrenches
+from palpate_lab.simulation import BumpySphere
 
 R = 0.010  # m
 NOISE = [0.02] * 3 + [0.001] * 3
@@ -37,8 +38,7 @@ def _search_many(wrenches, soft, tan_limit, nodes, corners, found):
 def touches(count: int, ratio: float, seed: int = 1) -> np.ndarray:
     """Wrenches of touches on the analytic bumpy sphere, tan(theta) to 0.5."""
     body, rng = BumpySphere(R), np.random.default_rng(seed)
-    points = body.sample(count, rng)
-    return touch_wrenches(points, body.normals(points), rng, pitch=ratio * R)
+    return touched(body, count, rng, pitch=ratio * R)[1]
 
 
 class Meshes:

@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 
 import palpate
 from claims.clock import by_blocks
+from claims.evidence.bodies import touched
 from claims.page import table
 from claims.timings.measure import short
 from claims.timings.rivals import embree_scene
@@ -62,8 +63,7 @@ def scenes(count: int) -> list[Scene]:
     body = EllipsoidBody(AXES)
     mesh, equation = palpate.Mesh.from_arrays(*body.mesh(FACETS)), EllipsoidEquation(AXES)
     for pitch in PITCHES:
-        points = body.sample(count, rng)
-        wrenches = touch_wrenches(points, body.normals(points), rng, pitch=pitch * R)
+        points, wrenches = touched(body, count, rng, pitch=pitch * R)
         name = f"ellipsoid, h to {pitch:g} R" if pitch else "ellipsoid, h = 0"
         made.append(Scene(name, mesh, equation, points, wrenches))
     return made

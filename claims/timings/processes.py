@@ -3,13 +3,12 @@
 It depends on the machine and on what else runs there; ratios between formats count.
 """
 
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from claims.evidence.long_logs import write_log
 from claims.process import palpate
-from claims.row import Row
+from claims.row import Row, scratch
 from palpate_lab.simulation import simulate_session, write_session
 from palpate_lab.simulation.session import Session
 
@@ -17,8 +16,7 @@ from palpate_lab.simulation.session import Session
 def rows(small: bool) -> Iterator[Row]:
     """A body of 20k facets, wrenches and poses at 1 kHz, payload, filter, full answers; small judges nothing."""
     many, most = (2_000, 4_000) if small else (1_000_000, 10_000_000)
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         session = simulate_session(facets=2_000 if small else 20_000)
         prepare(session, folder)
         asked = {"mcap mcap": 100_000, "mcap parquet": 100_000, "parquet parquet": None, "csv csv": None}

@@ -1,6 +1,5 @@
 """Taxels from pokes: a large skin from MCAP to its file; normal equations, compiled, beside NumPy's bincount."""
 
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from claims.clock import in_turns
 from claims.process import palpate
-from claims.row import Row
+from claims.row import Row, scratch
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking._accumulate import accumulate
@@ -73,8 +72,7 @@ def rows(small: bool) -> Iterator[Row]:
 
 def _large(modules: int, pokes: int, *, judged: bool) -> Iterator[Row]:
     """The command as a whole, its start included. Processor time, since what else runs there does not count in it."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         truth, said = large_log(folder, modules, pokes)
         words = ("calibrate", "taxels", folder / "pokes.mcap", "--rig", folder / "rig.toml", "-o", folder / "skin.toml")
         runs = [palpate(*words)[2:] for _ in range(1 + RUNS * judged)][-RUNS:]
