@@ -165,8 +165,8 @@ def calibrated(some: Case, mesh: palpate.Mesh, draws: Draws, causes: Collection[
 def bound(probe: Probe, point: np.ndarray, wrench: np.ndarray) -> float:
     """The rms error [m] on the surface that no unbiased estimate undercuts, for one reading with the assumed noise.
 
-    Cramer-Rao, by the forward model alone: a soft finger at p(u, v) makes W = (F, p x F + tau n(p)), six numbers that hold
-    six unknowns (F, u, v, tau), so the bound is J^-1 Sigma J^-T, with J by central differences on the exact shape.
+    Cramer-Rao, by the forward model alone: a soft finger at p(u, v) makes W = (F, p x F + tau n(p)), six numbers that
+    hold six unknowns (F, u, v, tau), so the bound is J^-1 Sigma J^-T, with J by central differences on the exact shape.
     """
     normal = probe.normals(point)
     first = np.cross(normal, [0.0, 1.0, 0.0])
