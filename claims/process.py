@@ -1,19 +1,17 @@
 """Processes of their own, what they print, and what they take."""
 
-import os
-import signal
 import subprocess
 import sys
 from collections.abc import Mapping
-from math import inf
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
 # The kernel counts what a process was before it became the command: so a small one starts it, not this large one.
 _START = """\
-import os, subprocess, sys
+import os, signal, subprocess, sys
 command = subprocess.Popen(sys.argv[1:])
+signal.signal(signal.SIGTERM, lambda *_: command.kill())
 _, status, usage = os.wait4(command.pid, 0)
 print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss, file=sys.stderr)
 sys.stderr.flush()
@@ -36,18 +34,15 @@ class Running:
     def __init__(self, *words: str | Path, cwd: str | Path | None = None, env: Mapping[str, str] | None = None) -> None:
         self._begin, pipe, nothing = perf_counter(), subprocess.PIPE, subprocess.DEVNULL
         command = [sys.executable, "-c", _START, sys.executable, *map(str, words)]
-        self._process = subprocess.Popen(
-            command, stdin=nothing, stdout=pipe, stderr=pipe, text=True, cwd=cwd, env=env, start_new_session=True
-        )
+        self._process = subprocess.Popen(command, stdin=nothing, stdout=pipe, stderr=pipe, text=True, cwd=cwd, env=env)
 
     def ended(self, patience: float | None = None) -> tuple[int, str, Took]:
         """Return the exit code, stderr and what it took; after so many seconds it is killed."""
         try:
             printed, said = self._process.communicate(timeout=patience)
         except subprocess.TimeoutExpired:
-            os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.communicate()
-            return -signal.SIGKILL, "hangs", Took("", inf, inf, inf)
+            self._process.terminate()  # which kills the command
+            printed, said = self._process.communicate()
         *lines, last = said.splitlines()
         cpu, peak = map(float, last.split())
         took = Took(printed, perf_counter() - self._begin, cpu, peak / 1024)
