@@ -31,10 +31,6 @@ def made(body: Body, count: int, ratio: float, seed: int = 7) -> tuple[np.ndarra
     return touched(body, count, rng, tan_theta=0.5, pitch=ratio * R)
 
 
-def locator_on(mesh: palpate.Mesh, ratio: float) -> palpate.Locator:
-    return palpate.Locator(mesh, torsion=np.inf if ratio >= 1 else 5e-3)
-
-
 def _touches(
     name: str, body: Body, ratio: float, count: int, sizes: tuple[int, ...], reported: bool = False
 ) -> Iterator[Row]:
@@ -42,7 +38,7 @@ def _touches(
     found_of = list[tuple[float, ...]]()
     for facets in sizes:
         mesh = mesh_of(body, facets)
-        locator = locator_on(mesh, ratio)
+        locator = palpate.Locator(mesh, torsion=np.inf if ratio >= 1 else 5e-3)
         found = locator.run(wrenches, sequential=False)
         error = np.where(found.answered, np.linalg.norm(found.point - points, axis=1), np.inf)
         limit = 20 * mesh.edge**2 / R

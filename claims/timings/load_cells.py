@@ -21,17 +21,14 @@ CALIBRATION, LIVE, BLOCKS = 5.0, 8.0, 250_000  # s, us, contacts a second
 def rows(small: bool) -> Iterator[Row]:
     for name in ("rigid", "soft layer"):
         run = BENCHES[name].run(0, thin=10 if small else 1)
+        log = run.time, run.voltages, run.force, run.position, SURFACE
         begin = time.perf_counter()
-        found = _calibrated(run, soft=name != "rigid")
+        found = identify_load_cells(*log, indentation=name != "rigid")
         took = time.perf_counter() - begin
         if name == "rigid":
             what = f"calibration of eight trajectories, {len(run):,} samples"
             yield Row(what, f"{CALIBRATION:g} s", f"{took:.1f} s", took <= CALIBRATION)
         yield from _speed(name, run, found)
-
-
-def _calibrated(run: BenchRun, *, soft: bool) -> LoadCellCalibration:
-    return identify_load_cells(run.time, run.voltages, run.force, run.position, SURFACE, indentation=soft)
 
 
 def _speed(name: str, run: BenchRun, found: LoadCellCalibration) -> Iterator[Row]:
