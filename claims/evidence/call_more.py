@@ -76,7 +76,10 @@ def _calibrations(rng: np.random.Generator) -> None:
     from palpate.sensors.force_torque.calibrate_imu import identify_payload_with_imu
     from palpate.sensors.marker_ring.calibrate_camera import fit_lens
     from palpate.sensors.taxels.calibrate import identify_resistive
+    from palpate.sensors.taxels.modules import ModuleLayout
     from palpate.sensors.taxels.poking.pokes import Pokes
+    from palpate.sensors.taxels.poking.rigid_groups import fitted
+    from palpate.sensors.taxels.poking.spacing import scale_in_places
     from palpate.sensors.taxels.skin_map.layout import Sheet
     from palpate.sensors.taxels.skin_map.sheet import fit_stretch, map_skin
     from palpate.spatial.pose import Pose
@@ -105,6 +108,7 @@ def _calibrations(rng: np.random.Generator) -> None:
     poses = [Pose.from_rotation_vector(*each) for each in zip(turns, places, strict=True)]
     fit_lens([lens.project(pose.apply(board)) for pose in poses], (9, 6), 0.01, (640, 480))
     flat = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]])
+    scale_in_places(fitted(ModuleLayout(flat[:, :2], np.zeros(4, np.int64)), flat, None), flat)
     mesh = Mesh.from_arrays(flat, np.array([[0, 1, 2], [0, 2, 3]]))
     laid: dict[str, Any] = {"origin": (0.01, 0.01, 0.0), "heading": (1, 0, 0)}
     truth = map_skin(mesh, Sheet(3, 4, (0.01, 0.01), stretch=(1.05, 1.1)), **laid)
