@@ -132,6 +132,8 @@ def identify_mounting(
         f"{names[k]} is left out: it has no point, or no usable sample" for k in np.setdiff1d(range(len(names)), used)
     ]
     covariances = _noise(noise, len(wrenches))
+    if len(used) == 0:
+        raise _refusal(points is None, np.eye(6), spreads, notes)
     if points is not None:
         notes += _strays(points[used], surface, [names[k] for k in used], spreads.placement)
     few = points is not None and len(used) < FEWEST
@@ -145,8 +147,6 @@ def identify_mounting(
             return SomewhereOnSurface(*touched, surface)
         return KnownPoints(*touched, points[rows], surface.project(points[rows])[1])
 
-    if len(used) == 0:
-        raise _refusal(points is None, np.eye(6), spreads, notes)
     of = partial(evidence, placed=spreads.placement)
     kept, pose, outliers = _fitted(of, used, initial, names)
     residual = _misfit(of(kept), pose)
