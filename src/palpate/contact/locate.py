@@ -400,8 +400,9 @@ class Locator:
         """Locate the rows of one touch again, from its end to its start, near the contact that was believed at the end.
 
         The end is the sample with the largest force among the last 32 answered ones, of those with CONTACT if there are
-        any, and of these with residual 0, whose wrench has a contact there; rows after it stay. AMBIGUOUS stays only if most of these samples have it. All rows stay if more samples
-        would become implausible. The Locator's memory is kept.
+        any, and of these with residual 0, whose wrench has a contact there; rows after it stay. AMBIGUOUS stays only if
+        most of these samples have it. All rows stay if more samples would become implausible. The Locator's memory is
+        kept.
 
         Args:
             wrenches: (n, 6) of the touch, in the surface's frame.
