@@ -402,8 +402,9 @@ class Locator:
         """Locate the rows of one touch again, from its end to its start, near the contact that was believed at the end.
 
         The end is the sample with the largest force among the last 32 answered ones, of those with CONTACT if there are
-        any; rows after it stay. AMBIGUOUS stays only if most of these samples have it. All rows stay if more samples
-        would become implausible. The Locator's memory is kept.
+        any, and of these with residual 0, whose wrench has a contact there; rows after it stay. AMBIGUOUS stays only if
+        most of these samples have it. All rows stay if more samples would become implausible. The Locator's memory is
+        kept.
 
         Args:
             wrenches: (n, 6) of the touch, in the surface's frame.
@@ -423,8 +424,8 @@ class Locator:
             return
         late = answered[-_END:]
         sure: Bool[np.ndarray, " k"] = rows[late, ROW.status] == Status.CONTACT
-        pressed = np.linalg.norm(rows[late, ROW.force], axis=1)
-        count = int(late[np.argmax(np.where(sure | ~sure.any(), pressed, 0.0))]) + 1
+        located, pressed = rows[late, ROW.residual] == 0.0, np.linalg.norm(rows[late, ROW.force], axis=1)
+        count = int(late[np.lexsort((pressed, located, sure))[-1]]) + 1
         state = _state(rows[count - 1, ROW.point])
         state[at.TOUCHING] = state[at.FOLLOW] = 1.0
         begin = max(0, count - 1 - _END)
@@ -435,13 +436,14 @@ class Locator:
         back = self.empty(len(order))
         self._many(wrenches[order], noises, statuses[order], *self._arguments, settings, state, True, back)
         back = back[-count:]
-        before, after = (np.count_nonzero(made[:, ROW.status] == Status.IMPLAUSIBLE) for made in (rows[:count], back))
-        if after > before + WORSE * count:
+        before = rows[:, ROW.status].copy()
+        worse = back[:, ROW.status] == Status.IMPLAUSIBLE
+        if np.count_nonzero(worse) > np.count_nonzero(before[:count] == Status.IMPLAUSIBLE) + WORSE * count:
             return
         rows[:count] = back[::-1]
         if open_end:
-            several = (rows[:, ROW.status] == Status.CONTACT) & (rows[:, ROW.candidates] > 1)
-            rows[several, ROW.status] = Status.AMBIGUOUS
+            several = (rows[:, ROW.candidates] > 1) | (before == Status.AMBIGUOUS)
+            rows[several & (rows[:, ROW.status] == Status.CONTACT), ROW.status] = Status.AMBIGUOUS
 
     def candidates(self, wrench: ArrayLike) -> Candidates:
         """Return all contacts that one wrench (6,) [N, N m], force first, can have, as `Candidates`.

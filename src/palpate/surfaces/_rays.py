@@ -178,6 +178,8 @@ def _between(o, n, low, step, cells):
         through += ends // 2
         if through == _THROUGH:
             return True
+        if through + _LINES - 1 - i < _THROUGH:
+            return False
     return False
 
 
@@ -211,7 +213,7 @@ def open_facets(corners, nodes, low, step, cells, out):
         low: (3,) where the grid begins.
         step: its cells' size.
         cells: (a, b, c) FREE, BODY, or SWEPT, that a touching ball can fill, some of which become PASSAGE; empty: only
-            the rays that leave the body count.
+            the rays that leave the body count, up to the first facet where none does.
         out: (f,) bool.
     """
     o, pending = np.empty(3), np.empty((STACK, 2), dtype=np.int64)
@@ -236,3 +238,5 @@ def open_facets(corners, nodes, low, step, cells, out):
             if ways >= min(parts, 2):
                 out[facet] = True
                 break
+        if cells.size == 0 and not out[facet]:
+            return
