@@ -14,8 +14,7 @@ from importlib import import_module
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: threads cost more than they save
 
-from claims.machine import machine
-from claims.page import THEMES, renew, table
+from claims.page import THEMES, machine, renew, table
 from claims.row import Row
 
 NAMES = [name for group in THEMES.values() for name in group]

@@ -1,19 +1,24 @@
 """The page of all claims, made from `figures.json`, and a page a paper, made from its template."""
 
 import json
+import os
+import platform
 import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from claims.machine import machine
+import palpate
 from claims.row import ROOT, Row
 
 FIGURES, PAGE = ROOT / "claims" / "figures.json", ROOT / "docs" / "evidence.md"
 VERDICTS = {"met": "met", "**missed**": "missed", "reported": "reported", "skipped": "skipped"}
 THEMES: dict[str, dict[str, str]] = tomllib.loads((ROOT / "claims" / "themes.toml").read_text(encoding="utf-8"))
 Kept = dict[str, dict[str, Any]]
+PACKAGES = ("numpy", "numba", "scipy", "trimesh", "embreex")
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], align: str = "---") -> str:
@@ -92,3 +97,31 @@ def _folded(name: str, title: str, rows: Sequence[Row], measured: str) -> str:
 def _counts(rows: Sequence[Row]) -> str:
     counts = Counter(row.verdict for row in rows)
     return ", ".join(f"{counts[verdict]} {word}" for verdict, word in VERDICTS.items() if counts[verdict])
+
+
+def machine() -> list[str]:
+    """Date, processor, versions and how busy it was, a line each."""
+    now = datetime.now(UTC)
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    versions = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
+    return [
+        f"{now:%Y-%m-%d %H:%M} UTC",
+        f"palpate {palpate.__version__}, Python {platform.python_version()}, {versions}",
+        f"{_processor()}, {cores} cores, load {load:.1f}; {platform.system()} {platform.machine()}",
+    ]
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or "unknown processor"
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown processor")

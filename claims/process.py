@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 # The kernel counts what a process was before it became the command: so a small one starts it, not this large one.
 _START = """\
-import os, subprocess, sys
+import os, signal, subprocess, sys
 command = subprocess.Popen(sys.argv[1:])
+signal.signal(signal.SIGTERM, lambda *_: command.kill())
 _, status, usage = os.wait4(command.pid, 0)
 print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss, file=sys.stderr)
 sys.stderr.flush()
@@ -27,14 +28,33 @@ class Took(NamedTuple):
     peak: float
 
 
+class Running:
+    """A process of Python with these words, at work."""
+
+    def __init__(self, *words: str | Path, cwd: str | Path | None = None, env: Mapping[str, str] | None = None) -> None:
+        self._begin, pipe, nothing = perf_counter(), subprocess.PIPE, subprocess.DEVNULL
+        command = [sys.executable, "-c", _START, sys.executable, *map(str, words)]
+        self._process = subprocess.Popen(command, stdin=nothing, stdout=pipe, stderr=pipe, text=True, cwd=cwd, env=env)
+
+    def ended(self, patience: float | None = None) -> tuple[int, str, Took]:
+        """Return the exit code, stderr and what it took; after so many seconds it is killed."""
+        try:
+            printed, said = self._process.communicate(timeout=patience)
+        except subprocess.TimeoutExpired:
+            self._process.terminate()  # which kills the command
+            printed, said = self._process.communicate()
+        *lines, last = said.splitlines()
+        cpu, peak = map(float, last.split())
+        took = Took(printed, perf_counter() - self._begin, cpu, peak / 1024)
+        return self._process.returncode, "\n".join(lines), took
+
+
 def python(*words: str | Path, cwd: str | Path | None = None, env: Mapping[str, str] | None = None) -> Took:
     """Run Python with these words to its end, which must be a good one."""
-    begin, command = perf_counter(), [sys.executable, "-c", _START, sys.executable, *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=env)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(command[4:])} ended with {done.returncode}: {done.stderr}")
-    cpu, peak = map(float, done.stderr.splitlines()[-1].split())
-    return Took(done.stdout, perf_counter() - begin, cpu, peak / 1024)
+    code, said, took = Running(*words, cwd=cwd, env=env).ended()
+    if code:
+        raise RuntimeError(f"{' '.join(map(str, words))} ended with {code}: {said}")
+    return took
 
 
 def palpate(*words: str | Path, cwd: str | Path | None = None) -> Took:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import os
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -75,6 +77,13 @@ def shared() -> Path | None:
     """Return the folder of real recordings that are not part of the project; None where it is absent."""
     folder = Path(os.environ.get("PALPATE_SHARED", ROOT.parent / "shared"))
     return folder if (folder / "data").is_dir() else None
+
+
+@contextmanager
+def scratch() -> Generator[Path]:
+    """A folder that is gone afterwards."""
+    with TemporaryDirectory() as folder:
+        yield Path(folder)
 
 
 def skipped(what: str, target: str) -> list[Row]:

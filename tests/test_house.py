@@ -23,6 +23,7 @@ from palpate.sensors.fused.estimator import FusedEstimator
 from palpate.spatial.pose import skew
 from tests.size import lines_of_code
 from tests.support.checked import CALLS, start_counting
+from tests.way import measured
 
 ROOT = Path(__file__).resolve().parents[1]
 HEAVY = ("numba", "scipy", "trimesh", "polars", "collada", "tyro", "embreex", "numpy", "jaxtyping")
@@ -217,6 +218,15 @@ def test_few_functions_take_a_rig() -> None:
     assert len(taken) <= 15, taken
 
 
+def test_the_way_of_a_rig_is_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the command to the skin's estimator few files are called, few calls climb, and few frames lie between."""
+    monkeypatch.setattr("sys.argv", [])
+    skin = ROOT / "tests" / "v03" / "skin"
+    files, climbs, frames = measured(["estimate", str(skin / "log.csv"), "--rig", str(skin / "rig.toml")])
+    assert "sensors/taxels/estimator.py" in files
+    assert (len(files) <= 40, len(climbs) <= 4, frames <= 10) == (True, True, True), (files, climbs, frames)
+
+
 NAMED = re.compile(
     r"[\"'](force_torque|load_cells|marker_ring|fusion|skin)[\"']"
     r"|isinstance\([^)]*\b(Compensation|LoadCellArray|(Taxel|Ring|Fused)Estimator|(Taxel|Ring|LoadCell)Layer)\b"
@@ -300,7 +310,7 @@ def test_no_file_lists_again_what_its_names_say() -> None:
     """A name without an underscore is public; `__all__` stands in packages, and in files that offer fewer names."""
     again: list[str] = []
     for file in (ROOT / "src").rglob("*.py"):
-        body = [] if file.name.startswith("_") else ast.parse(file.read_text(encoding="utf-8")).body
+        body = [] if file.name == "__init__.py" else ast.parse(file.read_text(encoding="utf-8")).body
         made = {node.name for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
         for node in (each for each in body if isinstance(each, ast.Assign | ast.AnnAssign)):
             if ast.unparse(node).startswith("__all__") and node.value is not None:

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 import palpate
-from claims.evidence.bodies import BODIES, BUMPIER, CONVEX, SIZES, R, curvature, mesh_of, path
+from claims.evidence.bodies import BODIES, BUMPIER, CONVEX, SIZES, R, curvature, mesh_of, path, touched
 from claims.row import Row
-from palpate_lab.simulation import Body, touch_wrenches
+from palpate_lab.simulation import Body
 
 
 def rows(small: bool) -> Iterator[Row]:
@@ -28,30 +28,23 @@ def rows(small: bool) -> Iterator[Row]:
 def made(body: Body, count: int, ratio: float, seed: int = 7) -> tuple[np.ndarray, np.ndarray]:
     """Points and the wrenches of touches there: tan(theta) to 0.5, pitch within +-ratio R, 1 to 10 N."""
     rng = np.random.default_rng(seed)
-    points = body.sample(count, rng)
-    return points, touch_wrenches(points, body.normals(points), rng, tan_theta=0.5, pitch=ratio * R)
-
-
-def locator_on(mesh: palpate.Mesh, ratio: float) -> palpate.Locator:
-    return palpate.Locator(mesh, torsion=np.inf if ratio >= 1 else 5e-3)
+    return touched(body, count, rng, tan_theta=0.5, pitch=ratio * R)
 
 
 def _touches(
     name: str, body: Body, ratio: float, count: int, sizes: tuple[int, ...], reported: bool = False
 ) -> Iterator[Row]:
     points, wrenches = made(body, count, ratio)
-    shares, medians, largest, right, among = [], [], [], [], []
+    found_of = list[tuple[float, ...]]()
     for facets in sizes:
         mesh = mesh_of(body, facets)
-        locator = locator_on(mesh, ratio)
+        locator = palpate.Locator(mesh, torsion=np.inf if ratio >= 1 else 5e-3)
         found = locator.run(wrenches, sequential=False)
         error = np.where(found.answered, np.linalg.norm(found.point - points, axis=1), np.inf)
         limit = 20 * mesh.edge**2 / R
-        shares.append(found.answered.mean())
-        medians.append(np.median(error))
-        largest.append(error.max())
-        right.append(np.mean(error <= limit))
-        among.append(_among(locator, wrenches, points, error, limit))
+        among = _among(locator, wrenches, points, error, limit)
+        found_of.append((found.answered.mean(), np.median(error), error.max(), np.mean(error <= limit), among))
+    shares, medians, largest, right, among = map(list, zip(*found_of, strict=True))
     title = f"{name}, h/R <= {ratio:g}"
     least, median_limit = (0.999, 20e-6) if ratio >= 1 else (1.0, 5e-6)
     middle = medians[min(1, len(medians) - 1)]

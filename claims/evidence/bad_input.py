@@ -128,19 +128,14 @@ def _plane_force(folder: Path) -> None:
     _rig('unit = "mm"  ', "#")(folder)
 
 
-def _scaled(table: pl.DataFrame) -> pl.DataFrame:
-    """Torque in N mm where N m is declared; the payload too, so that only the unit is wrong."""
-    return table.with_columns(pl.col("tx", "ty", "tz") * 1e3)
-
-
 def _newton_millimetres(folder: Path) -> None:
     _rig("range = ", "# range = ")(folder)
     _beyond_range(folder)
 
 
 def _beyond_range(folder: Path) -> None:
-    for name in ("touches.csv", "free_motion.csv"):
-        _scaled(pl.read_csv(folder / name)).write_csv(folder / name)
+    for name in ("touches.csv", "free_motion.csv"):  # the payload too, so that only the unit is wrong
+        pl.read_csv(folder / name).with_columns(pl.col("tx", "ty", "tz") * 1e3).write_csv(folder / name)
     cli("calibrate", "payload", folder / "free_motion.csv", "-o", folder / "payload.toml")
 
 

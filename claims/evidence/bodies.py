@@ -1,9 +1,11 @@
 """The bodies of the claims, their curvature, and smooth paths over them: all from the analytic surface."""
 
+from typing import Any
+
 import numpy as np
 
 import palpate
-from palpate_lab.simulation import Body, BumpySphere, EllipsoidBody, Superquadric, contact_wrenches
+from palpate_lab.simulation import Body, BumpySphere, EllipsoidBody, Superquadric, contact_wrenches, touch_wrenches
 
 R = 0.010  # m
 BODIES: dict[str, Body] = {
@@ -18,6 +20,12 @@ SIZES = (2_000, 20_000, 200_000)
 
 def mesh_of(body: Body, facets: int, smooth: bool = True) -> palpate.Mesh:
     return palpate.Mesh.from_arrays(*body.mesh(facets), smooth=smooth)
+
+
+def touched(body: Body, count: int, rng: np.random.Generator, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Points that are drawn on a body, and wrenches of touches there; options as of `touch_wrenches`."""
+    points = body.sample(count, rng)
+    return points, touch_wrenches(points, body.normals(points), rng, **options)
 
 
 def on_facets(mesh: palpate.Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -21,31 +21,20 @@ def more_calls(made: dict[str, dict[str, Any]], *, small: bool) -> None:
 
 
 def _poses_and_motion() -> None:
-    from palpate.calibration.clock import suspected_offset
-    from palpate.contact.locate import Locator
     from palpate.control.control_law import Sensed
     from palpate.control.probe_face import ProbeFace
     from palpate.control.stability import Admittance, DelayedRobot
-    from palpate.signals.acceleration import kind_of_acceleration
-    from palpate.signals.payload import Payload
-    from palpate.signals.vibration import Vibration
     from palpate.spatial.live_track import LiveTrack
     from palpate.spatial.pose import Pose
     from palpate.surfaces import Sphere
     from palpate_lab.papers.probe_law import Plain
 
-    time, still = np.arange(20) * 0.01, np.tile([0.0, 0.0, 0.0, 1.0], (20, 1))
-    track = LiveTrack()
-    track.add(time, still, np.zeros((20, 3)))
+    time, track = np.arange(20) * 0.01, LiveTrack()
+    track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (20, 1)), np.zeros((20, 3)))
     track.at(time)
-    Pose.from_matrix(np.eye(4))
     track.lag(time)
-    kind_of_acceleration(np.tile([0.0, 0.0, 9.8], (5, 1)), "m/s^2")
-    suspected_offset(time, np.zeros((20, 6)), still, Payload())
-    Vibration(np.eye(6))
-    Locator(Sphere(0.02), noise=np.eye(6)).least_forces(np.tile(np.eye(6), (5, 1, 1)))
-    face = ProbeFace.of(Sphere(0.02).mesh(300))
-    plain = Plain(face, 5.0, Admittance(10.0, 290.0), 0.5, stiffest=2500.0)
+    Pose.from_matrix(np.eye(4))
+    plain = Plain(ProbeFace.of(Sphere(0.02).mesh(300)), 5.0, Admittance(10.0, 290.0), 0.5, stiffest=2500.0)
     plain.start(Sensed())
     plain.press(Sensed(), 0.01, np.zeros(6))
     plain.hold(0.0, np.eye(3), np.zeros(3), 0.01, np.zeros(6))
@@ -54,17 +43,12 @@ def _poses_and_motion() -> None:
 
 
 def _filters(rng: np.random.Generator) -> None:
-    from palpate.signals.filters import Butterworth, Kalman
-    from palpate.signals.smoothing import BothWays
+    from palpate.signals.filters import Kalman
     from palpate.signals.spectrum import spectrum
 
-    time = np.arange(400) * 0.01
-    kalman = Kalman()
-    kalman.gain(np.array([1.0, 5.0]), 100.0)
-    kalman.delay(np.array([1.0, 5.0]), 100.0)
-    item = None, time, np.full(400, -1, np.int8), rng.normal(size=(400, 6))
-    list(BothWays(Butterworth(10.0).recursion(100.0), 100.0).through([item]))
-    spectrum(time, rng.normal(size=(400, 3)))
+    Kalman().gain(np.array([1.0, 5.0]), 100.0)
+    Kalman().delay(np.array([1.0, 5.0]), 100.0)
+    spectrum(np.arange(400) * 0.01, rng.normal(size=(400, 3)))
 
 
 def _compiled() -> None:
@@ -83,8 +67,7 @@ def _surfaces() -> None:
     wrench = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
     locate_iteratively(wrench, fitted, start=fitted.origin)
     locator = Locator(mesh, noise=np.repeat([0.02, 0.001], 3))
-    free = np.full(4, -1, np.int8)
-    locator.first_free(np.tile(wrench, (4, 1)), None, free)
+    locator.first_free(np.tile(wrench, (4, 1)), None, np.full(4, -1, np.int8))
 
 
 def _calibrations(rng: np.random.Generator) -> None:
@@ -93,7 +76,10 @@ def _calibrations(rng: np.random.Generator) -> None:
     from palpate.sensors.force_torque.calibrate_imu import identify_payload_with_imu
     from palpate.sensors.marker_ring.calibrate_camera import fit_lens
     from palpate.sensors.taxels.calibrate import identify_resistive
+    from palpate.sensors.taxels.modules import ModuleLayout
     from palpate.sensors.taxels.poking.pokes import Pokes
+    from palpate.sensors.taxels.poking.rigid_groups import fitted
+    from palpate.sensors.taxels.poking.spacing import scale_in_places
     from palpate.sensors.taxels.skin_map.layout import Sheet
     from palpate.sensors.taxels.skin_map.sheet import fit_stretch, map_skin
     from palpate.spatial.pose import Pose
@@ -122,6 +108,7 @@ def _calibrations(rng: np.random.Generator) -> None:
     poses = [Pose.from_rotation_vector(*each) for each in zip(turns, places, strict=True)]
     fit_lens([lens.project(pose.apply(board)) for pose in poses], (9, 6), 0.01, (640, 480))
     flat = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]])
+    scale_in_places(fitted(ModuleLayout(flat[:, :2], np.zeros(4, np.int64)), flat, None), flat)
     mesh = Mesh.from_arrays(flat, np.array([[0, 1, 2], [0, 2, 3]]))
     laid: dict[str, Any] = {"origin": (0.01, 0.01, 0.0), "heading": (1, 0, 0)}
     truth = map_skin(mesh, Sheet(3, 4, (0.01, 0.01), stretch=(1.05, 1.1)), **laid)
@@ -131,15 +118,12 @@ def _calibrations(rng: np.random.Generator) -> None:
 
 def _live() -> None:
     from palpate.live.cobs import encoded
-    from palpate.live.lines import printed
     from palpate.live.netft_status import status_word
     from palpate.live.poses import LivePoses
     from palpate.live.ros_messages import image_message
     from palpate.setup.guess_time import TimeGuess
 
-    numbers = np.arange(12.0).reshape(2, 6)
-    encoded(numbers, 1, "f8")
-    printed(numbers, 1)
+    encoded(np.arange(12.0).reshape(2, 6), 1, "f8")
     status_word("Net F/T").bad(np.array([0, 1 << 31]))
     LivePoses(None).at(np.array([0, 10**9]))
     image_message(0, "camera", np.zeros((4, 5, 3), np.uint8))
@@ -153,65 +137,29 @@ def _drawn() -> None:
 
 
 def _estimators(made: dict[str, dict[str, Any]]) -> None:
-    """One live sample, and some in a row, of the estimators of the examples that were run."""
+    """Some samples in a row, and the parts of a sensor, of the examples that were run."""
     from palpate.contact.frames import in_base
-    from palpate.optical.markers import find_colour
 
-    for number, name in (("09", "estimator"), ("06", "fingertip"), ("07", "skin"), ("08", "estimator")):
-        if number not in made:
-            continue
-        there, turns = made[number], list[Any]()
-        estimator, log = (
-            there[name],
-            there.get("log") or (there["images"] if number == "08" else there["session"].frames),
-        )
-        readings = next(
-            (log.channels[each] for each in estimator.channels if each in log.channels and number != "09"), None
-        )
-        if readings is None:
-            readings, turns = log.wrenches(), [there["rotations"][0]]
-        extra = {name: log.channels[name][:5] for name in ("orientation",) if name in log.channels}
-        time, room, few = log.time.tolist(), estimator.empty(5 * estimator.most), 2 if number == "08" else 5
-        estimator.run_into(log.time[:few], readings[:few], room, np.zeros(few, np.int64), extra)
-        estimator.update(time[5], readings[5], *turns)
-        estimator.update_into(time[6], readings[6], estimator.empty(), *turns)
-        estimator.pairs([log.picked(log.time < time[5])])
-        if number == "06":
-            _voltages(estimator.sensor, log, readings)
-        if number == "08":
-            find_colour(log.channels["image"][0], 24)
-        if number == "09":
-            sensor = estimator.sensor
-            sensor.kept_of(sensor.inputs(log.time[:5], readings[:5], extra), 5)
-            one = estimator.run(log.picked(log.time < time[5]))
-            in_base(one.estimate, extra["orientation"], np.zeros((5, 3)), estimator.mount)
-
-
-def _voltages(sensor: Any, log: Any, readings: np.ndarray) -> None:
-    sensor.single(float(log.time[7]), readings[7])
-    sensor.hold(float(log.time[8]), readings[8], None, None)
-    kept = sensor.kept_of(sensor.inputs(log.time[:5], readings[:5], {}), 5)
-    sensor.free(kept)
-    sensor.as_wrench(kept, np.eye(kept.shape[1]))
+    if "09" in made:
+        estimator, log = made["09"]["estimator"], made["09"]["log"].picked(slice(5))
+        turned = {"orientation": log.channels["orientation"]}
+        given = log.time, log.wrenches()
+        estimator.run_into(*given, estimator.empty(5 * estimator.most), np.zeros(5, np.int64), turned)
+        estimator.sensor.kept_of(estimator.sensor.inputs(*given, turned), 5)
+        in_base(estimator.run(log).estimate, turned["orientation"], np.zeros((5, 3)), estimator.mount)
+    if "06" in made:
+        sensor, log = made["06"]["fingertip"].sensor, made["06"]["log"]
+        readings = log.channels["voltage"]
+        sensor.single(float(log.time[7]), readings[7])
+        sensor.hold(float(log.time[8]), readings[8], None, None)
+        kept = sensor.kept_of(sensor.inputs(log.time[:5], readings[:5], {}), 5)
+        sensor.free(kept)
+        sensor.as_wrench(kept, np.eye(kept.shape[1]))
 
 
 def fused_calls(seen: Seen) -> None:
-    """Samples of the estimator of a skin and a force/torque sensor, and of its locator, as the commands left them."""
-    from palpate.sensors.fused.cones import within_cones
-    from palpate.sensors.fused.estimator import FusedEstimator
-    from palpate.sensors.fused.lasting_unseen import fuse_with_unseen
+    """One frame of a skin with a wrench, by the locator that the commands left."""
     from palpate.sensors.fused.locator import FusedLocator
 
-    within_cones(np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([1]), [np.eye(3)], 0.5)
-    estimator, locator, turn = seen.of(FusedEstimator), seen.of(FusedLocator), np.eye(3)
-    width = len(estimator.taxels.body) + 7
-    estimator.update(1e4, np.zeros(width), turn)
-    estimator.update_into(1e4 + 0.1, np.zeros(width), estimator.empty(), turn)
-    extra = {"orientation": np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))}
-    time = 1e4 + np.array([0.2, 0.3])
-    estimator.run_into(time, np.zeros((2, width)), estimator.empty(2 * estimator.most), np.zeros(2, np.int64), extra)
     touch = (np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1), np.ones(1), np.eye(3)[None])
-    wrench = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
-    locator.fuse(*touch, wrench[None], np.eye(6)[None])
-    row = locator.rows(*touch)
-    fuse_with_unseen(locator, row, np.array([1]), np.tile(row, (1, 2, 1)), wrench[None], np.eye(6)[None])
+    seen.of(FusedLocator).fuse(*touch, np.array([[0.0, 0.0, -1.0, 0.0, 0.0, 0.0]]), np.eye(6)[None])

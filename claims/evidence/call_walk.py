@@ -14,6 +14,7 @@ import re
 import signal
 import sys
 import time
+import tomllib
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial, wraps
@@ -27,6 +28,9 @@ import polars as pl
 from claims.evidence.call_values import Seen
 from palpate.errors import PalpateError
 
+_NAMES = tomllib.loads(Path(__file__).with_name("call_names.toml").read_text(encoding="utf-8"))
+UNCALLED = {name for names in _NAMES["uncalled"].values() for name in names}  # a class stands for its methods
+LATER = set(_NAMES["later"]["names"])  # are reached only in full
 ROOMS = (
     *(f"palpate.{room}" for room in ("spatial", "surfaces", "signals", "optical", "contact", "control", "evaluation")),
     *(f"palpate.{room}" for room in ("files", "viewer", "calibration", "setup", "sensors", "live")),
@@ -235,9 +239,8 @@ def containers(value: np.ndarray) -> dict[str, Callable[[], tuple[Any, np.ndarra
     if plain.ndim and "a list" in made:
         made["a tuple"] = lambda: tuple(plain.tolist())
     if plain.ndim in (1, 2) and plain.size:
-        made |= (
-            {"a Series": lambda: pl.Series(plain)} if plain.ndim == 1 else {"a DataFrame": lambda: pl.DataFrame(plain)}
-        )
+        name, kind = ("a Series", pl.Series) if plain.ndim == 1 else ("a DataFrame", pl.DataFrame)
+        made[name] = lambda: kind(plain)
     found = {name: partial(_as_good, make, plain) for name, make in made.items()}
     if plain.dtype.kind == "f":
         found["float32"] = partial(_as_good, lambda: plain.astype(np.float32))
@@ -315,9 +318,9 @@ def _tried(
     calls: list[Call], count: int, rng: np.random.Generator
 ) -> Iterator[tuple[Call, str, str, str, dict[str, Any]]]:
     """So many calls, spread over all callables: kind, argument, what it is, and the argument itself."""
-    offers: list[list[tuple[Call, str, str, str]]] = []
+    offers = list[list[tuple[Call, str, str, str]]]()
     for call in calls:
-        each: list[tuple[Call, str, str, str]] = []
+        each = list[tuple[Call, str, str, str]]()
         for name in call.changeable():
             value = call.bound.arguments[name]
             each += [(call, "wrong", name, what) for what in wrong(value)]
@@ -331,20 +334,14 @@ def _tried(
             if offer and left > 0:
                 call, kind, name, what = offer.pop()
                 value = call.bound.arguments[name]
-                yield (
-                    call,
-                    kind,
-                    name,
-                    what,
-                    {name: wrong(value)[what] if kind == "wrong" else containers(value)[what]()},
-                )
+                given = wrong(value)[what] if kind == "wrong" else containers(value)[what]()
+                yield call, kind, name, what, {name: given}
                 left -= 1
 
 
 def main(count: int, seed: int, first: int, folder: Path) -> None:
     """Make the calls from `first` on."""
     out, sys.stdout = sys.stdout, sys.stderr  # what a call prints is no line of this
-    from claims.evidence.call_names import LATER, uncalled
     from claims.evidence.call_scenes import made_calls
 
     known, small = [each for each in public(ROOMS) if takes_numbers(each)], count < FEWEST
@@ -370,6 +367,11 @@ def main(count: int, seed: int, first: int, folder: Path) -> None:
         said = "" if agrees else f"{due[0]} {str(due[1])[:80]} / {found[0]} {str(found[1])[:160]}"
         raw = found[0] if found[0] not in ("answered", "refused") else ""
         print(json.dumps({"how": "same" if agrees else raw or "differs", "said": said}), flush=True, file=out)
+
+
+def uncalled(names: Iterable[str]) -> set[str]:
+    """Return those of the names that are listed in `UNCALLED`, by themselves or by their class."""
+    return {name for name in names if name in UNCALLED or name.rpartition(".")[0] in UNCALLED}
 
 
 def takes_numbers(known: Known) -> bool:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from claims.evidence.call_names import LATER, UNCALLED, uncalled
+from claims.evidence.call_walk import LATER, UNCALLED, uncalled
 from claims.row import ROOT, Row
 
 SEED = 40
@@ -31,7 +31,6 @@ class _Walk:
     missing: list[str] = field(default_factory=list)
     made: Counter[str] = field(default_factory=Counter)  # by kind
     raw: dict[str, Counter[str]] = field(default_factory=lambda: {"wrong": Counter(), "container": Counter()})
-    refused: int = 0
     crashed: list[str] = field(default_factory=list)
 
 
@@ -44,13 +43,9 @@ def rows(small: bool) -> Iterator[Row]:
     ):
         raw = walk.raw[kind]
         worst = ", ".join(f"{name} {count}" for name, count in raw.most_common(SHOWN))
-        found = f"{sum(raw.values())} {'raw errors' if kind == 'wrong' else 'differ'}" + (
-            f" ({worst})" if worst else ""
-        )
+        found = f"{sum(raw.values())} {'raw errors' if kind == 'wrong' else 'differ'}" + f" ({worst})" * bool(raw)
         yield Row(f"{what}: {ALLOWED}", due, f"{found} of {walk.made[kind]:,} calls", not raw)
-    ended = f"{len(walk.crashed)} of {sum(walk.made.values()):,}" + "".join(
-        f"; {each}" for each in walk.crashed[:SHOWN]
-    )
+    ended = "; ".join([f"{len(walk.crashed)} of {sum(walk.made.values()):,}", *walk.crashed[:SHOWN]])
     yield Row("calls that end the process", "0", ended, not walk.crashed)
     yield _reached(walk, small)
 
@@ -97,7 +92,6 @@ def _part(walk: _Walk, count: int, first: int, folder: Path) -> int | None:
                 call = row
                 walk.made[row["kind"]] += 1
             elif call is not None:
-                walk.refused += row["how"] == "refused"
                 if row["how"] not in ("answered", "refused", "same"):
                     walk.raw[str(call["kind"])][_short([str(call["call"])])[0]] += 1
                 call = None

@@ -114,9 +114,8 @@ def _log(swing: Swing, lasting: float, rng: np.random.Generator) -> tuple[np.nda
 
 
 def _noisy(quaternions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return (
-        Rotation.from_quat(quaternions) * Rotation.from_rotvec(rng.normal(0.0, TURN, (len(quaternions), 3)))
-    ).as_quat()
+    turned = Rotation.from_rotvec(rng.normal(0.0, TURN, (len(quaternions), 3)))
+    return (Rotation.from_quat(quaternions) * turned).as_quat()
 
 
 def _left(
@@ -139,10 +138,8 @@ def _inertia(lasting: float) -> Iterator[Row]:
         log, felt = _moving(swing, lasting)
         what = f"{name} ({felt:.1f} m/s^2 rms), poses at 100 Hz"
         alone = _residual(log)
-        for source, said in (
-            ("poses", "accelerations from poses"),
-            ("imu", "from an accelerometer (0.01 m/s^2 noise)"),
-        ):
+        ways = {"poses": "accelerations from poses", "imu": "from an accelerometer (0.01 m/s^2 noise)"}
+        for source, said in ways.items():
             force, normalised = _residual(log, source)
             got = f"{force:.2f} ({normalised:.2f} of what is stated; weight only {alone[0]:.0f})"
             yield Row(f"{what}, {said}: residual force over the noise", "", got)

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import palpate
-from claims.evidence.bodies import BODIES, CONVEX, R, mesh_of
+from claims.evidence.bodies import BODIES, CONVEX, R, mesh_of, touched
 from claims.row import Row
-from palpate_lab.simulation import Body, touch_wrenches
+from palpate_lab.simulation import Body
 
 NOISE = np.array([0.02] * 3 + [0.001] * 3)  # N, N m: one reading
 POSES = 24
@@ -67,8 +67,7 @@ def _trials(count: int) -> Trials:
 def _coverage(name: str, body: Body, smooth: bool, force: tuple[float, float], count: int, slack: float | None) -> Row:
     trials = _trials(count)
     rng = np.random.default_rng(29)
-    points = body.sample(count, rng)
-    touches = touch_wrenches(points, body.normals(points), rng, force=force, pitch=0.2 * R)
+    points, touches = touched(body, count, rng, force=force, pitch=0.2 * R)
     mount = palpate.Pose(np.eye(3), [0.0, 0.0, LEVER])  # T_sensor_surface
     sensed = touches @ mount.wrench_matrix().T + trials.loads + rng.standard_normal((count, 6)) * NOISE
     located, covariances = np.empty((count, 6)), np.empty((count, 6, 6))
@@ -76,8 +75,7 @@ def _coverage(name: str, body: Body, smooth: bool, force: tuple[float, float], c
     for i, payload in enumerate(trials.payloads):
         wrench, added = payload.compensate(sensed[i : i + 1], trials.rotations[i : i + 1])
         located[i], covariances[i] = back @ wrench[0], back @ (added[0] + np.diag(NOISE**2)) @ back.T
-    mesh = mesh_of(body, 20_000, smooth)
-    locator = palpate.Locator(mesh, noise=NOISE, on=0.0, off=0.0)
+    locator = palpate.Locator(mesh_of(body, 20_000, smooth), noise=NOISE, on=0.0, off=0.0)
     found = locator.run(located, covariances, sequential=False)
     share, mean = coverage(found, points)
     spread = np.sqrt(np.einsum("nii->n", found.covariance[found.answered]))

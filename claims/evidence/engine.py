@@ -219,8 +219,7 @@ def _motion(tool: Tool, flat: bool, rng: np.random.Generator) -> tuple[np.ndarra
     at = Rotation.from_rotvec([0.0, 0.0, rng.uniform(-np.pi, np.pi)]) if flat else Rotation.identity()
     turn = rng.uniform(-1, 1) * normal[0] + (rng.uniform(-0.1, 0.1, 3) if flat else 0.0)
     turned = Rotation.from_rotvec(share * turn) * at
-    first = np.concatenate([start, _wxyz(at)])
-    return first, np.concatenate([pull, _wxyz(turned)], axis=1)
+    return np.concatenate([start, _wxyz(at)]), np.concatenate([pull, _wxyz(turned)], axis=1)
 
 
 def _wxyz(rotation: Rotation) -> np.ndarray:

@@ -5,17 +5,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 import palpate
-from claims.evidence.bodies import R
+from claims.evidence.bodies import R, touched
 from claims.row import Row
 from palpate.spatial.pose import Pose
-from palpate.surfaces import (
-    Cylinder,
-    Ellipsoid,
-    EllipticCylinder,
-    Paraboloid,
-    Sphere,
-    superquadric,
-)
+from palpate.surfaces import Cylinder, Ellipsoid, EllipticCylinder, Paraboloid, Sphere, superquadric
 from palpate.surfaces.analytic import Analytic
 from palpate_lab.simulation import touch_wrenches
 from palpate_lab.simulation.shapes import EllipsoidBody as Truth
@@ -55,20 +48,16 @@ def _found(name: str, surface: Analytic, count: int) -> Row:
     error = np.linalg.norm(answer.point - points, axis=1)
     missed = int((~answer.answered).sum())
     worst = np.nanmax(error)
-    return Row(
-        f"{name}: wrenches at pitches up to R, tan(theta) up to 1, located where they were made",
-        "all, within 1e-6 R",  # of the normals by differences, not of Newton
-        f"{count - missed} of {count:,} answered, {worst / R:.1e} R off at most",
-        missed == 0 and worst < 1e-6 * R,
-    )
+    what = f"{name}: wrenches at pitches up to R, tan(theta) up to 1, located where they were made"
+    got = f"{count - missed} of {count:,} answered, {worst / R:.1e} R off at most"  # by the normals, not by Newton
+    return Row(what, "all, within 1e-6 R", got, missed == 0 and worst < 1e-6 * R)
 
 
 def orders(count: int) -> tuple[np.ndarray, list[float]]:
     """Orders of convergence in the edge on meshes of 500 to 32,000 facets, and the rms errors [m]."""
     rng = np.random.default_rng(4)
     truth, surface = Truth(AXES), Ellipsoid(AXES)
-    points = truth.sample(count, rng)
-    wrenches = touch_wrenches(points, truth.normals(points), rng, pitch=0.3 * R)
+    points, wrenches = touched(truth, count, rng, pitch=0.3 * R)
     errors = []
     for facets in (500, 2_000, 8_000, 32_000):
         answer = palpate.Locator(surface.mesh(facets), torsion=np.inf).run(wrenches, sequential=False)
@@ -79,9 +68,6 @@ def orders(count: int) -> tuple[np.ndarray, list[float]]:
 def _order(count: int) -> Row:
     found, errors = orders(count)
     said = ", ".join(f"{1e6 * error:.2f} um" for error in errors)
-    return Row(
-        "soft finger on meshes of the ellipsoid, 500 to 32,000 facets: order of convergence in the edge",
-        "2",
-        f"{', '.join(f'{order:.2f}' for order in found)} ({said})",
-        bool(np.all(np.abs(found - 2.0) < 0.25)),
-    )
+    what = "soft finger on meshes of the ellipsoid, 500 to 32,000 facets: order of convergence in the edge"
+    got = f"{', '.join(f'{order:.2f}' for order in found)} ({said})"
+    return Row(what, "2", got, np.all(np.abs(found - 2.0) < 0.25))

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import linalg, signal
 
-from claims.evidence.bodies import BODIES, R, mesh_of
+from claims.evidence.bodies import BODIES, R, mesh_of, touched
 from claims.evidence.covariance import NOISE, coverage
 from claims.row import Row
 from palpate import ForceTorque, Locator, Pose, Recording
@@ -20,7 +20,6 @@ from palpate.signals import Butterworth, Kalman
 from palpate.signals.filters import Filter
 from palpate.signals.recording import FORCE, TORQUE
 from palpate.surfaces import plane
-from palpate_lab.simulation import touch_wrenches
 
 RATE = 200.0  # Hz
 PAPER = Kalman(1e-6, 2e-4)
@@ -125,8 +124,7 @@ def _response(made: Filter, frequencies: np.ndarray) -> tuple[np.ndarray, np.nda
 def _coverage(made: Filter, what: str, count: int, judged: bool) -> Row:
     """Each run is a contact of its own on a smooth ellipsoid; walks are made backwards from the sample judged."""
     rng, body = np.random.default_rng(41), BODIES["ellipsoid 1 : 0.7 : 0.5"]
-    points = body.sample(count, rng)
-    touches = touch_wrenches(points, body.normals(points), rng, force=(2.0, 10.0), pitch=0.2 * R)
+    points, touches = touched(body, count, rng, force=(2.0, 10.0), pitch=0.2 * R)
     wrenches = np.repeat((touches @ MOUNT.wrench_matrix().T)[:, None], RUN, axis=1)
     if isinstance(made, Kalman) and "walks" in what:
         steps = rng.standard_normal((count, RUN - 1, 6)) * NOISE * (made.q / made.r) ** 0.5

@@ -16,7 +16,7 @@ import trimesh
 import palpate
 from claims.row import ROOT, Row
 from palpate.setup import Rig
-from palpate.setup.surface import RigSurface
+from palpate.setup.tables import RigSurface
 from palpate_lab.papers.navigator import PaperNavigator
 
 SHOWN = 3  # calls that are named in a row
@@ -97,7 +97,8 @@ def _calls(probe: Path) -> list[tuple[str, Callable[..., Any], dict[str, Any], s
     contacts = palpate.WrenchEstimator(locator, sensor).update(0.0, wrench)
     turns, many = np.tile([0, 0, 0, 1.0], (9, 1)), np.tile(wrench, (9, 1))
     time, rig, zero = np.arange(9.0), Rig(RigSurface("plane")), np.zeros(3)
-    body, wrenches = palpate.TaxelBody, {"wrenches": many, "rotations": turns}
+    body, anywhere = palpate.TaxelBody, {"positions": turns[:, :3], "normals": turns[:, 1:]}
+    wrenches = {"wrenches": many, "rotations": turns}
     mounting = {"wrenches": many, "surface": mesh, "initial": pose}
     mapping = {"mesh": mesh, "sheet": palpate.Sheet(6, 22, (0.01, 0.01)), "origin": zero, "heading": np.ones(3)}
     estimator = {"locator": locator, "sensor": sensor, "mount": pose}
@@ -119,12 +120,7 @@ def _calls(probe: Path) -> list[tuple[str, Callable[..., Any], dict[str, Any], s
         ("TaxelEstimator", palpate.TaxelEstimator, {"body": None}, "body"),
         ("RingEstimator", palpate.RingEstimator, {"ring": None}, "ring"),
         ("LoadCellArray", palpate.LoadCellArray, {"cells": None}, "cells"),
-        (
-            "TaxelBody.anywhere",
-            body.anywhere,
-            {"positions": turns[:, :3], "normals": turns[:, 1:]},
-            "positions normals",
-        ),
+        ("TaxelBody.anywhere", body.anywhere, anywhere, "positions normals"),
         ("TaxelBody.sheet", body.sheet, {"place": None}, "place"),
         ("Wrench", palpate.Wrench, {"force": wrench[:3], "torque": wrench[3:]}, "force torque"),
         ("Wrench.from_vector", palpate.Wrench.from_vector, {"vector": wrench}, "vector"),

@@ -9,10 +9,13 @@ import numpy as np
 import polars as pl
 import tomlkit
 import trimesh
+from rosbags.rosbag1 import Writer as Writer1
 
 from claims.command import must
+from claims.evidence.logs_written import ROS1, ROS2, STAMPED, write_ros2
 from claims.evidence.mcap_records import CHANNEL, MESSAGE, SCHEMA, Record, chunk, chunk_records, pack, unpack
 from palpate_lab.simulation import Session, simulate_session, write_session
+from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 from palpate_lab.simulation.session_mcap import write_session_mcap
 
 SAMPLES = 300  # of the touches: one of them, and what is before it
@@ -116,40 +119,26 @@ def _mcap(declared: list[Record], messages: list[Record], compression: str | Non
     keys = [struct.unpack_from("<H", content)[0] for _, content in messages]
     counts = b"".join(struct.pack("<HQ", key, keys.count(key)) for key in sorted(set(keys)))
     statistics = struct.pack("<QHIIIIQQI", len(messages), 2, 2, 0, 0, 0, 0, 0, len(counts)) + counts
-    start = len(pack(data))
-    foot = (2, struct.pack("<QQI", start, 0, 0))
+    foot = (2, struct.pack("<QQI", len(pack(data)), 0, 0))
     return pack([*data, *declared, (11, statistics), foot]) + b"\x89MCAP0\r\n"
 
 
 def _bags(folder: Path, messages: list[Record], declared: list[Record]) -> None:
-    from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as Writer2
-    from rosbags.typesys import Stores, get_typestore
-
-    from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
-
-    kinds = {WRENCH_TOPIC: "geometry_msgs/msg/WrenchStamped", POSE_TOPIC: "geometry_msgs/msg/PoseStamped"}
-    keys: dict[int, str] = {}
+    kinds, keys = dict(zip((WRENCH_TOPIC, POSE_TOPIC), STAMPED.values(), strict=True)), dict[int, str]()
     for kind, content in declared:
         if kind == CHANNEL:
             keys[struct.unpack_from("<H", content)[0]] = next(name for name in kinds if name.encode() in content)
-    ros1, ros2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
-    with (
-        Writer1(folder / "touches.bag") as one,
-        Writer2(folder / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as two,
-    ):
-        first = {name: one.add_connection(name, kind, typestore=ros1) for name, kind in kinds.items()}
-        second = {name: two.add_connection(name, kind, typestore=ros2) for name, kind in kinds.items()}
-        for _, content in messages:
-            key, _, stamp = struct.unpack_from("<HIQ", content)
-            raw = content[22:]
-            two.write(second[keys[key]], stamp, raw)
-            one.write(first[keys[key]], stamp, _ros1(raw, kinds[keys[key]], ros1, ros2))
+    heads = [struct.unpack_from("<HIQ", content) for _, content in messages]
+    rows = [(stamp, keys[key], content[22:]) for (key, _, stamp), (_, content) in zip(heads, messages, strict=True)]
+    write_ros2(folder / "bag", rows, kinds=kinds)
+    with Writer1(folder / "touches.bag") as bag:
+        first = {name: bag.add_connection(name, kind, typestore=ROS1) for name, kind in kinds.items()}
+        for stamp, name, raw in rows:
+            bag.write(first[name], stamp, _ros1(raw, kinds[name]))
 
 
-def _ros1(raw: bytes, kind: str, ros1: Any, ros2: Any) -> bytes:
-    message = ros2.deserialize_cdr(raw, kind)
+def _ros1(raw: bytes, kind: str) -> bytes:
+    message: Any = ROS2.deserialize_cdr(raw, kind)
     header = message.header
-    message.header = ros1.types["std_msgs/msg/Header"](0, header.stamp, header.frame_id)
-    return bytes(ros1.serialize_ros1(message, kind))
+    message.header = ROS1.types["std_msgs/msg/Header"](0, header.stamp, header.frame_id)
+    return bytes(ROS1.serialize_ros1(message, kind))

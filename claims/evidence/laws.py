@@ -7,9 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import palpate
-from claims.evidence.bodies import BODIES, BUMPIER, R, mesh_of, path
+from claims.evidence.bodies import BODIES, BUMPIER, R, mesh_of, path, touched
 from claims.row import Row
-from palpate_lab.simulation import Body, contact_wrenches, touch_wrenches
+from palpate_lab.simulation import Body, contact_wrenches
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)  # N, N m
 
@@ -51,8 +51,7 @@ def _invariance(count: int) -> Iterator[Row]:
         for name, (body, smooth) in _bodies().items():
             rng = np.random.default_rng(11)
             mesh = mesh_of(body, 2_000, smooth)
-            points = body.sample(count, rng)
-            wrenches = touch_wrenches(points, body.normals(points), rng, pitch=R)
+            wrenches = touched(body, count, rng, pitch=R)[1]
             found = unchanged(mesh, wrenches, *change(mesh, wrenches, rng))
             worst.append((name, found.gap / mesh.size))
             lost, sets = lost + found.lost, sets + found.sets
@@ -60,12 +59,8 @@ def _invariance(count: int) -> Iterator[Row]:
         got = f"{size:.1e} of the body at most over {sets:,} candidates of {count * len(worst):,} wrenches"
         got += "; candidates of another number: " + str(lost)
         got += " (" + ", ".join(f"{name} {gap:.0e}" for name, gap in worst) + ")"
-        yield Row(
-            f"same answer and candidates (as a set, pitch to R, any angle): {what}",
-            "1e-9 of the body",
-            got,
-            size <= 1e-9 and lost == 0,
-        )
+        title = f"same answer and candidates (as a set, pitch to R, any angle): {what}"
+        yield Row(title, "1e-9 of the body", got, size <= 1e-9 and lost == 0)
 
 
 def unchanged(
@@ -85,14 +80,12 @@ def unchanged(
     two = after.run(turned, matrix @ covariance @ matrix.T, sequential=False)
     gaps.append(float(np.abs(one.point - back.apply(two.point)).max()))
     spread = np.abs(back.rotation @ two.covariance @ back.rotation.T - one.covariance).max()
-    return Unchanged(
-        float(np.max([gap for gap in gaps if np.isfinite(gap)])),
-        lost,
-        sets,
-        float(np.abs(one.normal - back.rotate(two.normal)).max()),
-        float(spread / np.abs(one.covariance).max()),
-        int(np.count_nonzero(one.status != two.status)),
+    gap, turned_by = (
+        np.max([gap for gap in gaps if np.isfinite(gap)]),
+        np.abs(one.normal - back.rotate(two.normal)).max(),
     )
+    share, others = spread / np.abs(one.covariance).max(), np.count_nonzero(one.status != two.status)
+    return Unchanged(float(gap), lost, sets, float(turned_by), float(share), int(others))
 
 
 def _as_sets(a: np.ndarray, b: np.ndarray) -> float:
@@ -132,9 +125,7 @@ def _no_jump(count: int) -> Iterator[Row]:
     steps = (10e-6, 1e-6, 0.1e-6)
     for name, body in {**BODIES, "bumpier sphere (0.4)": BUMPIER}.items():
         mesh = mesh_of(body, 20_000)
-        ratios = []
-        for step in steps:
-            ratios.append(largest_steps(body, mesh, count, step))
+        ratios = [largest_steps(body, mesh, count, step) for step in steps]
         got = ", ".join(f"{ratio:.2f} at {step * 1e6:g} um" for ratio, step in zip(ratios, steps, strict=True))
         what = f"no jump as the wrench slides, {name}, h/R <= 0.3: largest step of the answer over the finger's"
         yield Row(what, "<= 2 at any step", got, None if "bumpier" in name else max(ratios) <= 2)
@@ -175,11 +166,8 @@ def ridges(count: int) -> Ridges:
         half = rng.uniform(0.2, 1.2)  # half the angle between the normals
         mesh, first, second = _ridge(half)
         locator = palpate.Locator(mesh, friction=2.3, torsion=np.inf)
-        aim = (
-            first * rng.uniform(0.2, 1)
-            + second * rng.uniform(0.2, 1)
-            + rng.uniform(-0.3, 0.3) * np.array([0.0, 1.0, 0.0])
-        )
+        aim = first * rng.uniform(0.2, 1) + second * rng.uniform(0.2, 1)
+        aim += rng.uniform(-0.3, 0.3) * np.array([0.0, 1.0, 0.0])
         f = -aim / np.linalg.norm(aim)
         if max(f @ first, f @ second) > -0.4:
             continue

@@ -104,11 +104,14 @@ def write_mcap(path: Path, messages: Any, kinds: dict[str, str] | None = None, *
         writer.finish()
 
 
-def write_ros2(path: Path, messages: Any, storage: StoragePlugin) -> None:
+def write_ros2(
+    path: Path, messages: Any, storage: StoragePlugin = StoragePlugin.SQLITE3, kinds: dict[str, str] = STAMPED
+) -> None:
+    """By rosbags; `messages` as in `write_mcap`."""
     with Writer2(path, version=9, storage_plugin=storage) as writer:
-        topics = {topic: writer.add_connection(topic, kind, typestore=ROS2) for topic, kind in STAMPED.items()}
+        topics = {topic: writer.add_connection(topic, kind, typestore=ROS2) for topic, kind in kinds.items()}
         for stamp, topic, message in messages:
-            writer.write(topics[topic], stamp, cdr(message))
+            writer.write(topics[topic], stamp, message if isinstance(message, bytes) else cdr(message))
 
 
 def write_ros1(path: Path, log: Session) -> None:

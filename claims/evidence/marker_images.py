@@ -54,8 +54,7 @@ def _tactip(folder: Path) -> Iterator[Row]:
     first = np.arange(len(pins)) < len(pins) // 2
     for fit, called in ((first, "fitted to the first half, judged on the second"), (~first, "the other way round")):
         for axis, (name, unit, most) in enumerate((("depth", "mm", 0.2), ("roll", "deg", 3.0), ("pitch", "deg", 3.0))):
-            said = _regressed(moved[fit], truth[fit, axis], moved[~fit])
-            off = said - truth[~fit, axis]
+            off = _regressed(moved[fit], truth[fit, axis], moved[~fit]) - truth[~fit, axis]
             mean, rms = np.abs(off).mean(), np.sqrt(np.mean(off**2))
             what = f"TacTip, {name} by ridge regression on the pins' displacements, {called}: mean absolute error"
             text = f"{mean:.2f} {unit} (rms {rms:.2f}; the targets spread by {truth[:, axis].std():.2f})"

@@ -20,16 +20,25 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from claims.evidence.good_files import write_good
-from claims.evidence.mutation import mutate
-from claims.evidence.mutation_bytes import Random
+from claims.evidence.mutation_bytes import ANY, Mutation, Random, corners, count, double
+from claims.evidence.mutation_mcap import MCAP
+from claims.evidence.mutation_text import ASCII, PAYLOAD, TABLE, TOML
 from claims.evidence.row_for_row import unanswered
 from claims.evidence.watched import LIMIT, PATIENCE, watched
 from claims.row import Row
 
 TARGET = f"a sentence, or a row for every sample; no traceback, no warning, none over {LIMIT} s"
 PIECE = 100  # cases that a process does at a time
-
 SUFFIXES = ("csv", "parquet", "mcap")
+WAYS: dict[str, tuple[Mutation, ...]] = {
+    "table": TABLE,
+    "toml": TOML,
+    "payload": PAYLOAD,
+    "stl": (corners, corners, partial(count, first=80, last=80), partial(double, kind="<f"), count),
+    "ascii": ASCII,
+    "binary": (count, double, partial(count, size=8), partial(count, size=2)),
+    "mcap": MCAP,
+}
 
 
 @dataclass(frozen=True)
@@ -78,7 +87,7 @@ RIG = (
     "inspect {bad}",
     "inspect touches.csv --rig {bad}",
 )
-PAYLOAD = ("estimate touches.csv --rig rig.toml --payload {bad} -o {out}", "inspect {bad}")
+LOAD = ("estimate touches.csv --rig rig.toml --payload {bad} -o {out}", "inspect {bad}")
 MESH = (
     "estimate touches.csv --rig rig.toml --mesh {bad} --unit mm -o {out}",
     "estimate touches.csv --mesh {bad} --unit m -o {out} --crease 0",
@@ -86,27 +95,21 @@ MESH = (
 )
 CONTACTS = ("inspect {bad}", "events {bad} -o {made}", "evaluate {bad} truth.csv")
 TRUTH = ("evaluate contacts.csv {bad}", "inspect {bad}", "estimate touches.csv --rig rig.toml -o {out} --truth {bad}")
+STORED, RIGS = ("plain", "stored", "lz4", "zstd", "touches"), ("rig", "rig_full", "rig_imu", "rig_plane")
+FOUND = ("contacts.csv", "contacts.parquet", "contacts.mcap")
 MOUNTING = "calibrate mounting touches.csv --rig rig.toml --marks {bad} -o {made}"
 
 KINDS = {
     "CSV": Kind(2600, (("touches.csv", "table"),), (*ESTIMATE, *ESTIMATE, *LOG)),
     "free motion, CSV": Kind(200, (("free_motion.csv", "table"),), LOG),
     "Parquet": Kind(400, (("touches.parquet", "binary"),), (*ESTIMATE, *LOG)),
-    "MCAP": Kind(
-        2600,
-        tuple((f"{name}.mcap", "mcap") for name in ("plain", "stored", "lz4", "zstd", "touches")),
-        (*ESTIMATE, *ESTIMATE, *LOG),
-    ),
+    "MCAP": Kind(2600, tuple((f"{name}.mcap", "mcap") for name in STORED), (*ESTIMATE, *ESTIMATE, *LOG)),
     "bag": Kind(300, (("touches.bag", "binary"), ("bag/bag.db3", "binary"), ("bag/metadata.yaml", "ascii")), ESTIMATE),
-    "rig, TOML": Kind(
-        1500, tuple((f"{name}.toml", "toml") for name in ("rig", "rig_full", "rig_imu", "rig_plane")), RIG
-    ),
-    "payload, TOML": Kind(500, (("payload.toml", "payload"),), PAYLOAD),
+    "rig, TOML": Kind(1500, tuple((f"{name}.toml", "toml") for name in RIGS), RIG),
+    "payload, TOML": Kind(500, (("payload.toml", "payload"),), LOAD),
     "STL": Kind(1000, (("probe.stl", "stl"), ("probe.stl", "stl"), ("ascii.stl", "ascii")), MESH),
     "OBJ and PLY": Kind(100, (("probe.obj", "ascii"), ("probe.ply", "binary")), MESH),
-    "contacts": Kind(
-        600, (("contacts.csv", "table"), ("contacts.parquet", "binary"), ("contacts.mcap", "mcap")), CONTACTS
-    ),
+    "contacts": Kind(600, tuple(zip(FOUND, ("table", "binary", "mcap"), strict=True)), CONTACTS),
     "truth, CSV": Kind(200, (("truth.csv", "table"), ("marks.csv", "table")), (*TRUTH, MOUNTING)),
 }
 
@@ -142,6 +145,14 @@ def try_one(name: str, number: int) -> Outcome:
     heard = watched(command.split())
     fault = heard.fault or (unanswered(command, bad, out) if command.startswith("estimate") and heard.code != 1 else "")
     return Outcome(name, number, command, heard.code, heard.seconds, heard.said.strip() or heard.out, fault)
+
+
+def mutate(data: bytes, ways: str, random: Random) -> bytes:
+    """One to four mutations, three in four of them in one of the `WAYS`."""
+    for _ in range(int(random.choice([1, 1, 1, 2, 4]))):
+        some = WAYS[ways] if random.random() < 0.75 else ANY
+        data = some[int(random.integers(len(some)))](data, random)
+    return data
 
 
 def _spoilt(file: Path, ways: str, random: Random) -> Path:

@@ -109,7 +109,7 @@ def _ellipses(log: Path, scratch: Path, small: bool) -> Iterator[Row]:
         text += " of standard deviation (judged on the second half, on the first), the mean square "
         text += " and ".join(f"{square:.2f}" for *_, square, _ in found) + " of what is expected"
         what = f"mounting calibrated on one half, marks {called}: truth in the 95 % ellipse on the other"
-        yield Row(what, ">= 85 %", text, all(held >= 0.85 for held, *_ in found))
+        yield Row(what, "90 to 99 %", text, all(0.90 <= held <= 0.99 for held, *_ in found))
         square = _difference(*poses)
         what = f"marks {called}: squared difference of the two halves' poses over its covariance, per number"
         yield Row(what, "0.5 to 2", f"{square:.2f}", 0.5 <= square <= 2.0)
@@ -167,7 +167,8 @@ def _drifting(scratch: Path, count: int) -> Iterator[Row]:
                 found.append(_calibrated(scratch / "log.csv", scratch, points, fit, np.concatenate(judge)))
         held, size, square, believed = np.array(found).T
         text = (
-            f"{held.mean():.1%} in {len(held)} halves at {1e3 * np.median(size):.1f} mm of standard deviation, the mean"
+            f"{held.mean():.1%} in {len(held)} halves ({held.min():.1%} to {held.max():.1%} in single ones) at "
+            f"{1e3 * np.median(size):.1f} mm of standard deviation, the mean"
         )
         text += f" square {square.mean():.2f} of what is expected; {believed.mean():.1%} contact"
         what = f"a finger {called}, the bias in a random walk: truth in the 95 % ellipse on the half left out"

@@ -75,8 +75,7 @@ class Outside:
     """Which points can be touched from outside, in millimetres: at metre scale ray casters miss."""
 
     def __init__(self, mesh: palpate.Mesh) -> None:
-        body = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False)
-        self.caster = body.ray
+        self.caster = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False).ray
 
     def __call__(self, points: np.ndarray, normals: np.ndarray, ways: np.ndarray | None = None) -> np.ndarray:
         """Whether rays along the normals, or other ways, meet nothing."""
@@ -159,34 +158,25 @@ def _causes(
     first: np.ndarray,
 ) -> dict[str, float]:
     """Why the first was not the truth, as shares of all touches; each touch has one cause, the first that fits."""
-    causes = dict.fromkeys(
-        (
-            "covered facet (a ray leaves through a gap, no ball comes in)",
-            "inner shell (what came first is covered)",
-            "seam (truth by an open edge)",
-            "not answered",
-            "lost (truth is no candidate)",
-            "concave place (another exposed point came first)",
-        ),
-        0.0,
+    exposed, by_seam, there = (
+        np.zeros(len(points), dtype=bool),
+        np.zeros(len(points), dtype=bool),
+        ~first & found.answered,
     )
-    behind_gap, shell, by_edge, unanswered, lost, concave = causes
-    wrong = np.flatnonzero(~first)
-    seam = _near_open_edges(mesh, points[wrong])
-    open_to_touch = np.zeros(len(wrong), dtype=bool)
-    there = found.answered[wrong]
-    open_to_touch[there] = outside(found.point[wrong][there], found.normal[wrong][there])
-    for i, by_seam, exposed in zip(wrong, seam, open_to_touch, strict=True):
-        if covered[i] and not among[i]:
-            cause = behind_gap
-        elif not found.answered[i]:
-            cause = unanswered
-        elif not among[i]:
-            cause = by_edge if by_seam else lost
-        else:
-            cause = concave if exposed else shell
-        causes[cause] += 1 / len(first)
-    return causes
+    exposed[there] = outside(found.point[there], found.normal[there])
+    by_seam[~first] = _near_open_edges(mesh, points[~first])
+    left, shares = ~first, dict[str, float]()
+    for cause, fits in {
+        "covered facet (a ray leaves through a gap, no ball comes in)": covered & ~among,
+        "inner shell (what came first is covered)": found.answered & among & ~exposed,
+        "seam (truth by an open edge)": found.answered & ~among & by_seam,
+        "not answered": ~found.answered,
+        "lost (truth is no candidate)": ~among,
+        "concave place (another exposed point came first)": exposed,
+    }.items():
+        shares[cause] = float(np.mean(left & fits))
+        left &= ~fits
+    return shares
 
 
 def _near_open_edges(mesh: palpate.Mesh, points: np.ndarray) -> np.ndarray:

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import trimesh
 from pytransform3d.urdf import UrdfTransformManager
-from rosbags.rosbag2 import StoragePlugin, Writer
 from scipy.spatial.transform import Rotation
 
 from claims.command import must
-from claims.evidence.logs_written import ROS2, header, pose, vector
+from claims.evidence.logs_written import ROS2, header, pose, vector, write_ros2
 from claims.evidence.logs_written import wrench_stamped as wrench
 from palpate.signals.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.pose import rotation_from_quaternion
@@ -118,12 +117,8 @@ def readme(folder: Path) -> list[str]:
     return must("evaluate", str(folder / "contacts.csv"), str(folder / "truth.csv")).splitlines()
 
 
-def write_bag(path: Path, stamped: Iterator[tuple[int, str, Any]], kinds: dict[str, str] | None = None) -> None:
-    kinds = KINDS if kinds is None else kinds
-    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        topics = {topic: writer.add_connection(topic, kind, typestore=ROS2) for topic, kind in kinds.items()}
-        for stamp, topic, message in sorted(stamped, key=lambda each: each[0]):
-            writer.write(topics[topic], stamp, ROS2.serialize_cdr(message, kinds[topic]))
+def write_bag(path: Path, stamped: Iterator[tuple[int, str, Any]], kinds: dict[str, str] = KINDS) -> None:
+    write_ros2(path, sorted(stamped, key=lambda each: each[0]), kinds=kinds)
 
 
 def messages(log: Recording) -> Iterator[tuple[int, str, Any]]:
@@ -167,15 +162,8 @@ def tree(stamp: int, angles: np.ndarray) -> Any:
 def joints(stamp: int, angles: np.ndarray) -> Any:
     """In an order of their own, with a gripper between them."""
     names = [f"{child}_joint" for _, child, _ in MOVING]
-    order = [2, 0, 1]
-    position = np.array([angles[2], 0.01, angles[0], angles[1]])
-    return TYPES["sensor_msgs/msg/JointState"](
-        header(stamp, ""),
-        [names[order[0]], "finger", *(names[k] for k in order[1:])],
-        position,
-        np.zeros(4),
-        np.zeros(4),
-    )
+    names, position = [names[2], "finger", *names[:2]], np.array([angles[2], 0.01, *angles[:2]])
+    return TYPES["sensor_msgs/msg/JointState"](header(stamp, ""), names, position, np.zeros(4), np.zeros(4))
 
 
 def posed(stamp: int, frame: str, k: int) -> Any:

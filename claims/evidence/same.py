@@ -6,7 +6,6 @@ The session is the demonstration's, its numbers with all of their bits; polars, 
 from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from mcap.writer import CompressionType
@@ -23,7 +22,7 @@ from claims.evidence.logs_written import (
     write_ros1,
     write_ros2,
 )
-from claims.row import Row
+from claims.row import Row, scratch
 from palpate import Recording
 from palpate.contact import ContactEstimate, Contacts, Locator, WrenchEstimator
 from palpate.files.contacts import read_contacts
@@ -66,8 +65,7 @@ WHOLE = 1 << 40  # samples
 
 
 def rows(small: bool) -> Iterator[Row]:
-    with TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         log = written(folder, touches=2 if small else 20, facets=320 if small else 20_000)
         yield from _formats(folder, log, 3 if small else len(FORMATS))
         recording = read_recording(folder / "log.parquet", load_rig(folder / "rig.toml").layout())

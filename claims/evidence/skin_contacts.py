@@ -174,9 +174,8 @@ def _pairs(count: int) -> Iterator[Row]:
     got = f"{told / (2 * (count // 4)):.1%}"
     what = (
         "two touches, 1 cell wide, *middles* exactly 2 cells apart: told apart (where both lie astride two cells, four "
-        "cells read alike)"
     )
-    yield Row(what, "", got)
+    yield Row(f"{what}cells read alike)", "", got)
 
 
 def _told_apart(
@@ -227,8 +226,7 @@ def _moving(count: int) -> Iterator[Row]:
             press(SHEET, [Patch(*place, 0.75, force) for place, force in zip(places, newtons, strict=True)])
             for places in path
         ]
-        frames = read_out(model, np.stack([each.loads for each in pressed]), rng)
-        found = _skin().run(frames)
+        found = _skin().run(read_out(model, np.stack([each.loads for each in pressed]), rng))
         same, judged, missing = _identities(found, [each.point for each in pressed])
         kept, total, lost = kept + same, total + judged, lost + missing
     got = f"{kept / total:.2%} of {total:,} samples of touches; {lost / (total + lost):.2%} were not found"
@@ -392,7 +390,10 @@ def protocol(count: int, width: float) -> Judged:
 
 def _judge(session: SkinSession, skin: TaxelEstimator, surface: Mesh, judged: Judged) -> None:
     """One session against its truth, the sensor below and the wand."""
-    touches, at = _touched(session.frames, skin)
+    skin.reset()
+    found = skin.run(session.frames)
+    held = [rows[4:-4] for rows in touch_rows(found)]  # of each touch, without the ramps
+    touches, at = medians(found, held), [found.sample[rows] for rows in held]
     judged.truth.append(np.linalg.norm(touches.point - session.point, axis=1))
     wrench = np.stack([np.median(session.wrench[rows], axis=0) for rows in at])
     reference = wrench_points(surface, wrench, alone=np.ones(len(at), dtype=bool))
@@ -443,14 +444,6 @@ def _mean(errors: list[np.ndarray]) -> float:
 def _directions(judged: Judged) -> str:
     degrees = np.degrees(float(np.nanmean(np.concatenate(judged.turned))))
     return f"{100 * float(np.nanmean(judged.paper)):.2f} %, in space {degrees:.2f} deg; the paper 2.9 %"
-
-
-def _touched(frames: Recording, skin: TaxelEstimator) -> tuple[Contacts, list[np.ndarray]]:
-    """Each touch as the median of its rows, and the samples it lasted, in order."""
-    skin.reset()
-    found = skin.run(frames)
-    held = [rows[4:-4] for rows in touch_rows(found)]  # without the ramps
-    return medians(found, held), [found.sample[rows] for rows in held]
 
 
 def _middle(poses: np.ndarray) -> np.ndarray:

@@ -53,16 +53,8 @@ def general(surface, start, heading, size, cells, per_cell: int = 2, degree: int
     pins[:3, :2] = 1.0
     pins[3, : 2 * shape[1]] = np.repeat(share != 0, 2)
     pattern = vstack([near, near, near, csr_array(pins)])
-    best = least_squares(
-        residual,
-        guess.reshape(-1),
-        jac_sparsity=pattern,
-        x_scale="jac",
-        ftol=1e-9,
-        xtol=1e-11,
-        gtol=1e-14,
-        max_nfev=100,
-    )
+    limits = {"ftol": 1e-9, "xtol": 1e-11, "gtol": 1e-14, "max_nfev": 100}
+    best = least_squares(residual, guess.reshape(-1), jac_sparsity=pattern, x_scale="jac", **limits)
     strain = best.fun[:-4]
     return float(np.sqrt(0.5 * np.sum(strain**2) / (strain.size / 3)))
 

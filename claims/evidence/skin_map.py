@@ -88,13 +88,7 @@ def splines(link: Mesh, small: bool) -> Iterator[tuple[str, str, np.ndarray, flo
 
     surface = ours()
     name = f"ours, along facets, {surface.points} control points"
-    yield (
-        name,
-        "<= 0.10 mean, 0.60 worst",
-        _both_ways(surface, given, outside, small),
-        _best(ours, times),
-        (0.10, 0.60),
-    )
+    yield name, "<= 0.10 mean, 0.60 worst", _both_ways(surface, given, outside, small), _best(ours, times), (0.10, 0.60)
 
 
 def _both_ways(surface: BSplineSurface, given: Mesh, outside: np.ndarray, small: bool) -> np.ndarray:
@@ -127,8 +121,7 @@ def _time(link: Mesh, small: bool) -> Iterator[Row]:
 
 def _modes() -> Iterator[Row]:
     """A smooth wrist of which only 24 x 8 facets are given."""
-    heights = np.linspace(-0.04, 0.04, 9)
-    mesh = round_mesh(wristlike, 24, heights)
+    mesh = round_mesh(wristlike, 24, np.linspace(-0.04, 0.04, 9))
     for mode in ("facets", "vertices"):
         off, turned, _ = _against(mesh, mode)
         got = f"{off.mean():.4f} mm mean, {off.max():.4f} worst; {turned.mean():.3f} deg mean, {turned.max():.3f} worst"
@@ -150,8 +143,7 @@ def _against(mesh: Mesh, mode) -> tuple[np.ndarray, np.ndarray, str]:
     z, angle = rng.uniform(-0.03, 0.03, 5000), rng.uniform(-np.pi, np.pi, 5000)
     truth, step = wristlike(z, angle), 1e-6
     by_z = wristlike(z + step, angle) - wristlike(z - step, angle)
-    by_angle = wristlike(z, angle + step) - wristlike(z, angle - step)
-    ought = np.cross(by_angle, by_z)
+    ought = np.cross(wristlike(z, angle + step) - wristlike(z, angle - step), by_z)
     ought /= np.linalg.norm(ought, axis=1, keepdims=True)
     uv = found.surface.nearest(truth, found.chart.coordinates(truth)[:, :2])
     points, normals = found.surface.at(uv)
@@ -200,11 +192,8 @@ def unrolled(shape, degrees: float) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     angle = np.radians(degrees)
     ahead = -np.cos(angle) * west + np.sin(angle) * up
     corner = shape.unroll(np.array(u), np.array(v))
-    x, y = (
-        shape.unroll(np.array(u), np.array(v - step)) - corner,
-        shape.unroll(np.array(u + step), np.array(v)) - corner,
-    )
-    x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+    ways = (shape.unroll(*map(np.array, at)) - corner for at in ((u, v - step), (u + step, v)))
+    x, y = (way / np.linalg.norm(way) for way in ways)
     columns = 22 if abs(np.sin(angle)) < 0.5 else 11
     row, column = np.meshgrid((np.arange(6) + 0.5) * 0.01, (np.arange(columns) + 0.5) * 0.01, indexing="ij")
     right, left = np.cos(angle) * x + np.sin(angle) * y, -np.sin(angle) * x + np.cos(angle) * y
@@ -241,9 +230,7 @@ def _strain(link: Mesh | None, small: bool) -> Iterator[Row]:
         if small:
             continue
         energies = [general(surface, begin, heading, size, cells, per) ** 2 for per in (1, 2, 4)]
-        limit = np.sqrt(
-            energies[-1] - (energies[-2] - energies[-1]) / 3.0
-        )  # its error falls with the square of the step
+        limit = np.sqrt(energies[-1] - (energies[-2] - energies[-1]) / 3.0)  # the error falls with the step's square
         finer = [lay(surface, begin, heading, sheet, elements=len_) for len_ in (cells[1] // 2, cells[1], 128)]
         got = f"bilinear general {', '.join(f'{100 * np.sqrt(e):.3f}' for e in energies)} -> {100 * limit:.3f} %; "
         got += f"ours with 1/2, 1, 2 elements a cell {', '.join(f'{100 * f.rms:.3f}' for f in finer)} %, "

@@ -4,6 +4,7 @@ Each has parameters (u, v) with r_u x r_v outward, and derivatives in closed for
 it judges.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 import numpy as np
@@ -18,12 +19,12 @@ def _stack(*parts: np.ndarray) -> np.ndarray:
     return np.stack(np.broadcast_arrays(*parts), axis=-1)
 
 
-class Exact:
+class Exact(ABC):
     """Derivatives in closed form, and geodesics by a loop over them: the oracle of the compiled one."""
 
+    @abstractmethod
     def derivatives(self, uv: np.ndarray) -> np.ndarray:
         """Position and its derivatives, as a surface gives them."""
-        raise NotImplementedError
 
     def geodesics(self, begin: np.ndarray, step: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """As of `BSplineSurface`."""
@@ -126,22 +127,6 @@ class Elliptic(Exact):
         return _stack(self.a * np.cos(angle), self.b * np.sin(angle), z)
 
 
-class Sphere(Exact):
-    """About the origin: u northward as a length from the equator, v westward."""
-
-    def __init__(self, radius: float) -> None:
-        self.radius = radius
-
-    def derivatives(self, uv: np.ndarray) -> np.ndarray:
-        r, w = self.radius, uv[..., 0] / self.radius
-        c, s = np.cos(w), np.sin(w)
-        return _turned(r * c, -s, -c / r, r * s, c, -s / r, uv[..., 1])
-
-    def point(self, z: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        r = np.sqrt(self.radius**2 - z**2)
-        return _stack(r * np.cos(angle), r * np.sin(angle), z)
-
-
 class Torus(Exact):
     """A bent tube: u round the tube as a length from the outermost circle, v westward about z."""
 
@@ -150,13 +135,15 @@ class Torus(Exact):
 
     def derivatives(self, uv: np.ndarray) -> np.ndarray:
         t, w = self.tube, uv[..., 0] / self.tube
-        return _turned(self.radius + t * np.cos(w), -np.sin(w), -np.cos(w) / t, t * np.sin(w), np.cos(w),
-                       -np.sin(w) / t, uv[..., 1])  # fmt: skip
+        c, s = np.cos(w), np.sin(w)
+        return _turned(self.radius + t * c, -s, -c / t, t * s, c, -s / t, uv[..., 1])
 
-    def point(self, z: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        """By height and angle, for meshes of the outer half."""
-        r = self.radius + np.sqrt(self.tube**2 - z**2)
-        return _stack(r * np.cos(angle), r * np.sin(angle), z)
+
+class Sphere(Torus):
+    """About the origin: u northward as a length from the equator, v westward."""
+
+    def __init__(self, radius: float) -> None:
+        super().__init__(0.0, radius)
 
 
 def _turned(r, dr, ddr, z, dz, ddz, v) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import palpate
+from claims.evidence.bodies import touched
 from claims.evidence.clock import LOAD, PAYLOAD
 from claims.evidence.moving import Swing, moving_wrenches
 from claims.evidence.payload import hundred_poses
@@ -36,7 +37,6 @@ from palpate.spatial.pose import Pose
 from palpate.surfaces import EllipticCylinder, Mesh
 from palpate_lab.simulation.barrel import Barrel, Indenter
 from palpate_lab.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
-from palpate_lab.simulation.contacts import touch_wrenches
 from palpate_lab.simulation.forearm import Forearm
 from palpate_lab.simulation.load_cell_bench import BENCHES
 from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench
@@ -159,8 +159,7 @@ def _mesh() -> Mesh:
 
 
 def _mounting(rng: np.random.Generator, spoil: Callable[..., tuple] = lambda w, marks, rng: (w, marks)) -> float:
-    points = BODY.sample(16, rng)
-    touches = touch_wrenches(points, BODY.normals(points), rng, force=(2.0, 8.0), tan_theta=0.4, pitch=1e-3)
+    points, touches = touched(BODY, 16, rng, force=(2.0, 8.0), tan_theta=0.4, pitch=1e-3)
     wrenches = touches @ TRUE.wrench_matrix().T + 0.1 * NOISE * rng.normal(size=(16, 6))
     wrenches, marks = spoil(wrenches, points + rng.normal(0.0, 0.5e-3, points.shape), rng)
     found = identify_mounting(wrenches, _mesh(), initial=NOMINAL, points=marks, noise=0.1 * NOISE)
@@ -278,14 +277,9 @@ def _presses() -> tuple[RingPresses, RingPresses]:
     return made[0], made[1]
 
 
-def _ring(
-    rng: np.random.Generator,
-    spoil: Callable[[RingPresses, np.random.Generator], RingPresses] = lambda known, rng: known,
-) -> float:
-    known, judged = (
-        replace(each, displacements=each.displacements + SHAKE * rng.normal(size=each.displacements.shape))
-        for each in _presses()
-    )
+def _ring(rng: np.random.Generator, spoil: Callable[..., RingPresses] = lambda known, rng: known) -> float:
+    shaken = [each.displacements + SHAKE * rng.normal(size=each.displacements.shape) for each in _presses()]
+    known, judged = (replace(each, displacements=seen) for each, seen in zip(_presses(), shaken, strict=True))
     response, squares = fit_response(spoil(known, rng)), list[float]()
     locator = RingLocator(response, MARKERS, SHAKE)
     for k in range(len(judged)):

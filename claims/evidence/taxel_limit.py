@@ -84,8 +84,7 @@ def _by_session(held: list[Bool[np.ndarray, " k"]]) -> str:
 
 def _trial(skin: Forearm, link: Mesh, seed: int, pokes: int, start: bool) -> _Trial:
     rng = np.random.default_rng(seed)
-    bench = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND)
-    made = bench.session(rng, pokes).pokes
+    made = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, pokes).pokes
     cad = skin.cad(rng) if start else None
     places = calibrate_taxels(made, surface=link, start=cad, layout=skin.layout, priors=priors_of(MIX)).places
     held = inside_ellipse(places.positions - skin.places.positions, places.covariance)

@@ -127,8 +127,7 @@ def _calibrated(bench: PokeBench, pokes: int, rng: np.random.Generator) -> Taxel
 def _judged(places: TaxelPlaces, touches: SkinTouches, several: int) -> _Judged:
     """In the middle frame of each touch, or of each pair of them."""
     body = TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, bits=8)
-    estimator = TaxelEstimator(body)
-    found = estimator.run(Recording(touches.time, {CELLS: touches.frames}))
+    found = TaxelEstimator(body).run(Recording(touches.time, {CELLS: touches.frames}))
     away, held, count, told = list[float](), list[bool](), list[int](), list[bool]()
     for k in range(0, len(touches.start), several):
         rows = np.flatnonzero((found.sample == (touches.start[k] + touches.end[k]) // 2) & found.located)
@@ -157,8 +156,7 @@ def _speed(small: bool) -> Iterator[Row]:
         rng = np.random.default_rng(SEED)
         bench = PokeBench.drawn(rng, skin=skin)
         touches = simulate_touches(bench, rng, 10 if small or modules > 7 else 100, spacing=APART[1])
-        times = 1 if small else 20
-        block = np.tile(touches.frames[:-1], (times, 1))
+        block = np.tile(touches.frames[:-1], (1 if small else 20, 1))
         recording = Recording(np.arange(len(block)) / 50.0, {CELLS: block})
         body = TaxelBody.placed(skin.places.positions, skin.places.normals, bits=8)
         took = list[float]()

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import sleep
 
 import numpy as np
@@ -21,7 +20,7 @@ from claims.command import cli
 from claims.evidence.logs_written import Session, write_mcap
 from claims.evidence.long_logs import write_log
 from claims.evidence.same import written
-from claims.row import Row
+from claims.row import Row, scratch
 from palpate import InputError
 from palpate.contact import Contacts
 from palpate.contact.table import to_frame
@@ -59,8 +58,7 @@ sys.exit(main(sys.argv[2:]))
 
 def rows(small: bool) -> Iterator[Row]:
     """Cuts through the reader, some of them through the command; kills."""
-    with TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         log = written(folder, touches=2, facets=320)
         log = Session(*(values[:300] for values in vars(log).values()))
         for packed in list(PACKED)[:3]:

@@ -6,39 +6,27 @@ from importlib.util import find_spec
 import numpy as np
 
 from claims.clock import timed
+from claims.papers.fused_contacts.bench import Conditions, forearm, touch
 from claims.row import Row
 from palpate.sensors.fused import _kernels as _fused
 from palpate.sensors.fused.locator import FusedLocator, FusionSettings
-from palpate.surfaces import Cylinder
 
 CLOSED, CONES = 10.0, 500.0  # us
-
-
-def drawn(count: int, friction: float, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """What `fuse` takes: contacts round a cylinder along y, all of them dragged by `friction`, and their wrench."""
-    angle = rng.uniform(-np.pi, np.pi, count)
-    normals = np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=1)
-    points = 0.04 * normals + np.linspace(0.02, 0.18, count)[:, None] * [0.0, 1.0, 0.0]
-    pressing = rng.uniform(2.0, 12.0, count)
-    forces = pressing[:, None] * (friction * np.array([0.0, 1.0, 0.0]) - normals)
-    wrench = np.concatenate([forces.sum(axis=0), np.cross(points, forces).sum(axis=0)])
-    flat = np.eye(3) - normals[:, :, None] * normals[:, None, :]
-    noise = np.diag(np.repeat([0.04, 0.0015], 3) ** 2)
-    return points, normals, pressing, np.zeros(count), 2e-6 * flat, wrench[None], noise[None]
 
 
 def rows(small: bool) -> Iterator[Row]:
     calls, rng = (50 if small else 20_000), np.random.default_rng(0)
     prior = FusionSettings()
-    *skin, wrenches, covariances = drawn(3, 0.3, rng)
+    body = forearm(rng)
+    *skin, wrenches, covariances = touch(body, 3, rng, Conditions(friction=0.3)).seen(3)
     known = np.array([prior.tangential, prior.gain, prior.floor, prior.friction, prior.turns])
     given = (FusedLocator.rows(*skin), wrenches[0].copy(), covariances[0].copy(), known)
     into = (np.empty(36 + _fused.room(3, 1)), np.empty((3, 5)), np.empty((9, 9)), np.empty(16))
     took = timed(lambda _: _fused.fuse_one(*given, *into), calls)
     what = "forces of 3 contacts and one wrench, closed form with covariance, into arrays"
     yield Row(what, f"<= {CLOSED:g} us p50", _said(took), None if small else np.median(took) <= CLOSED)
-    tight = FusedLocator(Cylinder(0.04, 0.2), FusionSettings(friction=0.3))
-    touches = [drawn(3, 0.45, rng) for _ in range(50)]
+    tight = FusedLocator(body.mesh(), FusionSettings(friction=0.3))
+    touches = [touch(body, 3, rng, Conditions(friction=0.45)).seen(3) for _ in range(50)]
     bound = [each for each in touches if tight.fuse(*each).bound.any()]
     what = "the same as values, where a cone binds (clarabel)"
     if find_spec("clarabel") is None or not bound:

@@ -8,7 +8,6 @@ import os
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -20,7 +19,8 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from claims.row import Row
+from claims.clock import timed
+from claims.row import Row, scratch
 from palpate.live.live import Live
 from palpate.live.netft import REQUEST, SAMPLE, START
 from palpate.live.netft_device import NetFtDevice
@@ -150,9 +150,8 @@ def _latencies(folder: Path, seconds: float, *, judged: bool) -> Iterator[Row]:
         what += ", every processor busy with other work" if busy else ""
         with _busy() if busy else nullcontext():
             took, sent, lost = _latency(folder, seconds, realtime=realtime)
-        middle, late, later, worst = np.percentile(took, [50, 99, 99.9, 100])
-        got = f"p50 {middle:.0f}, p99 {late:.0f}, p99.9 {later:.0f}, worst {worst:.0f} us of {len(took):,}; {lost} lost"
-        met = middle <= MIDDLE and late <= LATE and later <= WORST and not lost
+        got, met = f"{_late(took)} us of {len(took):,}; {lost} lost", not lost
+        met = met and bool(np.all(np.percentile(took, [50, 99, 99.9]) <= [MIDDLE, LATE, WORST]))
         target = f"p50 <= {MIDDLE:g}, p99 <= {LATE:g}, p99.9 <= {WORST:g} us" if realtime and judged else ""
         yield Row(what, target, f"{got}; {_evenly(sent)}", met if target else None)
 
@@ -188,9 +187,11 @@ def _peer(folder: Path, seconds: float) -> Row:
     if not len(got):
         return Row(what, "", "no samples")
     took, missing = (got[:, 1] - sent[got[:, 0]]) * 1e-3, int(np.ptp(got[:, 0])) + 1 - len(got)
-    middle, late, later, worst = np.percentile(took, [50, 99, 99.9, 100])
-    figures = f"p50 {middle:.0f}, p99 {late:.0f}, p99.9 {later:.0f}, worst {worst:.0f} us; {missing:,} lost"
-    return Row(what, "", f"{figures}; {_evenly(sent)}")
+    return Row(what, "", f"{_late(took)} us; {missing:,} lost; {_evenly(sent)}")
+
+
+def _late(took: np.ndarray) -> str:
+    return "p50 {:.0f}, p99 {:.0f}, p99.9 {:.0f}, worst {:.0f}".format(*np.percentile(took, [50, 99, 99.9, 100]))
 
 
 class Memory:
@@ -229,16 +230,12 @@ def _blocks(folder: Path, *, judged: bool) -> Iterator[Row]:
         ring = StreamBuffer.make(folder / f"ring{size}", live.form())
         live.into(ring)
         count = max(60, 14_000 // size)
-        took = np.empty(count)
         with live:
             for _ in range(20):
                 live.step()
             spent = time.thread_time_ns()
-            for k in range(count):
-                begin = time.perf_counter_ns()
-                live.step()
-                took[k] = (time.perf_counter_ns() - begin) * 1e-3
-            spent = (time.thread_time_ns() - spent) * 1e-3 / (count * size)
+            took = timed(lambda _, step=live.step: step(), count)
+            spent = (time.thread_time_ns() - spent) * 1e-3 / ((count + 1) * size)
         ring.close()
         got = f"{spent:.2f} us of processor a sample over all; a step p50 {np.median(took):.0f} us; {_load()}"
         target = f"<= {BLOCK:g} us a sample" if judged and size >= 16 else ""
@@ -248,8 +245,7 @@ def _blocks(folder: Path, *, judged: bool) -> Iterator[Row]:
 def rows(small: bool) -> Iterator[Row]:
     """A body of 20k facets, full answers; small judges nothing."""
     seconds = 5.0 if small else 30.0
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         trimesh.Trimesh(*BumpySphere(R).mesh(FACETS), process=False).export(folder / "body.stl")
         yield from _blocks(folder, judged=not small)
         yield _peer(folder, seconds)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import palpate
+from claims.clock import timed
 from claims.evidence.load_cells import SURFACE, UNLOADED
 from claims.row import Row
 from palpate.sensors.load_cells.array import LoadCellArray
@@ -19,19 +20,15 @@ CALIBRATION, LIVE, BLOCKS = 5.0, 8.0, 250_000  # s, us, contacts a second
 
 def rows(small: bool) -> Iterator[Row]:
     for name in ("rigid", "soft layer"):
-        bench = BENCHES[name]
-        run = bench.run(0, thin=10 if small else 1)
+        run = BENCHES[name].run(0, thin=10 if small else 1)
+        log = run.time, run.voltages, run.force, run.position, SURFACE
         begin = time.perf_counter()
-        found = _calibrated(run, soft=name != "rigid")
+        found = identify_load_cells(*log, indentation=name != "rigid")
         took = time.perf_counter() - begin
         if name == "rigid":
             what = f"calibration of eight trajectories, {len(run):,} samples"
             yield Row(what, f"{CALIBRATION:g} s", f"{took:.1f} s", took <= CALIBRATION)
         yield from _speed(name, run, found)
-
-
-def _calibrated(run: BenchRun, *, soft: bool) -> LoadCellCalibration:
-    return identify_load_cells(run.time, run.voltages, run.force, run.position, SURFACE, indentation=soft)
 
 
 def _speed(name: str, run: BenchRun, found: LoadCellCalibration) -> Iterator[Row]:
@@ -43,16 +40,12 @@ def _speed(name: str, run: BenchRun, found: LoadCellCalibration) -> Iterator[Row
     tip.tare(palpate.Recording(run.time[rest], {VOLTAGE: run.voltages[rest]}))
     loaded = np.linalg.norm(run.wrench[:, :3], axis=1) >= 1.0
     volts, stamps = np.ascontiguousarray(run.voltages[loaded][:8000]), run.time[loaded][:8000]
-    block, row, each, rates = palpate.Recording(stamps, {VOLTAGE: volts}), tip.empty(), list[float](), list[float]()
+    block, row = palpate.Recording(stamps, {VOLTAGE: volts}), tip.empty()
+    each, rates = list[np.ndarray](), list[float]()
     for _ in range(ROUNDS):
-        for k in range(len(volts)):
-            begin = time.perf_counter_ns()
-            tip.update_into(stamps[k], volts[k], row)
-            each.append(1e-3 * (time.perf_counter_ns() - begin))
-        begin = time.perf_counter()
-        tip.run(block)
-        rates.append(len(volts) / (time.perf_counter() - begin))
-    middle, high = np.percentile(each, [50, 99])
+        each.append(timed(lambda k: tip.update_into(stamps[k], volts[k], row), len(volts)))
+        rates.append(1e6 * len(volts) / float(timed(lambda _: tip.run(block), 1)[0]))
+    middle, high = np.percentile(np.concatenate(each), [50, 99])
     got = f"p50 {middle:.2f} us, p99 {high:.2f} us"
     judged = name == "rigid"  # no figure was asked for of the other, which is iterated
     what = f"voltages to contact, one by one from Python, {name}"

@@ -4,13 +4,12 @@ Wall time means something on a machine that does nothing else, so the load stand
 """
 
 import os
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from claims.evidence.long_logs import write_log
 from claims.process import Took, palpate
-from claims.row import Row
+from claims.row import Row, scratch
 from claims.timings.processes import prepare
 from palpate_lab.simulation import simulate_session
 
@@ -20,8 +19,7 @@ SHORTER = (60_000, 120_000, 240_000, 480_000)
 
 def rows(small: bool) -> Iterator[Row]:
     """A body of 20k facets, wrenches and poses at 1 kHz, MCAP; small judges nothing."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         session = simulate_session(facets=2_000 if small else 20_000)
         prepare(session, folder)
         for samples in (2_000,) if small else SHORTER:

@@ -8,7 +8,6 @@ seconds of all processes say what the wall time could be there.
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -17,7 +16,7 @@ from pathlib import Path
 
 from claims.evidence.long_logs import write_log
 from claims.process import python
-from claims.row import Row
+from claims.row import Row, scratch
 from claims.timings.processes import prepare
 from palpate_lab.simulation import simulate_session
 
@@ -39,8 +38,7 @@ print("warm", time.perf_counter() - wall, time.process_time() - cpu)
 
 def rows(small: bool) -> Iterator[Row]:
     """A body of 20k facets, wrenches and poses at 1 kHz, MCAP; small judges nothing."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         session = simulate_session(facets=2_000 if small else 20_000)
         prepare(session, folder)
         (folder / "logs").mkdir()

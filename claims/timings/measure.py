@@ -3,20 +3,21 @@
 import gc
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numba import njit
 
 import palpate
+from claims.clock import in_turns
+from claims.evidence.bodies import touched
 from claims.timings import rivals
 from palpate.contact.locate import in_space
-from palpate.surfaces import _bvh
+from palpate.surfaces import _bvh, _patches
 from palpate.surfaces._patches import FLAT as FACET
 from palpate.surfaces._patches import patch_rows
 from palpate.surfaces._tree import Tree, build_tree
-from palpate_lab.simulation import BumpySphere, touch_wrenches
+from palpate_lab.simulation import BumpySphere
 
 R = 0.010  # m
 NOISE = [0.02] * 3 + [0.001] * 3
@@ -24,31 +25,6 @@ ROUNDS = 5
 FACETS = "flat kernel, facets only, h/R 0.05"
 FLAT, FULL = "flat kernel, h/R 0.05", "full answer, h/R 0.3"
 BEGINNER = "palpate.locate(list, mesh), h/R 0.3"
-
-
-@dataclass
-class Single:
-    """One query at a time, from Python: times [us] of the calls, in turns."""
-
-    name: str
-    times: list[float] = field(default_factory=list)
-
-    def at(self, percent: float) -> float:
-        """A percentile [us]; NaN where it was not run."""
-        return float(np.percentile(self.times, percent)) if self.times else float("nan")
-
-
-@dataclass
-class Batch:
-    """Many queries in one compiled call, one thread: the rates of the rounds [1/s]."""
-
-    name: str
-    rates: list[float] = field(default_factory=list)
-
-    @property
-    def rate(self) -> float:
-        """The median of the rounds; NaN where it was not run."""
-        return float(np.median(self.rates)) if self.rates else float("nan")
 
 
 @njit(cache=True, nogil=True)
@@ -62,8 +38,7 @@ def _search_many(wrenches, soft, tan_limit, nodes, corners, found):
 def touches(count: int, ratio: float, seed: int = 1) -> np.ndarray:
     """Wrenches of touches on the analytic bumpy sphere, tan(theta) to 0.5."""
     body, rng = BumpySphere(R), np.random.default_rng(seed)
-    points = body.sample(count, rng)
-    return touch_wrenches(points, body.normals(points), rng, pitch=ratio * R)
+    return touched(body, count, rng, pitch=ratio * R)[1]
 
 
 class Meshes:
@@ -92,8 +67,8 @@ def _facets_only(mesh: palpate.Mesh) -> Tree:
 Variant = tuple[Callable[..., Any], np.ndarray, tuple[object, ...]]  # what is called, first arguments, the others
 
 
-def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
-    """Call by call; `budget` [s] bounds a slow variant's share of a round."""
+def singles(meshes: Meshes, queries: int, budget: float) -> dict[str, np.ndarray]:
+    """Return the times [us] of the calls; `budget` [s] bounds a slow variant's share of a round."""
     facets = len(meshes.flat.faces)
     slight, steep = touches(queries, 0.05), touches(queries, 0.3, seed=2)
     unit, tree, out = meshes.inside(slight), meshes.tree, meshes.locator.empty()
@@ -115,16 +90,13 @@ def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
     cast = rivals.embree_scene(meshes.flat, query="INTERSECT")
     if cast is not None:
         rays = np.stack(_rays(slight))  # (2, n, 3)
-        calls["embreex, one ray, zero pitch"] = (
-            lambda ray: cast(ray[0], ray[1]),
-            rays.transpose(1, 0, 2)[:, :, None].copy(),
-            (),
-        )
-    results = {name: Single(name) for name in calls}
+        rays = rays.transpose(1, 0, 2)[:, :, None].copy()
+        calls["embreex, one ray, zero pitch"] = (lambda ray: cast(ray[0], ray[1]), rays, ())
+    times = {name: list[float]() for name in calls}
     for turn in range(ROUNDS):
         for name, (call, arguments, rest) in calls.items():
-            _time(call, np.roll(arguments, -turn * 7, axis=0), rest, budget, results[name].times)
-    return list(results.values())
+            _time(call, np.roll(arguments, -turn * 7, axis=0), rest, budget, times[name])
+    return {name: np.array(each) for name, each in times.items()}
 
 
 def _as_list(mesh: palpate.Mesh) -> Callable[[np.ndarray], palpate.ContactEstimate]:
@@ -156,11 +128,8 @@ def _agree(calls: dict[str, Variant], meshes: Meshes, found: np.ndarray) -> None
     for i in range(20):
         count = int(search(unit[i], *rest))
         rows = found[:count]
-        ours = {
-            int(meshes.tree.corners[int(p), _bvh.FACET])
-            for p, kind in zip(rows[:, 0], rows[:, 6], strict=True)
-            if kind == 0
-        }
+        patches = rows[rows[:, 6] == 0, 0].astype(int)
+        ours = set(meshes.tree.corners[patches, _patches.FACET].astype(int).tolist())
         for name, (call, wrenches, _) in calls.items():
             if name not in (FLAT, FACETS, FULL, BEGINNER) and not ours <= set(call(wrenches[i]).tolist()):
                 raise RuntimeError(f"{name} and the kernel disagree on wrench {i}")
@@ -174,7 +143,8 @@ def _rays(wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(origin * 1e3, np.float32), np.ascontiguousarray(along, np.float32)
 
 
-def batches(meshes: Meshes, count: int) -> list[Batch]:
+def batches(meshes: Meshes, count: int) -> dict[str, float]:
+    """Return the rates [1/s] of many queries in one compiled call, one thread: the median of the rounds."""
     level, slight, steep = touches(count, 0.0), touches(count, 0.05), touches(count, 0.3, seed=2)
     tree, found = meshes.tree, np.empty((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
     parts = (tree.nodes, tree.corners, found)
@@ -193,14 +163,7 @@ def batches(meshes: Meshes, count: int) -> list[Batch]:
     if cast is not None:
         rays = _rays(level)
         calls["embreex, h = 0"] = lambda: cast(*rays)
-    results = {name: Batch(name) for name in calls}
-    for turn in range(ROUNDS + 1):
-        for name, call in calls.items():
-            begin = time.perf_counter()
-            call()
-            if turn:  # the first only warms up
-                results[name].rates.append(count / (time.perf_counter() - begin))
-    return list(results.values())
+    return {name: count / float(np.median(took)) for name, took in in_turns(calls, ROUNDS).items()}
 
 
 def short(value: float) -> str:

@@ -4,7 +4,7 @@ Each is made for a surface and answers one wrench at a time with a point; NaN wh
 the wrench was made at, on the exact surface.
 """
 
-import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,6 +12,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import palpate
+from claims.clock import by_blocks
+from claims.evidence.bodies import touched
 from claims.page import table
 from claims.timings.measure import short
 from claims.timings.rivals import embree_scene
@@ -61,8 +63,7 @@ def scenes(count: int) -> list[Scene]:
     body = EllipsoidBody(AXES)
     mesh, equation = palpate.Mesh.from_arrays(*body.mesh(FACETS)), EllipsoidEquation(AXES)
     for pitch in PITCHES:
-        points = body.sample(count, rng)
-        wrenches = touch_wrenches(points, body.normals(points), rng, pitch=pitch * R)
+        points, wrenches = touched(body, count, rng, pitch=pitch * R)
         name = f"ellipsoid, h to {pitch:g} R" if pitch else "ellipsoid, h = 0"
         made.append(Scene(name, mesh, equation, points, wrenches))
     return made
@@ -196,23 +197,14 @@ def _cross(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
 
 def measure(scene: Scene) -> dict[str, Measured]:
     """Every estimator, a hundred wrenches each in turn, so that a busy moment of the machine falls on all alike."""
-    asked = answers(scene)
-    count = len(scene.wrenches)
-    found = {name: (np.empty((count, 3)), np.empty(count)) for name in asked}
-    for block in range(0, count, BLOCK):
-        for name, answer in asked.items():
-            points, times = found[name]
-            answer(scene.wrenches[block])  # the turn before has left the caches cold
-            for i in range(block, min(block + BLOCK, count)):
-                wrench = scene.wrenches[i]
-                begin = time.perf_counter_ns()
-                located = answer(wrench)
-                times[i] = time.perf_counter_ns() - begin
-                points[i] = located
-    return {
-        name: Measured(np.linalg.norm(points - scene.points, axis=1), 1e-3 * times)
-        for name, (points, times) in found.items()
-    }
+    asked, count = answers(scene), len(scene.wrenches)
+    points = {name: np.empty((count, 3)) for name in asked}
+
+    def into(name: str) -> Callable[[int], None]:
+        return lambda i: points[name].__setitem__(i, asked[name](scene.wrenches[i]))
+
+    times = by_blocks({name: into(name) for name in asked}, count, BLOCK)
+    return {name: Measured(np.linalg.norm(points[name] - scene.points, axis=1), times[name]) for name in asked}
 
 
 def parts(count: int) -> dict[str, object]:

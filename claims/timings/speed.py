@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from claims.row import Row
-from claims.timings.measure import BEGINNER, FACETS, FLAT, FULL, Batch, Meshes, Single, batches, singles
+from claims.timings.measure import BEGINNER, FACETS, FLAT, FULL, Meshes, batches, singles
 
 
 def rows(small: bool) -> Iterator[Row]:
@@ -13,38 +15,33 @@ def rows(small: bool) -> Iterator[Row]:
     meshes = Meshes(sizes[0])
     yield from _one(singles(meshes, 100 if small else 2_000, 0.05 if small else 0.5), text)
     yield from _many(batches(meshes, 1_000 if small else 100_000), text)
-    large = {
-        entry.name: entry
-        for entry in singles(meshes if small else Meshes(sizes[1]), 100 if small else 2_000, 0.05 if small else 0.5)
-    }
+    large = singles(meshes if small else Meshes(sizes[1]), 100 if small else 2_000, 0.05 if small else 0.5)
     got = f"{_both(large[FLAT])}; facets only {_both(large[FACETS])}"
-    yield Row(f"flat kernel into `out`, {sizes[1]:,} facets", "<= 5 us p50", got, large[FLAT].at(50) <= 5)
+    yield Row(f"flat kernel into `out`, {sizes[1]:,} facets", "<= 5 us p50", got, np.median(large[FLAT]) <= 5)
 
 
-def _one(entries: list[Single], size: str) -> Iterator[Row]:
-    by_name = {entry.name: entry for entry in entries}
-    flat, full = by_name[FLAT], by_name[FULL]
+def _one(times: dict[str, np.ndarray], size: str) -> Iterator[Row]:
+    (middle, late), full, loop = np.percentile(times[FLAT], [50, 99]), times[FULL], times[BEGINNER]
     target = "<= 2 us p50, <= 5 us p99"
-    got = f"{_both(flat)}; facets only {_both(by_name[FACETS])}"
-    yield Row(f"flat kernel into `out`, {size}", target, got, flat.at(50) <= 2 and flat.at(99) <= 5)
-    yield Row(f"full answer, smooth, h/R 0.3, {size}", "<= 10 us p50", _both(full), full.at(50) <= 10)
-    loop = by_name[BEGINNER]
-    yield Row(f"{BEGINNER}, {size}", "<= 20 us p50", _both(loop), loop.at(50) <= 20)
+    got = f"{_both(times[FLAT])}; facets only {_both(times[FACETS])}"
+    yield Row(f"flat kernel into `out`, {size}", target, got, middle <= 2 and late <= 5)
+    yield Row(f"full answer, smooth, h/R 0.3, {size}", "<= 10 us p50", _both(full), np.median(full) <= 10)
+    yield Row(f"{BEGINNER}, {size}", "<= 20 us p50", _both(loop), np.median(loop) <= 20)
     for name, least in (
         ("NumPy, three products a facet", 100),
         ("NumPy, closed form", None),
         ("4 x 4 solves, batched", 1_000),
         ("embreex, one ray, zero pitch", None),
     ):
-        if name in by_name:
-            ratio = by_name[name].at(50) / flat.at(50)
-            got = f"{ratio:,.1f} x the flat kernel ({_both(by_name[name])})"
+        if name in times:
+            ratio = np.median(times[name]) / middle
+            got = f"{ratio:,.1f} x the flat kernel ({_both(times[name])})"
             met = None if least is None else ratio >= least
             yield Row(f"{name}, {size}", "" if least is None else f">= {least:,} x", got, met)
 
 
-def _many(entries: list[Batch], size: str) -> Iterator[Row]:
-    rate = {entry.name: entry.rate * 1e-6 for entry in entries}
+def _many(rates: dict[str, float], size: str) -> Iterator[Row]:
+    rate = {name: 1e-6 * each for name, each in rates.items()}
     for name, least in (("flat, h/R 0.05", 0.8), ("full, h/R 0.3", 0.4)):
         got, target = f"{rate[name]:.2f} million/s", f">= {least} million/s a thread"
         yield Row(f"{name}, {size}", target, got, rate[name] >= least)
@@ -56,5 +53,5 @@ def _many(entries: list[Batch], size: str) -> Iterator[Row]:
         yield Row(f"ratio to embreex at zero pitch, {size}", ">= 0.5; the aim is 1", got, max(shares.values()) >= 0.5)
 
 
-def _both(entry: Single) -> str:
-    return f"p50 {entry.at(50):.2f} us, p99 {entry.at(99):.2f} us"
+def _both(times: np.ndarray) -> str:
+    return "p50 {:.2f} us, p99 {:.2f} us".format(*np.percentile(times, [50, 99]))

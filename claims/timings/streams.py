@@ -1,7 +1,6 @@
 """Logs and loops beside what a user would otherwise take: rosbags, the mcap library, SciPy, NumPy. In one run."""
 
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import palpate
+from claims.clock import in_turns
 from claims.evidence.long_logs import RATE, pieces, write_log
 from claims.page import table
 from palpate.files.contacts import open_contacts
@@ -21,7 +21,6 @@ from palpate_lab.simulation import simulate_session
 from palpate_lab.simulation.session import NOISE, Session
 
 ROUNDS = 3
-Timing = tuple[str, float]  # name and microseconds a sample
 
 
 def report(samples: int) -> str:
@@ -31,29 +30,17 @@ def report(samples: int) -> str:
         log = Path(scratch) / "log.mcap"
         write_log(log, session, samples)
         titled = {
-            "Reading an MCAP of a wrench and a pose a sample": _timed(_readers(log), samples),
-            "Writing contacts": _timed(_writers(session, Path(scratch), samples), samples),
-            "Through the estimator, 20k facets, payload, full answers": _timed(_loops(session, samples), samples),
+            "Reading an MCAP of a wrench and a pose a sample": _readers(log),
+            "Writing contacts": _writers(session, Path(scratch), samples),
+            "Through the estimator, 20k facets, payload, full answers": _loops(session, samples),
         }
-    return "\n\n".join(
-        table(
-            (title, "us", "over the first"),
-            [[name, f"{spent:,.2f}", f"{spent / timings[0][1]:.1f}"] for name, spent in timings],
-            "---:",
-        )
-        for title, timings in titled.items()
-    )
-
-
-def _timed(variants: dict[str, Callable[[], Any]], samples: int) -> list[Timing]:
-    """In turns, after one call of each that is not counted."""
-    spent: dict[str, list[float]] = {name: [] for name in variants}
-    for _ in range(ROUNDS + 1):
-        for name, call in variants.items():
-            begin = time.perf_counter()
-            call()
-            spent[name].append(1e6 * (time.perf_counter() - begin) / samples)
-    return [(name, float(np.median(times[1:]))) for name, times in spent.items()]
+        tables = list[str]()
+        for title, variants in titled.items():
+            spent = {name: 1e6 * float(np.median(each)) / samples for name, each in in_turns(variants, ROUNDS).items()}
+            first = next(iter(spent.values()))
+            rows = [[name, f"{each:,.2f}", f"{each / first:.1f}"] for name, each in spent.items()]
+            tables.append(table((title, "us", "over the first"), rows, "---:"))
+    return "\n\n".join(tables)
 
 
 def _readers(log: Path) -> dict[str, Callable[[], Any]]:

@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from claims.page import fill, table
 from claims.row import Row
 from claims.timings import peers, streams
@@ -19,10 +21,9 @@ def rows(small: bool) -> Iterator[Row]:
     one, many = dict[int, dict[str, list[float]]](), dict[int, dict[str, float]]()
     for size in sizes:
         meshes = Meshes(size)
-        one[size] = {
-            each.name: [each.at(50), each.at(99)] for each in singles(meshes, *((100, 0.1) if small else (1_000, 0.5)))
-        }
-        many[size] = {each.name: each.rate for each in batches(meshes, 2_000 if small else 100_000)}
+        times = singles(meshes, *((100, 0.1) if small else (1_000, 0.5)))
+        one[size] = {name: np.percentile(each, [50, 99]).tolist() for name, each in times.items()}
+        many[size] = batches(meshes, 2_000 if small else 100_000)
         for name, (middle, _) in one[size].items():
             got = f"{short(middle)} us, {short(middle / one[size][FLAT][0])} times the flat kernel"
             yield Row(f"one query, {name}, {size:,} facets", "", got)

@@ -1,14 +1,13 @@
 """Taxels from pokes: a large skin from MCAP to its file; normal equations, compiled, beside NumPy's bincount."""
 
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 
+from claims.clock import in_turns
 from claims.process import palpate
-from claims.row import Row
+from claims.row import Row, scratch
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking._accumulate import accumulate
@@ -17,7 +16,7 @@ from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench
 from palpate_lab.simulation.poke_log import Timing, simulate_poke_log
 from palpate_lab.simulation.poke_session_files import TAXEL_TOPIC, WRENCH_TOPIC, write_arm, write_places, write_poke_log
 
-ASKED, ROUNDS = 5.0, 15
+ASKED, ROUNDS = 5.0, 14
 SECONDS, MEBIBYTES = 15.0, 2e9 / 2**20
 QUICK = Timing(period=0.405, ramp=0.05, hold=0.15)  # a robot's: three pokes a taxel in a million samples
 RUNS = 3  # of which the median counts; the first of all compiles
@@ -73,8 +72,7 @@ def rows(small: bool) -> Iterator[Row]:
 
 def _large(modules: int, pokes: int, *, judged: bool) -> Iterator[Row]:
     """The command as a whole, its start included. Processor time, since what else runs there does not count in it."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         truth, said = large_log(folder, modules, pokes)
         words = ("calibrate", "taxels", folder / "pokes.mcap", "--rig", folder / "rig.toml", "-o", folder / "skin.toml")
         runs = [palpate(*words)[2:] for _ in range(1 + RUNS * judged)][-RUNS:]
@@ -106,14 +104,9 @@ def _sums(small: bool) -> Row:
     """Both in turns; of the rounds the median. NumPy takes 14 ms in one process and up to 34 in another."""
     pokes, taxels = (2_000 if small else 100_000), 4_000
     given = drawn(pokes, taxels, np.random.default_rng(0))
-    took: dict[str, list[float]] = {"compiled": [], "bincount": []}
-    for _ in range(2 if small else ROUNDS):  # the first compiles
-        for name, call in (("compiled", accumulate), ("bincount", by_bincount)):
-            out = np.zeros((taxels, 12))
-            begin = perf_counter()
-            call(*given, out)
-            took[name].append(perf_counter() - begin)
-    ours, theirs = (float(np.median(each[1:])) for each in took.values())
+    out = np.zeros((taxels, 12))
+    calls = {"compiled": lambda: accumulate(*given, out), "bincount": lambda: by_bincount(*given, out)}
+    ours, theirs = (float(np.median(each)) for each in in_turns(calls, 1 if small else ROUNDS).values())
     what = f"normal equations of {taxels:,} taxels from {pokes:,} pokes, three answers each, over NumPy's bincount"
     got = f"{theirs / ours:.1f} x ({1e3 * ours:.2f} ms against {1e3 * theirs:.2f})"
     return Row(what, f">= {ASKED:g} x", got, None if small else theirs / ours >= ASKED)

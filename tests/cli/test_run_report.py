@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,8 +17,8 @@ from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.sensors.load_cells.view import load_cells
 from palpate.sensors.taxels.view import taxel_section
 from palpate.setup import Rig
-from palpate.setup.surface import RigSurface
-from palpate.setup.tables import RigEstimate, RigForceTorque, RigNoise, RigPair, RigThresholds
+from palpate.setup.tables import RigEstimate, RigPair, RigSurface, RigThresholds
+from palpate.setup.wrench_table import RigForceTorque, RigNoise
 from palpate.setup.wrench_view import wrench_settings
 from palpate.spatial.pose import Pose
 from palpate.viewer.captions import MEANING
@@ -117,7 +116,7 @@ def test_advice_follows_from_what_is_missing() -> None:
 
 def test_settings_are_those_of_the_rig() -> None:
     noise = np.diag([0.02**2] * 3 + [0.001**2] * 3)
-    locator = Locator(RIG.surface.load(Path()), noise=noise, on=0.5, off=0.3)
+    locator = Locator(RIG.resolve().link.surface(), noise=noise, on=0.5, off=0.3)
     facts = dict(wrench_settings(RIG.resolve(), locator, noise, "butterworth, 5 Hz"))
     assert facts["method"] == "soft finger"
     assert facts["a contact"] == "begins at 0.5 N, ends at 0.3 N"

@@ -69,6 +69,13 @@ def _assert_close(found: Events, known: Events) -> None:
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15, err_msg=name)
 
 
+def test_without_an_answer_there_are_no_touches_of_a_sensor_with_features() -> None:
+    time, estimate = np.arange(50) / RATE, _estimate(np.full(50, Status.NO_CONTACT), np.zeros((50, 3)), np.zeros(50))
+    found = find(replace(Contacts.single(time, estimate), features={"cells": np.zeros(50)}))
+    assert len(found) == 0
+    assert found.features["cells"].shape == (0,)
+
+
 def test_what_the_touches_were() -> None:
     found = find_touches(*_session())
     assert len(found) == 2

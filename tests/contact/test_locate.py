@@ -19,6 +19,7 @@ from palpate.errors import InputError
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh
+from palpate.surfaces._jit import ENTRIES
 from palpate_lab.simulation.contacts import touch_wrenches
 from tests.support.bodies import BODIES, PLACE, R, box, on_mesh, pressing
 
@@ -39,6 +40,23 @@ def press(size: float, tangent: float = 0.0, pitch: float = 0.0) -> np.ndarray:
 
 def status_of(locator: Locator, *wrenches: np.ndarray) -> list[Status]:
     return [Status(s) for s in locator.run(np.array(wrenches)).status]
+
+
+def test_nothing_is_compiled_after_construction(monkeypatch: pytest.MonkeyPatch) -> None:
+    def used() -> set[tuple[str, int]]:
+        return {(name, way) for name, each in ENTRIES.items() for way in each._compiled}
+
+    mesh = lid()
+    mesh.prepared()
+    for each in ENTRIES.values():
+        monkeypatch.setattr(each, "_compiled", {})
+        monkeypatch.setattr(each, "_fitting", {})
+    locator = Locator(mesh, noise=NOISE)
+    before = used()
+    locator(press(5.0), locator.empty())
+    locator.run(np.tile(press(5.0), (10, 1)), np.tile(np.eye(6) * 1e-4, (10, 1, 1)))
+    assert len(locator.candidates(press(5.0)).point)
+    assert used() == before
 
 
 def same(one: ContactEstimate, two: ContactEstimate) -> None:

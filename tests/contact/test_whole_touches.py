@@ -33,6 +33,13 @@ def plates() -> Mesh:
     return Mesh.from_arrays(np.concatenate([square, lower]), np.concatenate([faces, faces + 4]))
 
 
+def tilted() -> Mesh:
+    """The plates, the lower one turned so that (-0.2, 0, -1) presses it along its normal."""
+    mesh = plates()
+    vertices = mesh.vertices - np.where(mesh.vertices[:, 2:] < 0, 0.2, 0.0) * mesh.vertices[:, :1] * [0.0, 0.0, 1.0]
+    return Mesh.from_arrays(vertices, mesh.faces)
+
+
 def touch(height: float, *, turns: bool, seed: int = 0) -> np.ndarray:
     """Wrenches (COUNT, 6) of 5 N at a plate's middle: straight down, then, where it turns, by 8 degrees."""
     after = np.maximum(np.arange(COUNT) - STEADY, 0) / RATE
@@ -76,9 +83,7 @@ def test_what_cannot_be_told_apart_stays_ambiguous() -> None:
 @pytest.mark.parametrize(("beyond", "status"), [(0.01, Status.AMBIGUOUS), (0.4, Status.CONTACT)])
 def test_a_place_that_noise_may_have_put_beyond_the_bound_is_a_rival(beyond: float, status: Status) -> None:
     """So many newtons, of 0.02 N of noise, over the friction of the upper plate; the lower is tilted towards it."""
-    mesh, turn = plates(), -0.2
-    vertices = mesh.vertices + np.where(mesh.vertices[:, 2:] < 0, turn, 0.0) * mesh.vertices[:, :1] * [0.0, 0.0, 1.0]
-    locator = Locator(Mesh.from_arrays(vertices, mesh.faces), noise=NOISE, friction=0.2)
+    locator = Locator(tilted(), noise=NOISE, friction=0.2)
     force = np.array([[-5.0 * 0.2 - beyond, 0.0, -5.0]])
     wrench = contact_wrenches(np.zeros((1, 3)), UP[None], force, np.zeros(1))
     found = locator.run(wrench)
@@ -103,6 +108,21 @@ def test_on_a_log_the_end_of_a_touch_decides_its_beginning(height: float) -> Non
             assert (status[begin : begin + COUNT] == Status.CONTACT).all()
             assert np.allclose(point[begin : begin + COUNT, 2], truth)
             assert np.isin(status[begin + COUNT : begin + COUNT + 20], UNTOUCHED).all()
+
+
+def test_a_touch_is_followed_back_from_where_it_was_believed() -> None:
+    """The upper plate, for long at its friction's bound; noise puts the hardest late sample beyond."""
+    lean = np.full(2 * COUNT, 0.248)
+    lean[20:38], lean[-5] = 0.1, 0.252  # what tells the plates apart, and what is beyond
+    force = 5.0 * np.stack([-lean, 0 * lean, -np.ones(len(lean))], axis=1)
+    force[-5] *= 1.1
+    clean = contact_wrenches(np.zeros((len(lean), 3)), np.tile(UP, (len(lean), 1)), force, 0 * lean)
+    noise = NOISE * np.random.default_rng(0).standard_normal(clean.shape)
+    noise[-5] = 0.0
+    locator = Locator(tilted(), noise=NOISE, friction=0.25)
+    log = recorded(np.concatenate([clean + noise, np.zeros((5, 6))]))
+    parts = WrenchEstimator(locator, ForceTorque(NOISE), live=False).stream([log])
+    assert np.allclose(np.concatenate([part.estimate.point for part in parts])[: len(lean), 2], UPPER)
 
 
 def test_a_touch_begins_where_its_own_covariance_does_not_explain_the_force() -> None:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from claims.papers.probe import assumed
-from claims.papers.probe.bound import bound
 from claims.papers.probe.draws import CAUSES, Draws
 from claims.papers.probe.press import press, tilted
 from claims.papers.probe.rows import FOLDER, differences, headline, parts
 from claims.papers.probe.run import Results, measure
 from claims.papers.probe.shapes import PROBES
+from claims.papers.probe.study import bound
 from tests.support.templates import places
 
 SPACING = 0.5e-3

@@ -50,7 +50,7 @@ def test_pieces_do_not_change_what_is_read(
     if name == "unit_row.csv":
         layout = LogLayout("Time", wrench=("Fx", "Fy", "Fz", "Tx", "Ty", "Tz"))
     whole = read_recording(path, layout)
-    monkeypatch.setattr("palpate.files.logs.csv.PIECE", piece)
+    monkeypatch.setattr("palpate.files.logs.text.PIECE", piece)
     monkeypatch.setattr("palpate.files.logs.stuck.FIRST", 1)
     blocks = list(open_log(path, layout).blocks())
     assert len(blocks) > 2

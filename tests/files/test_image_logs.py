@@ -27,9 +27,9 @@ from palpate.files.logs import (
     read_recording,
 )
 from palpate.setup.built import BuiltEstimator
+from palpate.setup.link import Link
 from palpate.setup.pipeline import OpenedLog, SeenSamples
 from palpate.setup.setup import SensorKind, Setup
-from palpate.setup.surface import Link
 from palpate.signals.recording import CELLS, IMAGE, Recording
 from tests.support.image_files import (
     BAGS,

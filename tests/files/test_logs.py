@@ -234,7 +234,7 @@ def test_pieces_do_not_change_what_is_read_or_said(
     path = _log(tmp_path, "", f"{HEADER},note", *rows, "", end=end)
     whole = read_recording(path)
     assert len(whole.notes) == 8
-    monkeypatch.setattr("palpate.files.logs.csv.PIECE", piece)
+    monkeypatch.setattr("palpate.files.logs.text.PIECE", piece)
     monkeypatch.setattr("palpate.files.logs.stuck.FIRST", 1)
     log = open_log(path)
     blocks = list(log.blocks())
@@ -250,7 +250,7 @@ def test_a_column_of_text_is_refused_only_if_it_never_holds_a_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A sensor that starts late writes words for the first minute."""
-    monkeypatch.setattr("palpate.files.logs.csv.PIECE", 100)
+    monkeypatch.setattr("palpate.files.logs.text.PIECE", 100)
     rows = [f"{k},{'starting' if k < 50 else 1},2,3,4,5,6" for k in range(60)]
     recording = read_recording(_log(tmp_path, HEADER, *rows))
     assert np.isnan(recording.wrenches()[:, 0]).tolist() == [True] * 50 + [False] * 10

@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
 
+from claims.evidence.logs_written import POSE, STAMPED, WRENCH, pose_stamped, wrench_stamped, write_mcap
 from palpate.cli import main
 from palpate.errors import InputError
 from palpate.files.logs import read_poses, read_recording
@@ -52,6 +53,16 @@ def save(path: Path, columns: Mapping[str, np.ndarray]) -> None:
         frame.write_parquet(path) if path.suffix == ".parquet" else frame.write_csv(path)
 
 
+def as_messages(log: Path, *, posed: bool = False) -> Path:
+    """Write the wrenches of a table as messages, with a topic of other poses too if `posed`; return the MCAP file."""
+    table, path = pl.read_csv(log).to_numpy(), log.with_suffix(".mcap")
+    stamps = np.rint(1e9 * table[:, 0]).astype(np.int64).tolist()
+    wrenches = [(stamp, WRENCH, wrench_stamped(stamp, row)) for stamp, row in zip(stamps, table[:, 1:7], strict=True)]
+    others = [(stamps[0], POSE, pose_stamped(stamps[0], np.array([0, 0, 0, 1.0]), np.zeros(3)))] if posed else []
+    write_mcap(path, [*others, *wrenches], STAMPED if posed else {WRENCH: STAMPED[WRENCH]})
+    return path
+
+
 @pytest.mark.parametrize("name", ["poses.csv", "log_poses.parquet", "poses.npz"])
 def test_poses_are_interpolated_at_the_wrenches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     log = write(tmp_path, shift=-0.01, name=name)
@@ -62,12 +73,27 @@ def test_poses_are_interpolated_at_the_wrenches(tmp_path: Path, monkeypatch: pyt
     assert off.magnitude().max() < 1e-4  # the rates of the axes change by 1e-2 rad/s between poses
     np.testing.assert_allclose(whole.channels[POSITION][:, 0], whole.time, atol=1e-9)
     assert not any("pose" in note for note in whole.notes)
-    monkeypatch.setattr("palpate.files.logs.csv.PIECE", 1500)
+    monkeypatch.setattr("palpate.files.logs.text.PIECE", 1500)
     monkeypatch.setattr("palpate.files.logs.columns.BLOCK", 70)
     cut = read_recording(log, layout)
     np.testing.assert_array_equal(cut.channels[ORIENTATION], whole.channels[ORIENTATION])
     stamps, *_ = read_poses(log, layout)  # at their own times
     np.testing.assert_allclose(np.diff(stamps), 0.025, atol=1e-9)
+
+
+@pytest.mark.parametrize("posed", [False, True])
+def test_messages_take_the_poses_of_a_table(tmp_path: Path, posed: bool) -> None:
+    """As a table of the same wrenches does; the poses are named with their times, which must overlap the log's."""
+    log = write(tmp_path, last=109.0)
+    expected, found = (read_recording(path, LAYOUT) for path in (log, as_messages(log, posed=posed)))
+    for name, values in expected.channels.items():
+        np.testing.assert_allclose(found.channels[name], values, atol=1e-8)  # times in float64, 100 s at 1 rad/s
+    assert "the orientation is taken from poses.csv, whose poses are from 99.504 s to 108.979 s" in found.notes
+    assert "102 of 1,000 samples have no pose: poses are from 99.504 s to 108.979 s" in found.notes
+    np.testing.assert_array_equal(read_poses(log, LAYOUT)[1], read_poses(log.with_suffix(".mcap"), LAYOUT)[1])
+    write(tmp_path, 60.0)
+    with pytest.raises(InputError, match=r"159.504 s to 170.479 s.* 100.000 s to 109.990 s.*offset"):
+        read_recording(log.with_suffix(".mcap"), LAYOUT)
 
 
 def test_one_table_with_two_streams_names_itself(tmp_path: Path) -> None:
@@ -111,8 +137,9 @@ def test_samples_without_a_pose_are_counted(tmp_path: Path) -> None:
         read_recording(tmp_path / "log.csv", LAYOUT)
 
 
-def test_rig_new_and_payload_take_two_tables(tmp_path: Path) -> None:
-    log = write(tmp_path)
+@pytest.mark.parametrize("messages", [False, True])
+def test_rig_new_and_payload_take_a_second_table(tmp_path: Path, messages: bool) -> None:
+    log = as_messages(write(tmp_path)) if messages else write(tmp_path)
     made = propose_rig(log, None, tmp_path, poses=tmp_path / "poses.csv")
     (tmp_path / "rig.toml").write_text(made.text)
     assert load_rig(tmp_path / "rig.toml").orientation.file == "poses.csv"

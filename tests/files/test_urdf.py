@@ -86,7 +86,7 @@ def test_a_rig_reads_the_link_as_its_surface(robots: dict[str, Path], tmp_path: 
     made = load_rig(rig)
     assert made.surface is not None
     assert made.surface.packages == {"fingers": "../checkout-1.2"}
-    surface = made.surface.load(made.folder)
+    surface = made.resolve().link.surface()
     assert isinstance(surface, Mesh)
     body = Urdf(robots["gripper"]).body("right")
     assert np.abs(surface.bounds - [body.vertices.min(axis=0), body.vertices.max(axis=0)]).max() < 1e-12

@@ -11,41 +11,9 @@ import pytest
 from palpate.files.logs.wrench_means import WrenchMeans
 from palpate.live.paired_source import PairedSource
 from palpate.live.source import Batch, Source
+from tests.support.given_source import Given
 
 MS = 10**6
-
-
-class Given:
-    """A device that gives what it is told to."""
-
-    dtype = np.float64
-    poses = False
-
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.shape, self.waiting = shape, list[tuple[int, np.ndarray]]()
-        self.missing = dict[int, int]()  # before the sample of that stamp
-
-    def give(self, stamps: np.ndarray, values: np.ndarray) -> None:
-        """More samples that wait."""
-        self.waiting += list(zip(stamps.tolist(), values, strict=True))
-
-    def open(self) -> None:
-        """Nothing."""
-
-    def receive(self, batch: Batch, timeout: float) -> int:
-        """All that wait."""
-        count = min(len(batch), len(self.waiting))
-        for k, (stamp, values) in enumerate(self.waiting[:count]):
-            batch.stamp[k], batch.values[k], batch.lost[k] = stamp, values, self.missing.get(stamp, 0)
-        self.waiting = self.waiting[count:]
-        return count
-
-    def events(self) -> list[str]:
-        """Nothing."""
-        return []
-
-    def close(self) -> None:
-        """Nothing."""
 
 
 @pytest.fixture
@@ -93,7 +61,7 @@ def test_a_frame_waits_for_wrenches(
     """On a clock that stands still, so that a busy machine does not make it late."""
     frames, _, pair = devices
     clock = SimpleNamespace(monotonic=lambda: 0.0, sleep=time.sleep, time_ns=time.time_ns)
-    monkeypatch.setattr("palpate.live.paired_source.time", clock)
+    monkeypatch.setattr("palpate.live.waiting_source.time", clock)
     frames.give(np.array([10 * MS]), np.ones((1, 2, 3)))
     assert pair.receive(Batch(pair.shape), 0.0) == 0
 

@@ -31,7 +31,8 @@ from palpate.live.ros_poses import RosPoses
 from palpate.live.source import Batch, Device, Source, source_of
 from palpate.setup.rig import Rig
 from palpate.setup.source import RigSource
-from palpate.setup.tables import RigForceTorque, RigOrientation
+from palpate.setup.tables import RigOrientation
+from palpate.setup.wrench_table import RigForceTorque
 from tests.support.ros_kinds import ROS2, TYPES, drawn, full, members, packed, read
 
 pytest.importorskip("cyclonedds", reason="ROS 2 is reached through cyclonedds")

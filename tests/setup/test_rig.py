@@ -21,8 +21,7 @@ from palpate.setup.edit import update_pose
 from palpate.setup.names import orientation_columns, position_columns, time_column, wrench_columns
 from palpate.setup.new import propose_rig
 from palpate.setup.pipeline import open_log
-from palpate.setup.surface import RigSurface
-from palpate.setup.tables import RigEstimate, RigPair, RigThresholds
+from palpate.setup.tables import RigEstimate, RigPair, RigSurface, RigThresholds
 from palpate.spatial.pose import Pose
 
 RIG = """\
@@ -120,11 +119,11 @@ def test_what_does_not_fit_is_named(tmp_path: Path, old: str, new: str, word: st
 
 def test_a_plane_and_a_region_need_no_more_than_their_keys(tmp_path: Path) -> None:
     plane = '[surface]\nkind = "plane"\npoint = [0, 0, 1]\nnormal = [0, 0, 2]\nhalf_width = 0.5\n'
-    surface = load_rig(_rig(tmp_path, plane)).surface.load(tmp_path)
+    surface = load_rig(_rig(tmp_path, plane)).resolve().link.surface()
     assert surface.normals == pytest.approx(np.array([[0, 0, 1.0], [0, 0, 1.0]]))
     region = RIG.replace("crease = 30 ", "region = { box = [[0, 0, 0], [1, 1, 1]] } ")
     rig = load_rig(_rig(tmp_path, region))
-    assert len(rig.surface.load(rig.folder).faces) == 1
+    assert len(rig.resolve().link.surface().faces) == 1
 
 
 def test_a_new_pose_leaves_every_other_word(tmp_path: Path) -> None:
@@ -166,7 +165,7 @@ def test_paths_follow_a_rig_into_another_folder(tmp_path: Path) -> None:
     (tmp_path / "sub").mkdir()
     update_pose(path, tmp_path / "sub" / "new.toml", Pose.identity(), np.eye(6))
     rig = load_rig(tmp_path / "sub" / "new.toml")
-    assert rig.surface.load(rig.folder).size > 0
+    assert rig.resolve().link.surface().size > 0
 
 
 def test_the_robots_of_a_rig_follow_it_too(tmp_path: Path) -> None:
@@ -236,7 +235,7 @@ def test_a_proposed_rig_loads_and_knows_its_units(tmp_path: Path, unit: str, mes
     rig = load_rig(tmp_path / "rig.toml")
     assert (rig.surface.unit, rig.sensors["force_torque"].units.torque, rig.time.unit) == (mesh_unit, unit, "ns")
     assert rig.sensors["force_torque"].columns == ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")
-    assert rig.surface.load(rig.folder).size == pytest.approx(0.04 * 3**0.5, rel=1e-6)
+    assert rig.resolve().link.surface().size == pytest.approx(0.04 * 3**0.5, rel=1e-6)
     assert ("N mm" in " ".join(proposal.remarks)) == (unit == "N mm")
 
 

@@ -27,7 +27,7 @@ RIG = Path("rig.toml")
     ],
 )
 def test_every_kind_is_built_from_its_lengths(table: dict[str, object], kind: type) -> None:
-    surface = check_rig({"surface": table}, RIG).surface.load(Path())
+    surface = check_rig({"surface": table}, RIG).resolve().link.surface()
     assert isinstance(surface, kind)
     assert np.allclose(surface.drawn().size, surface.size, rtol=0.01)
 
@@ -55,14 +55,14 @@ def test_what_is_missing_or_wrong_is_named(table: dict[str, object], said: str) 
 def test_what_is_covered_is_used_where_the_rig_says_so(tmp_path: Path) -> None:
     trimesh.util.concatenate([trimesh.creation.icosphere(2, radius) for radius in (10, 8)]).export(tmp_path / "two.stl")
     for said, count in (({}, 320), ({"covered": False}, 320), ({"covered": True}, 0)):
-        mesh = check_rig({"surface": {"mesh": "two.stl", "unit": "mm", **said}}, RIG).surface.load(tmp_path)
-        assert mesh.covered.sum() == count
+        rig = check_rig({"surface": {"mesh": "two.stl", "unit": "mm", **said}}, tmp_path / "rig.toml")
+        assert rig.resolve().link.surface().covered.sum() == count
 
 
 def test_lengths_that_are_no_metres_are_doubted() -> None:
-    notes = check_rig({"surface": {"kind": "sphere", "radius": 10.0}}, RIG).surface.load(Path()).notes
+    notes = check_rig({"surface": {"kind": "sphere", "radius": 10.0}}, RIG).resolve().link.surface().notes
     assert "check that its lengths are in metres" in notes[0]
-    assert not check_rig({"surface": {"kind": "sphere", "radius": 0.01}}, RIG).surface.load(Path()).notes
+    assert not check_rig({"surface": {"kind": "sphere", "radius": 0.01}}, RIG).resolve().link.surface().notes
 
 
 def test_a_mesh_takes_the_place_of_an_equation_and_keeps_its_pose() -> None:

@@ -72,9 +72,8 @@ def test_a_new_rig_and_inspect_state_the_files_unit(tmp_path: Path, capsys: pyte
     assert "states its unit, 'in', which makes it 95.04 mm across" in said
     assert "turned so that z points up" in said
     assert "unit =" not in (tmp_path / "rig.toml").read_text().split("[time]")[0]
-    surface = load_rig(tmp_path / "rig.toml").surface
-    assert surface is not None
-    assert surface.load(tmp_path).size == pytest.approx(0.0254 * 14**0.5, rel=1e-6)
+    size = load_rig(tmp_path / "rig.toml").resolve().link.surface().size
+    assert size == pytest.approx(0.0254 * 14**0.5, rel=1e-6)
 
 
 def test_an_estimate_needs_no_unit_of_such_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -65,11 +65,8 @@ def identified(seeds: range) -> Iterator[Line]:
             made = [run(seed, walk, warm_up, settling) for seed in seeds]
             error = np.abs([fit.drift.walk[0] / walk - 1.0 for fit, _ in made])
             warm = f"warm-up {60 * warm_up:.2g} N/min, {settling:.0f} s" if warm_up else "no warm-up"
-            figures = {
-                "median": np.median(error),
-                "95 %": np.quantile(error, 0.95),
-                "within 15 %": np.mean(error < 0.15),
-            }
+            figures = {"median": np.median(error), "95 %": np.quantile(error, 0.95)}
+            figures["within 15 %"] = np.mean(error < 0.15)
             figures["warm-up seen"] = np.mean([fit.warm for fit, _ in made])
             figures["held"] = np.mean(np.abs([scores for _, scores in made]) < 1.96)
             yield Line(f"walk {1e3 * walk:g} mN/sqrt(s), {warm}, {len(made)} logs: error of the walk found", figures)

@@ -111,23 +111,15 @@ def touches(
         load = wrenches(time, make(rng, begin, end), rng)
         found = follow(time, zero + noise + load, drift_of(WALK))
         # what was not eaten is what a follower would know that was told of the touch: it stands still meanwhile
-        skin = (time >= begin) & (time <= end)
-        told = follow(time, zero + noise, drift_of(WALK), touched=skin)
+        told = follow(time, zero + noise, drift_of(WALK), touched=(time >= begin) & (time <= end))
         off, base = (np.linalg.norm(_off(each, time, zero), axis=1) for each in (found, told))
         at, later = np.searchsorted(found.time, [end - onset - 0.5, end + 3.0])
         more.append(float(off[at] - base[at]))
         after.append(float(off[later] - base[later]))
         eaten.append(float(np.linalg.norm((found.zero[at] - told.zero[at])[:3])))
-    return Line(
-        f"{name}, onset {onset:g} s, {trials} trials",
-        {
-            "median more": float(np.median(more)),
-            "95 %": float(np.percentile(more, 95)),
-            "eaten, 95 %": float(np.percentile(eaten, 95)),
-            "eaten, most": max(eaten),
-            "3 s later, most": max(after),
-        },
-    )
+    middle, high, eaten_high = np.median(more), np.percentile(more, 95), np.percentile(eaten, 95)
+    figures = {"median more": middle, "95 %": high, "eaten, 95 %": eaten_high, "eaten, most": max(eaten)}
+    return Line(f"{name}, onset {onset:g} s, {trials} trials", {**figures, "3 s later, most": max(after)})
 
 
 def jumps(size: float, seconds: float, trials: int, skin: bool = False, alone: bool = False) -> Line:
@@ -169,8 +161,7 @@ def payload(wrong: float, trials: int) -> Iterator[Line]:
             tilt /= np.linalg.norm(tilt, axis=1, keepdims=True)
             weight = np.einsum("nji,j->ni", rotation_from_quaternion(tilt), load.weight * (1 + error / 5.0))
             hung = np.concatenate([weight, np.cross(load.center_of_mass, weight)], axis=1)
-            contact = [Touch(150.0, 210.0, 10.0, 0.3, 0.3)]
-            seen = readings(time, zero, contact, rng) + hung
+            seen = readings(time, zero, [Touch(150.0, 210.0, 10.0, 0.3, 0.3)], rng) + hung
             found = follow(time, seen, drift_of(WALK), payload=load, orientation=tilt)
             during = (found.time > 150.0) & (found.time < 210.0)
             hangs = weight[np.minimum(np.searchsorted(time, found.time), len(time) - 1)] / (5.0 + error)

@@ -30,7 +30,6 @@ class Sizes:
 class Forces:
     """Errors of contacts [N]: ours, the skin's, minimum norm's, iDynTree's; shares held and where cones bind."""
 
-    count: int
     ours: np.ndarray
     skin: np.ndarray
     shortest: np.ndarray
@@ -43,7 +42,6 @@ class Forces:
 class Alarms:
     """Shares: of false alarms, ours and of a chi-square; of unseen contacts found, newtons -> share."""
 
-    count: int
     false: float
     chi: float
     found: dict[float, float]
@@ -90,7 +88,7 @@ def forces(kind: str, count: int, now: Conditions, sizes: Sizes, seed: int, othe
             held += _inside(found, made)
             bound.append(bool(found.bound.any()))
     every = [np.concatenate(each) if each else np.full(1, np.nan) for each in errors]
-    return Forces(count, every[0], every[1], every[2], every[3], float(np.mean(held)), float(np.mean(bound)))
+    return Forces(*every, float(np.mean(held)), float(np.mean(bound)))
 
 
 def _inside(found: Fused, made: Touch) -> list[bool]:
@@ -111,7 +109,7 @@ def alarms(kind: str, count: int, extra: tuple[float, ...], now: Conditions, siz
                 kept.append(locator.fuse(*touch(body, count, rng, now, force).seen(count)))
     share = {force: float(np.mean([found.alarm for found in kept])) for force, kept in told.items()}
     chi = float(np.mean([found.surprise[0] > _CHI for found in told[None]]))
-    return Alarms(count, share[None], chi, {force: share[force] for force in extra})
+    return Alarms(share[None], chi, {force: share[force] for force in extra})
 
 
 def places(kind: str, count: int, force: float, now: Conditions, sizes: Sizes, seed: int) -> Places:
@@ -140,13 +138,5 @@ def places(kind: str, count: int, force: float, now: Conditions, sizes: Sizes, s
             seen.append(wrong[:-1])
             unseen.append(float(wrong[-1]))
     held, area, distance = (np.array(each) for each in zip(*rows, strict=True))
-    return Places(
-        count,
-        force,
-        float(held.mean()),
-        float(area.mean()),
-        distance,
-        np.concatenate(seen),
-        np.array(unseen),
-        float(np.mean(inside)),
-    )
+    off = distance, np.concatenate(seen), np.array(unseen)
+    return Places(count, force, float(held.mean()), float(area.mean()), *off, float(np.mean(inside)))

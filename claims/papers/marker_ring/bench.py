@@ -1,8 +1,11 @@
 """One simulated unit on the bench: bodies pressed into its barrel, and its frames read by both ways side by side."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -25,6 +28,7 @@ RATE = 30.0  # Hz
 MARKERS, RADIUS, THICKNESS = 24, 0.055, 0.004  # as drawn: a unit's own wall is a few percent off
 DRAGGED = 0.1  # shear over force, from which on a press was dragged: the paper has no such presses
 BLOCK = 32  # frames in memory at once
+WAYS = ("theirs", "ours")
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,12 @@ class Bench:
     def ladder(self, bodies: Sequence[Indenter], steps: int) -> list[Pressed]:
         return self.barrel.follow(bodies, [((k + 1) / steps, 0.0) for k in range(steps)])
 
+    def pressed(self, made: Calibrated, camera: RenderedCamera, bodies: Sequence[Indenter], steps: int) -> list[Answer]:
+        """What bodies that come down in so many steps are taken for, the unloaded barrel first."""
+        states = [self.rest, *self.ladder(bodies, steps)]
+        frames = [camera.frame([state.discs], k / RATE) for k, state in enumerate(states)]
+        return answered(made, frames, states)
+
     def calibration(self, protocol: Protocol) -> RingSession:
         return calibration_run(self.unit, protocol)
 
@@ -77,9 +87,11 @@ def calibrated(session: RingSession, look: Look, before: RingResponse | None = N
     angle, depth, force, shear = (getattr(session, name)[:, 0] for name in ("angle", "depth", "force", "shear"))
 
     def blocks() -> Iterator[Recording]:
-        for frames, first in _blocks(session.frames(look)):
-            theirs.look(frames)
-            yield Recording(session.time[first : first + len(frames)], {IMAGE: frames})
+        frames = session.frames(look)
+        for first in range(0, len(session.time), BLOCK):
+            block = np.stack(list(islice(frames, BLOCK)))
+            theirs.look(block)
+            yield Recording(session.time[first : first + BLOCK], {IMAGE: block})
 
     truth = RingTruth(angle, depth, force, shear)
     ours = calibrate_marker_ring(blocks(), truth, RingBody(RADIUS, THICKNESS, MARKERS, lens), before)
@@ -88,18 +100,6 @@ def calibrated(session: RingSession, look: Look, before: RingResponse | None = N
     plain = np.abs(np.nan_to_num(shear)) < DRAGGED * np.nan_to_num(force)
     theirs.fit(~touched, touched & (body % 2 == 1) & plain, angle, force)
     return Calibrated(ours, theirs)
-
-
-def _blocks(frames: Iterator[UInt8[np.ndarray, "h w 3"]]) -> Iterator[tuple[UInt8[np.ndarray, "n h w 3"], int]]:
-    kept, first = list[np.ndarray](), 0
-    for frame in frames:
-        kept.append(frame)
-        if len(kept) == BLOCK:
-            yield np.stack(kept), first
-            first += len(kept)
-            kept.clear()
-    if kept:
-        yield np.stack(kept), first
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from claims.page import asked, fill, table
 from claims.papers.marker_ring import study
-from claims.papers.marker_ring.bench import Answer, Bench, Error, calibrated, errors
+from claims.papers.marker_ring.bench import WAYS, Answer, Bench, Error, calibrated, errors
 from claims.papers.marker_ring.study import DEEP_FROM, FLICKER, NOISE, NOISES, THIRD, Moving, Numbers, Sizes, Trouble
 from claims.row import Row, expected
 from palpate_lab.simulation.barrel import Indenter
@@ -17,7 +17,6 @@ from palpate_lab.simulation.ring_camera import Look
 from palpate_lab.simulation.ring_session import Protocol, RingUnit
 
 FOLDER = Path(__file__).parent
-WAYS = ("theirs", "ours")
 SEED = 300  # of the unit; nothing was chosen on it
 OTHERS = range(2, 6)  # beyond it, those of more units for intervals and labels: presses of one share its calibration
 PLATE, TIP = Indenter("plate", 0.0, 0.01), Indenter("tip", 0.0, 0.01, THIRD)
@@ -183,13 +182,10 @@ def parts(made: Measured) -> dict[str, object]:
     noises = {NOISE: {way: errors(made.plate, way) for way in WAYS}} | made.noises
     full = made.transfer["in full"]
     units = [[name, _both(found), _ratio(found, full, 2)] for name, found in made.transfer.items()]
-    speeds = [
-        [
-            f"{1e3 * each.speed:.0f}",
-            *(f"{np.abs(of[way]).mean():.3f}" for of in (each.middle, each.held) for way in WAYS),
-        ]
-        for each in made.moving
-    ]
+    speeds = list[list[str]]()
+    for each in made.moving:
+        off = [f"{np.abs(of[way]).mean():.3f}" for of in (each.middle, each.held) for way in WAYS]
+        speeds.append([f"{1e3 * each.speed:.0f}", *off])
     forces = [f"{what}, {way}" for what in ("of a frame [N]", "as read [N]") for way in WAYS]
     return {
         "depth": _by_depth(made.plate, made.third),
@@ -244,15 +240,8 @@ def in_trouble(trouble: Sequence[Trouble], elsewhere: Mapping[int, Trouble]) -> 
         off = [f"{np.degrees(np.abs(each.angle[way]).mean()):.2f}" if len(each.angle[way]) else "-" for way in WAYS]
         times = f"{each.times(trouble[0]):.2f}" if name not in others else "-"
         rows.append([name, f"{each.frames}", *right, f"{100 * each.seen:.1f}", *there, *off, times])
-    heads = (
-        "frames",
-        "labels right [%], theirs",
-        "ours",
-        "markers seen [%], ours",
-        "touches found [%], theirs",
-        "ours",
-    )
-    return table(("", *heads, "angle [deg], theirs", "ours", "ours, times clean"), rows)
+    heads = "|frames|labels right [%], theirs|ours|markers seen [%], ours|touches found [%], theirs|ours"
+    return table(f"{heads}|angle [deg], theirs|ours|ours, times clean".split("|"), rows)
 
 
 def rows(small: bool) -> Iterator[Row]:

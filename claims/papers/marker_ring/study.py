@@ -8,18 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from claims.papers.marker_ring.bench import (
-    MARKERS,
-    RATE,
-    Answer,
-    Bench,
-    Calibrated,
-    Error,
-    answered,
-    calibrated,
-    errors,
-    second,
-)
+from claims.papers.marker_ring import bench as _bench
+from claims.papers.marker_ring.bench import MARKERS, RATE, WAYS, Answer, Bench, Calibrated, Error, calibrated, errors
 from palpate_lab.simulation.barrel import Indenter, Pressed
 from palpate_lab.simulation.ring_camera import Look
 from palpate_lab.simulation.ring_session import Protocol, RingSession, RingUnit
@@ -78,9 +68,7 @@ def one_contact(bench: Bench, made: Calibrated, body: Indenter, sizes: Sizes, rn
     """A body pressed at random angles, deeper step by step down to its depth."""
     camera, answers = bench.photographer(), list[Answer]()
     for angle in rng.uniform(0.0, 2.0 * np.pi, sizes.angles).tolist():
-        states = [bench.rest, *bench.ladder([replace(body, angle=angle)], sizes.steps)]
-        frames = [camera.frame([state.discs], k / RATE) for k, state in enumerate(states)]
-        answers += answered(made, frames, states)[1:]
+        answers += bench.pressed(made, camera, [replace(body, angle=angle)], sizes.steps)[1:]
     return answers
 
 
@@ -103,18 +91,11 @@ def several(bench: Bench, made: Calibrated, sizes: Sizes, rng: np.random.Generat
         answers = list[Answer]()
         for _ in range(sizes.pairs * (2 if count == 1 else 1)):
             first, depths = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*SEVERAL, count)
-            bodies = [
-                Indenter("tip", float(first + np.radians(apart) * k), float(depth), TIP)
-                for k, depth in enumerate(depths)
-            ]
-            states = [bench.rest, *bench.ladder(bodies, 2)]
-            frames = [camera.frame([state.discs], k / RATE) for k, state in enumerate(states)]
-            answers.append(answered(made, frames, states)[-1])
-        right = {
-            way: float(np.mean([len(each.of(way)) == len(each.angle) for each in answers]))
-            for way in ("ours", "theirs")
-        }
-        made_up.append(Numbers(name, count, right, {way: errors(answers, way) for way in right}))
+            angles = first + np.radians(apart) * np.arange(count)
+            bodies = [Indenter("tip", *each, TIP) for each in zip(angles.tolist(), depths.tolist(), strict=True)]
+            answers.append(bench.pressed(made, camera, bodies, 2)[-1])
+        right = {way: float(np.mean([len(each.of(way)) == len(each.angle) for each in answers])) for way in WAYS}
+        made_up.append(Numbers(name, count, right, {way: errors(answers, way) for way in WAYS}))
     return made_up
 
 
@@ -161,20 +142,10 @@ def moving(bench: Bench, made: Calibrated, sizes: Sizes, rng: np.random.Generato
         ways.append(_Way(np.arange(count + 1) * FINE, [bench.rest, *states]))
     found = list[Moving]()
     for speed in sizes.speeds:
-        middle = {way: list[np.ndarray]() for way in ("ours", "theirs")}
-        held = {way: list[np.ndarray]() for way in middle}
         again = max(1, round(speed / 0.02))  # a fast plate is over after few frames: more of them
-        for way in ways * again:
-            for name, (off, late) in _came_down(bench, made, way, speed, float(rng.uniform())).items():
-                middle[name].append(off)
-                held[name].append(late)
-        found.append(
-            Moving(
-                speed,
-                {name: np.concatenate(each) for name, each in middle.items()},
-                {name: np.concatenate(each) for name, each in held.items()},
-            )
-        )
+        runs = [_came_down(bench, made, way, speed, float(rng.uniform())) for way in ways * again]
+        middle, held = ({way: np.concatenate([run[way][k] for run in runs]) for way in WAYS} for k in (0, 1))
+        found.append(Moving(speed, middle, held))
     return found
 
 
@@ -190,12 +161,11 @@ def _came_down(
         return np.clip(at * speed, 0.0, DEEP)
 
     frames = [camera.frame([way.at(float(d)).discs for d in depth(t + span)], float(t)) for t in time]
-    truth = [way.at(float(d)) for d in depth(time)]
-    answers = answered(made, frames, truth)
+    answers = _bench.answered(made, frames, [way.at(float(d)) for d in depth(time)])
     inside = (time > 0.0) & (time < lasts)
     read = np.arange(0.0, lasts, 1.0 / READ)
     newest = np.searchsorted(time + 0.5 * SHUTTER / RATE, read, side="right") - 1
-    known = {name: np.array([_strongest(answer.of(name)) for answer in answers]) for name in ("ours", "theirs")}
+    known = {name: np.array([_strongest(answer.of(name)) for answer in answers]) for name in WAYS}
     told = {name: np.where(newest >= 0, force[np.maximum(newest, 0)], 0.0) for name, force in known.items()}
     return {
         name: ((force - way.force(depth(time)))[inside], told[name] - way.force(depth(read)))
@@ -263,22 +233,16 @@ def _in_trouble(bench: Bench, made: Calibrated, name: str, look: Look, touches: 
         blobs = stay if "stay" in name else 10 if "flicker" in name else 0
         frames = [camera.frame([state.discs], k / RATE, hidden=hidden, blobs=blobs) for k, state in enumerate(touch)]
         ours = list[np.ndarray]()
-        last.append(answered(made, frames, touch, ours)[-1])
+        last.append(_bench.answered(made, frames, touch, ours)[-1])
         for frame, state, found in zip(frames, touch, ours, strict=True):
             places = bench.unit.camera.project(state.markers)
-            right["ours"].append(_right(found, places[number["ours"]], np.isin(number["ours"], hidden)))
             seen.append(np.isfinite(found[:, 0]).sum() / (MARKERS - len(hidden)))
-            theirs = made.theirs.labelled(frame)
-            right["theirs"].append(_right(theirs, places[number["theirs"]], np.isin(number["theirs"], hidden)))
+            for way, each in (("ours", found), ("theirs", made.theirs.labelled(frame))):
+                right[way].append(_right(each, places[number[way]], np.isin(number[way], hidden)))
     angle = {way: np.array([each.angle for each in errors(last, way)]) for way in right}
-    return Trouble(
-        name,
-        len(seen),
-        {way: float(np.mean(each)) for way, each in right.items()},
-        float(np.mean(seen)),
-        angle,
-        {way: float(np.mean([len(each.of(way)) > 0 for each in last])) for way in right},
-    )
+    shares = {way: float(np.mean(each)) for way, each in right.items()}
+    there = {way: float(np.mean([len(each.of(way)) > 0 for each in last])) for way in right}
+    return Trouble(name, len(seen), shares, float(np.mean(seen)), angle, there)
 
 
 def _right(found: Float[np.ndarray, "m 2"], true: Float[np.ndarray, "m 2"], hidden: Bool[np.ndarray, " m"]) -> bool:
@@ -307,7 +271,7 @@ def short_session(session: RingSession, touches: int) -> RingSession:
 
 def transfer(unit: RingUnit, first: Calibrated, sizes: Sizes, seed: int) -> dict[str, list[Error]]:
     """Errors of ours on a second unit: calibrated in full, with few touches from the first's response, and without."""
-    other = Bench(second(unit, coarse=sizes.coarse), seed)
+    other = Bench(_bench.second(unit, coarse=sizes.coarse), seed)
     session = other.calibration(sizes.protocol)
     short, look = short_session(session, sizes.short), other.unit.look
     ways = {
@@ -316,8 +280,7 @@ def transfer(unit: RingUnit, first: Calibrated, sizes: Sizes, seed: int) -> dict
     }
     if not sizes.coarse:
         ways["few touches alone"] = calibrated(short, look)
-    body = Indenter("tip", 0.0, 0.01, THIRD)
-    return {
-        name: errors(one_contact(other, made, body, sizes, np.random.default_rng([seed, 8])), "ours")
-        for name, made in ways.items()
-    }
+    body, found = Indenter("tip", 0.0, 0.01, THIRD), dict[str, list[Error]]()
+    for name, made in ways.items():
+        found[name] = errors(one_contact(other, made, body, sizes, np.random.default_rng([seed, 8])), "ours")
+    return found

@@ -1,6 +1,8 @@
 """Everything that is run, by section of the page."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 from claims.papers.moving_phantom.study import Condition
@@ -58,7 +60,7 @@ FULL = Sizes(20, 3)
 
 def sections(sizes: Sizes) -> list[Condition]:
     """Those that last longest first, so that no process waits for the last."""
-    made = [*_paper(sizes), *_methods(), *_ours(sizes), *_unplanned(sizes), *_hard(sizes), *_probes(), *_others(sizes)]
+    made = [*_sines(sizes), *_methods(), *_unplanned(sizes), *_still()]
     slow = {"iterative": 3.0}
     return sorted(made, key=lambda each: -each.until * slow.get(each.variant, 1.0))
 
@@ -78,89 +80,54 @@ def _seeds(count: int) -> range:
     return range(SEED, SEED + count)
 
 
-def _paper(sizes: Sizes) -> list[Condition]:
-    made = [
-        sine(f"paper {way} {period}", way, period, method="paper", seed=seed)
-        for way in DIRECTIONS
-        for period in PERIODS
-        for seed in _seeds(sizes.few)
-    ]
-    return [*made, sine("paper vertical 10", "vertical", 10, method="paper")]
+def _sines(sizes: Sizes) -> Iterator[Condition]:
+    def seeded(count: int, *given: Any, **options: Any) -> Iterator[Condition]:
+        return (sine(*given, seed=seed, **options) for seed in _seeds(count))
+
+    kinds: dict[str, dict[str, Any]] = {name: {"variant": variant} for name, variant in INERTIA.items() if variant}
+    kinds[BOUNDED] = {"lab": {"acceleration": 30.0}}
+    for way in DIRECTIONS:
+        for period in PERIODS:
+            yield from seeded(sizes.few, f"paper {way} {period}", way, period, method="paper")
+        for period in sizes.periods:
+            yield from seeded(sizes.seeds, f"ours {way} {period}", way, period)
+        for name, lab in HARD.items():
+            begin, variant = (SOFT if "x0.3" in name else BEGIN), ("payload" if "payload" in name else "")
+            yield from seeded(sizes.few, f"{name} {way}", way, 5, begin=begin, lab=lab, variant=variant)
+        for name, kind in kinds.items():
+            yield from seeded(sizes.few, f"inertia {name} {way}", way, 2, **kind)
+        for probe, method in product(PROBES, ("paper", "ours")):
+            yield sine(f"{probe} {method} {way}", way, 10, method=method, lab={"probe": probe}, begin=4.0)
+    yield sine("paper vertical 10", "vertical", 10, method="paper")
+    for name, stiffness in (("", 2e6), (" stiff", 6e6)):
+        yield from seeded(sizes.few, f"ours vertical{name}", "vertical", 10, lab={"stiffness": stiffness})
 
 
-def _methods() -> list[Condition]:
-    made = list[Condition]()
+def _methods() -> Iterator[Condition]:
     for name, variant in METHODS.items():
         for way in DIRECTIONS:
             for period in (10, 5) if variant else ():
-                made.append(sine(f"{name} {way} {period}", way, period, method="paper", variant=variant))
+                yield sine(f"{name} {way} {period}", way, period, method="paper", variant=variant)
             spun = sine(f"{name} {way} spun", way, 10, method="paper", variant=variant)
             moving = replace(spun.settings.motion, spin=SPIN)
-            made.append(replace(spun, settings=replace(spun.settings, motion=moving)))
-    return made
+            yield replace(spun, settings=replace(spun.settings, motion=moving))
 
 
-def _ours(sizes: Sizes) -> list[Condition]:
-    return [
-        sine(f"ours {way} {period}", way, period, seed=seed)
-        for way in DIRECTIONS
-        for period in sizes.periods
-        for seed in _seeds(sizes.seeds)
-    ] + [
-        sine(f"ours vertical{name}", "vertical", 10, seed=seed, lab={"stiffness": stiffness})
-        for name, stiffness in (("", 2e6), (" stiff", 6e6))
-        for seed in _seeds(sizes.few)
-    ]
-
-
-def _unplanned(sizes: Sizes) -> list[Condition]:
-    made = list[Condition]()
+def _unplanned(sizes: Sizes) -> Iterator[Condition]:
     for name, noise in (("unplanned", {}), ("unplanned, quiet,", QUIET)):
-        for way in DIRECTIONS:
-            for seed in _seeds(sizes.seeds):
-                moving = unplanned(seed, direction=way, step_at=STEP, begin=BEGIN)
-                settings = LabSettings(motion=moving, seed=seed, **noise)
-                made.append(Condition(f"{name} {way}", settings, STEP + 1.0, direction=way))
-    return made
+        for way, seed in product(DIRECTIONS, _seeds(sizes.seeds)):
+            moving = unplanned(seed, direction=way, step_at=STEP, begin=BEGIN)
+            settings = LabSettings(motion=moving, seed=seed, **noise)
+            yield Condition(f"{name} {way}", settings, STEP + 1.0, direction=way)
 
 
-def _hard(sizes: Sizes) -> list[Condition]:
-    made = list[Condition]()
-    for name, lab in HARD.items():
-        begin, variant = (SOFT if "x0.3" in name else BEGIN), ("payload" if "payload" in name else "")
-        for way in DIRECTIONS:
-            for seed in _seeds(sizes.few):
-                made.append(sine(f"{name} {way}", way, 5, begin=begin, seed=seed, lab=lab, variant=variant))
-    return made
-
-
-def _probes() -> list[Condition]:
-    return [
-        sine(f"{probe} {method} {way}", way, 10, method=method, lab={"probe": probe}, begin=4.0)
-        for probe in PROBES
-        for method in ("paper", "ours")
-        for way in DIRECTIONS
-    ]
-
-
-def _others(sizes: Sizes) -> list[Condition]:
-    made = [
-        sine(f"inertia {name} {way}", way, 2, seed=seed, variant=variant)
-        for name, variant in INERTIA.items()
-        if variant
-        for way in DIRECTIONS
-        for seed in _seeds(sizes.few)
-    ]
-    for way in DIRECTIONS:
-        for seed in _seeds(sizes.few):
-            made.append(sine(f"inertia {BOUNDED} {way}", way, 2, seed=seed, lab={"acceleration": 30.0}))
+def _still() -> Iterator[Condition]:
     for sign in (-1.0, 1.0):
         for way, bias in zip(DIRECTIONS, ((sign * BIAS, 0.0), (0.0, sign * BIAS)), strict=True):
             still = LabSettings(motion=motion("still", begin=BEGIN), seed=SEED)
-            made.append(Condition(f"bias {sign:+.0f} {way}", still, 4.0, direction=way, bias=bias))
+            yield Condition(f"bias {sign:+.0f} {way}", still, 4.0, direction=way, bias=bias)
     for name, bound in (("stops", 3.0), ("goes on", 30.0)):
         for way, drift in zip(DIRECTIONS, ((DRIFT, 0.0), (0.0, DRIFT)), strict=True):
             settings = LabSettings(motion=motion("still", begin=BEGIN), seed=SEED, drift=(*drift, 0.0, 0.0, 0.0, 0.0))
             limits = Limits(drift=(DRIFT, 0.0), drift_angle=bound * 0.0174533)
-            made.append(Condition(f"drift {name} {way}", settings, 10.0, direction=way, limits=limits))
-    return made
+            yield Condition(f"drift {name} {way}", settings, 10.0, direction=way, limits=limits)

@@ -123,10 +123,10 @@ def parts(found: Runs) -> dict[str, object]:
         cells = [f"{each.mean:.2f} ({ratio:.2f})" for each, ratio in zip(ways[name], ratios, strict=True)]
         hard.append([name, *cells, *_held(ways[name])[2:]])
     times = [f"T = {period} s, {way}" for period in PERIODS for way in DIRECTIONS]
-    cycles = {
-        name: np.median([trace.cycle for trace in found[f"{name} in-plane 5"].traces], axis=0)
-        for name in ("ours", "paper")
-    }
+    cycles = list[list[str]]()
+    for name in ("ours", "paper"):
+        took = np.median([trace.cycle for trace in found[f"{name} in-plane 5"].traces], axis=0)
+        cycles.append([name, *(f"{1e6 * value:.0f}" for value in took)])
     troubled = [f"{way} [deg] (times nominal)" for way in DIRECTIONS]
     return {
         "one": table(("mean [deg]", *times), [[name, *said] for name, said in TABLE_1.items()] + one),
@@ -139,10 +139,7 @@ def parts(found: Runs) -> dict[str, object]:
         "hard": table(("ours, T = 5 s", *troubled, *BOTH[2:], "left hold"), hard),
         "drift": _drift(found),
         "probes": _probes(found),
-        "cycles": table(
-            ("a call of `update` [us]", "p50", "p99"),
-            [[name, *(f"{1e6 * value:.0f}" for value in each)] for name, each in cycles.items()],
-        ),
+        "cycles": table(("a call of `update` [us]", "p50", "p99"), cycles),
     }
 
 

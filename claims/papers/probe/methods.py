@@ -49,8 +49,7 @@ def methods(
         clean = [_asked(exact, some, alone, ())[0] for some in cases]
         turned = _asked(exact, twisted, alone, ())[0]
         off, times = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-        refused = int(np.sum(np.isnan(off)))
-        found[name] = Method(off, np.concatenate(clean), turned, times, refused)
+        found[name] = Method(off, np.concatenate(clean), turned, times, int(np.sum(np.isnan(off))))
     return found
 
 

@@ -84,7 +84,9 @@ def parts(results: Results) -> dict[str, object]:
     upright = results.forces["filtered"][1.0][0].mark
     angled = ("in-plane", "out-of-plane")
     kinds = [f"{kind}: {what}" for kind in ("filtered", "single") for what in ("mean", "SD", "worst")]
-    what = ["all errors", "nothing wrong", "nothing wrong, broad pad, twisted"]
+    what = ["all errors", "nothing wrong", "nothing wrong, broad pad, twisted", "time [us], median (99 %)", "no answer"]
+    heads = ["error", *(f"{angle}: {to}" for to in ("mark", "centre") for angle in ANGLES)]
+    tips = [[f"{1e3 * r:g} mm", *(f"{1e3 * found[a]:.2f}" for a in angled)] for r, found in results.tips.items()]
     bounds = [[f"{force:g}", f"{ratio:.3f}"] for force, ratio in results.bound.items()]
     return {
         "builds": len(builds),
@@ -107,23 +109,14 @@ def parts(results: Results) -> dict[str, object]:
         "bound": results.bound[9.0],
         "worst": 1e3 * _worst(results, "filtered", 1.0),
         "upright": 1e3 * float(np.median(upright.max(axis=(1, 2)))),
-        "causes": table(
-            ("error", *(f"{a}: mark" for a in ANGLES), *(f"{a}: centre" for a in ANGLES)),
-            [[name, *_cause(found)] for name, found in causes.items()],
-        ),
+        "causes": table(heads, [[name, *_cause(found)] for name, found in causes.items()]),
         "forces": table(("force [N]", *kinds), [[f"{force:g}", *_force(results, force)] for force in FORCES]),
         "bounds": table(("force [N]", "worst mark"), bounds),
         "pitch": pitch,
         "turned": turned,
         "twist": TWIST,
-        "methods": table(
-            ("method", *what, "time [us], median (99 %)", "no answer"),
-            [[name, *_method(results, name)] for name in METHODS],
-        ),
-        "tips": table(
-            ("tip's radius", *(f"{angle} [mm]" for angle in angled)),
-            [[f"{1e3 * r:g} mm", *(f"{1e3 * found[a]:.2f}" for a in angled)] for r, found in results.tips.items()],
-        ),
+        "methods": table(("method", *what), [[name, *_method(results, name)] for name in METHODS]),
+        "tips": table(("tip's radius", *(f"{angle} [mm]" for angle in angled)), tips),
     }
 
 

@@ -109,12 +109,11 @@ def _causes(tee: Meshes, angles: dict[str, Case], draws: Draws) -> dict[str, dic
 def _forces(tee: Meshes, angles: dict[str, Case], draws: Draws, causes: Collection[str]) -> dict[float, list[Errors]]:
     """Readings of one press on mark 3 at each force and angle."""
     simple = tee.locator("simple")
-    return {
-        force: [
-            errors(_third(some), simple, draws, causes, (force, force), READINGS, presses=1) for some in angles.values()
-        ]
-        for force in FORCES
-    }
+    some, found = [_third(each) for each in angles.values()], dict[float, list[Errors]]()
+    for force in FORCES:
+        span = force, force
+        found[force] = [errors(each, simple, draws, causes, span, READINGS, presses=1) for each in some]
+    return found
 
 
 def _tip(tee: Meshes, radius: float, spacing: float) -> dict[str, float]:

@@ -9,10 +9,11 @@ import numpy as np
 
 import palpate
 from claims.papers.probe import assumed
-from claims.papers.probe.bound import bound
+from claims.papers.probe.assumed import NOISE
 from claims.papers.probe.draws import Draws
 from claims.papers.probe.press import Press, press, tilted
 from claims.papers.probe.shapes import PROBES, Probe
+from palpate_lab.simulation import contact_wrenches
 
 ANGLES = {"perpendicular": (0.0, "in-plane"), "in-plane": (30.0, "in-plane"), "out-of-plane": (30.0, "out-of-plane")}
 REPEATS = 3  # the paper pressed each mark three times
@@ -89,17 +90,10 @@ def case(
     degrees, plane = ANGLES[angle]
     pad = pad or assumed.Pad()
     signs = np.where(np.arange(len(marks)) % 2, -1.0, 1.0)
+    aims = marks + centred * pad.radius * normals
     presses = [
-        press(
-            probe,
-            mark,
-            tilted(normal, sign * degrees, plane),
-            pad,
-            twist,
-            spacing,
-            mark + centred * pad.radius * normal,
-        )
-        for mark, normal, sign in zip(marks, normals, signs, strict=True)
+        press(probe, mark, tilted(normal, sign * degrees, plane), pad, twist, spacing, aim)
+        for mark, aim, normal, sign in zip(marks, aims, normals, signs, strict=True)
     ]
     first = np.cross(normals, [0.0, 1.0, 0.0])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -113,14 +107,6 @@ class Errors:
 
     mark: np.ndarray
     centroid: np.ndarray
-    unanswered: int
-
-    @classmethod
-    def joined(cls, parts: list[Errors]) -> Errors:
-        mark, centroid = (
-            np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("mark", "centroid")
-        )
-        return cls(mark, centroid, sum(part.unanswered for part in parts))
 
 
 def errors(
@@ -161,7 +147,7 @@ def errors(
     off = np.einsum("bmrk,mki->bmri", missed, some.tangents)
     # pressed at mark + off, so everything else moved along by as much: the same as a mark off the other way
     mark = np.linalg.norm(points + off - some.marks[:, None], axis=-1)
-    return Errors(mark, np.linalg.norm(points - centroids, axis=-1), int(np.sum(~found.answered)))
+    return Errors(mark, np.linalg.norm(points - centroids, axis=-1))
 
 
 def calibrated(some: Case, mesh: palpate.Mesh, draws: Draws, causes: Collection[str]) -> palpate.Pose:
@@ -174,6 +160,30 @@ def calibrated(some: Case, mesh: palpate.Mesh, draws: Draws, causes: Collection[
     sensed = draws.sensed(wrenches, causes, number)[:, :, 0]
     found = [palpate.identify_mounting(w, mesh, initial=palpate.Pose.identity(), points=some.marks) for w in sensed]
     return palpate.Pose([each.pose.rotation for each in found], [each.pose.translation for each in found])
+
+
+def bound(probe: Probe, point: np.ndarray, wrench: np.ndarray) -> float:
+    """The rms error [m] on the surface that no unbiased estimate undercuts, for one reading with the assumed noise.
+
+    Cramer-Rao, by the forward model alone: a soft finger at p(u, v) makes W = (F, p x F + tau n(p)), six numbers that
+    hold six unknowns (F, u, v, tau), so the bound is J^-1 Sigma J^-T, with J by central differences on the exact shape.
+    """
+    normal = probe.normals(point)
+    first = np.cross(normal, [0.0, 1.0, 0.0])
+    first /= np.linalg.norm(first)
+    tangents = np.stack([first, np.cross(normal, first)])
+    torque = (wrench[3:] - np.cross(point, wrench[:3])) @ normal
+    at = np.concatenate([wrench[:3], [0.0, 0.0, torque]])
+
+    def forward(x: np.ndarray) -> np.ndarray:
+        here = probe.land(point + x[:, 3:5] @ tangents, normal)
+        return contact_wrenches(here, probe.normals(here), x[:, :3], x[:, 5])
+
+    steps = np.diag([1e-3] * 3 + [1e-6] * 2 + [1e-5])
+    slopes = (forward(at + steps) - forward(at - steps)) / (2 * np.diag(steps)[:, None])
+    inverse = np.linalg.inv(slopes.T)
+    covariance = inverse @ np.diag(NOISE**2) @ inverse.T
+    return float(np.sqrt(covariance[3, 3] + covariance[4, 4]))
 
 
 def noise_over_bound(some: Case, locator: palpate.Locator, force: float, readings: int) -> np.ndarray:

@@ -62,17 +62,14 @@ def rows(small: bool) -> Iterator[Row]:
     bench = [[what, others, *(f"{figure(each):.2f}" for each in touched)] for what, others, figure in BENCH]
     heads = ("way", "min, max, mean to the mesh [mm]", "min, max, mean from the mesh [mm]", "time [ms]")
     if not small:
-        fill(
-            FOLDER,
-            table_2=table(heads, first),
-            cells=table(("", "mean", "worst"), cells),
-            rms=100 * ours.strain[0],
-            worst=100 * ours.strain[1],
-            overlap=np.count_nonzero(ours.overlap),
-            notes=" ".join(f"{note}." for note in ours.notes),
-            count=count,
-            bench=table(("", "theirs", "touches of 0.3 cells", "patches of 3 cells"), bench),
-        )
+        tables = {
+            "table_2": table(heads, first),
+            "cells": table(("", "mean", "worst"), cells),
+            "bench": table(("", "theirs", "touches of 0.3 cells", "patches of 3 cells"), bench),
+        }
+        (rms, worst), notes = (100 * strain for strain in ours.strain), " ".join(f"{note}." for note in ours.notes)
+        overlap = np.count_nonzero(ours.overlap)
+        fill(FOLDER, rms=rms, worst=worst, overlap=overlap, notes=notes, count=count, **tables)
     yield from (Row(f"table 2, {name}: {heads[1]}", "", got) for name, got, *_ in first[len(PAPER) :])
     yield from (Row(what, "", f"{mean}, {worst} at worst") for what, mean, worst in cells)
     for what, others, one, wide in bench:

@@ -4,13 +4,14 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from claims.page import asked, fill, table
-from claims.papers.taxel_poking.figures import bars
 from claims.papers.taxel_poking.study import ALONE, FIRST, Found, Session, alone, mean_of
 from claims.row import Row, expected
+from palpate.viewer._style import AXES, INK, MUTED, RULE, figure, save, styled
 
 FOLDER = Path(__file__).parent
 AVERAGED, NOTHING, CAD = "averaged, surface", "modules", "modules, CAD"
@@ -131,11 +132,8 @@ def _methods(found: Mapping[str, Sequence[Found]]) -> str:
     for name, runs in found.items():
         means = [1e3 * one.mean for one in runs]
         known = [one.expected**2 for one in runs if one.expected is not None]
-        cells = [
-            f"{np.mean(means):.2f}",
-            f"{min(means):.2f}-{max(means):.2f}",
-            f"{1e3 * max(r.worst for r in runs):.1f}",
-        ]
+        worst = 1e3 * max(one.worst for one in runs)
+        cells = [f"{np.mean(means):.2f}", f"{min(means):.2f}-{max(means):.2f}", f"{worst:.1f}"]
         cells += [f"{1e3 * np.sqrt(np.mean([one.rms**2 for one in runs])):.2f}"]
         cells += [f"{1e3 * np.sqrt(np.mean(known)):.2f}" if known else ""]
         cells += [f"{1e3 * np.mean([one.relative for one in runs]):.2f}"]
@@ -143,6 +141,29 @@ def _methods(found: Mapping[str, Sequence[Found]]) -> str:
         rows.append([name, *cells])
     heads = ("mean", "of sessions", "worst", "rms", "expected", "relative", "worst", "times better")
     return table(("method", *heads), rows)
+
+
+def bars(
+    found: Mapping[str, Sequence[Sequence[Found]]], ranges: Mapping[str, tuple[float, float]], path: Path, label: str
+) -> None:
+    """Draw a panel a way: means of each session and dataset, and the paper's least and largest mean [m]."""
+    with styled():
+        drawn = figure(2.4)
+        axes: Any = drawn.subplots(1, len(found), sharey=True)
+        for part, (way, runs) in zip(axes, found.items(), strict=True):
+            means, deviations = (
+                np.array([[getattr(one, name) for one in run] for run in runs]) for name in ("mean", "deviation")
+            )
+            at = np.arange(1, means.shape[1] + 1)
+            part.axhspan(*(1e3 * value for value in ranges[way]), color=RULE, linewidth=0)
+            middle, spread = (1e3 * values.mean(axis=0) for values in (means, deviations))
+            part.bar(at, middle, yerr=spread, color=AXES[2], width=0.6, error_kw={"linewidth": 0.7, "ecolor": MUTED})
+            part.plot(np.tile(at, (len(means), 1)).T, 1e3 * means.T, ".", color=INK, markersize=2)
+            part.set_title(way, color=MUTED)
+            part.set_xticks(at)
+            part.set_xlabel(label)
+        axes[0].set_ylabel("error [mm]")
+        save(drawn, path, "png")
 
 
 def rows(small: bool) -> Iterator[Row]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -108,49 +108,33 @@ def _layout(condition: Condition) -> ArenaLayout:
 
 def conditions(sizes: Sizes = FULL) -> list[Condition]:
     """The most telling first: a run that is stopped early has those."""
-    made = [*_figure_11(sizes), *_many(sizes), *_harder(sizes), *_others(sizes), *_baseline(sizes)]
+    made = [each for size, *kind in _kinds() for each in seeded(getattr(sizes, size), *kind)]
+    for count in sizes.counts:
+        made += seeded(max(1, min(sizes.fixed, 40 // count)), f"{count} robots", "paper", {"robots": count})
     names = dict.fromkeys(each.name for each in made)
     return [each for name in names for each in made if each.name == name]
 
 
-def seeded(count: int, name: str, arena: str, **options: Any) -> list[Condition]:
-    first = Condition(name, arena, JUDGED)
-    return [replace(first, seed=seed, **options) for seed in range(JUDGED, JUDGED + count)]
+def seeded(count: int, name: str, arena: str, options: Mapping[str, Any]) -> list[Condition]:
+    first = Condition(name, arena, JUDGED, **options)
+    return [replace(first, seed=seed) for seed in range(JUDGED, JUDGED + count)]
 
 
-def _figure_11(sizes: Sizes) -> Iterable[Condition]:
+def _kinds() -> Iterator[tuple[str, str, str, dict[str, Any]]]:
+    """How many of `Sizes`, name, arena, and what differs from ours."""
     for method in ("ours", *BASELINES):
-        yield from seeded(sizes.fixed, f"figure 11 {method}", "figure 11", method=method, traced=True)
-
-
-def _many(sizes: Sizes) -> Iterable[Condition]:
-    yield from seeded(sizes.many, "ours", "paper")
-    yield from seeded(sizes.few, "images", "paper", sensing="images")
-    for name, options in ABLATIONS.items():
-        yield from seeded(sizes.few, name, "paper", **options)
-    for fault in FAULTS:
-        yield from seeded(sizes.few, f"fault {fault}", "paper", fault=fault)
-
-
-def _harder(sizes: Sizes) -> Iterable[Condition]:
-    yield from seeded(sizes.many, "dense", "dense")
+        yield "fixed", f"figure 11 {method}", "figure 11", {"method": method, "traced": True}
+    yield "many", "ours", "paper", {}
+    yield "few", "images", "paper", {"sensing": "images"}
+    yield from (("few", name, "paper", options) for name, options in ABLATIONS.items())
+    yield from (("few", f"fault {fault}", "paper", {"fault": fault}) for fault in FAULTS)
+    yield "many", "dense", "dense", {}
     for trap in TRAPS:
-        yield from seeded(sizes.fixed, f"trap {trap}", f"trap {trap}", traced=True)
-        yield from seeded(sizes.fixed, f"trap {trap} paper", f"trap {trap}", method="paper")
-
-
-def _others(sizes: Sizes) -> Iterable[Condition]:
-    for count in sizes.counts:
-        yield from seeded(max(1, min(sizes.fixed, 40 // count)), f"{count} robots", "paper", robots=count)
-    for again in (1, 2):
-        yield from seeded(sizes.again, f"again {again}", "paper", again=again)
-
-
-def _baseline(sizes: Sizes) -> Iterable[Condition]:
-    for method in BASELINES:
-        yield from seeded(sizes.few, method, "paper", method=method)
-    yield from seeded(sizes.few, "ours sparse", "sparse")
-    for method in BASELINES:
-        yield from seeded(sizes.few, f"{method} sparse", "sparse", method=method)
-    yield from seeded(sizes.few, "paper alone", "paper", method="paper", robots=1)
-    yield from seeded(sizes.few, "paper binary touch", "paper", method="paper", touch="binary")
+        yield "fixed", f"trap {trap}", f"trap {trap}", {"traced": True}
+        yield "fixed", f"trap {trap} paper", f"trap {trap}", {"method": "paper"}
+    yield from (("again", f"again {again}", "paper", {"again": again}) for again in (1, 2))
+    yield from (("few", method, "paper", {"method": method}) for method in BASELINES)
+    yield "few", "ours sparse", "sparse", {}
+    yield from (("few", f"{method} sparse", "sparse", {"method": method}) for method in BASELINES)
+    yield "few", "paper alone", "paper", {"method": "paper", "robots": 1}
+    yield "few", "paper binary touch", "paper", {"method": "paper", "touch": "binary"}

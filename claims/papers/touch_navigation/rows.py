@@ -88,10 +88,8 @@ def _compared(first: str, rows: Mapping[str, Found]) -> str:
 def parts(found: Runs) -> dict[str, object]:
     """Return what stands in the page, by its place there."""
     ours, images, first = found["ours"], found["images"], found[next(iter(ABLATIONS))]
-    many, sparse = (
-        {"ours": ours, "ours, the arenas of the rows below": ours.of(found["paper"])},
-        {"ours": found["ours sparse"]},
-    )
+    many = {"ours": ours, "ours, the arenas of the rows below": ours.of(found["paper"])}
+    sparse = {"ours": found["ours sparse"]}
     for method, retreat in BASELINES.items():
         many[f"the paper's, retreat {retreat}"] = found[method]
         sparse[f"the paper's, retreat {retreat}"] = found[f"{method} sparse"]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -113,23 +113,12 @@ def run(condition: Condition) -> Outcome:
     took, result = time.process_time() - begin, made.result()
     moved = np.hypot(*(watch.boxes[1] - watch.boxes[0])[:, :2].T).max(initial=0.0)
     ways = np.round(np.array(watch.ways), 4) if watch.ways else np.empty((0, 0, 3))
-    return Outcome(
-        condition,
-        stamp(),
-        result.arrived,
-        result.path,
-        result.greatest,
-        result.pushes,
-        result.deadlocks,
-        result.state,
-        tuple(watch.forces.tolist()),
-        float(moved),
-        result.seconds,
-        took,
-        watch.digest.hexdigest(),
-        tuple(tuple(ways[:, k].ravel().tolist()) for k in range(ways.shape[1])),
-        tuple(tuple(each.ravel().tolist()) for each in watch.boxes) if condition.traced else (),
-    )
+    ways = tuple(tuple(each.ravel().tolist()) for each in np.moveaxis(ways, 1, 0))
+    boxes = tuple(tuple(each.ravel().tolist()) for each in watch.boxes) if condition.traced else ()
+    of_robots = result.arrived, result.path, result.greatest, result.pushes, result.deadlocks, result.state
+    spent = result.seconds, took, watch.digest.hexdigest()
+    forces = tuple(watch.forces.tolist())
+    return Outcome(condition, stamp(), *of_robots, forces, float(moved), *spent, ways, boxes)
 
 
 @cache
@@ -167,12 +156,10 @@ def _bare(source: str) -> str:
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
-            body[:] = [each for each in cast("list[object]", body) if not _is_words(each)]
+            body[:] = [
+                each for each in body if not (isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant))
+            ]
     return ast.dump(tree)
-
-
-def _is_words(node: object) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
 class Found:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calibration._screws import name_motions
 from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads, fit, offset
-from palpate.calibration.touch_error import TouchError
+from palpate.calibration.touch_error import FEWEST, TouchError
 from palpate.calibration.validation import Validation, cross_validate
 from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
@@ -29,6 +29,7 @@ __all__ = ["Mounting", "Spreads", "identify_mounting", "mean_touches"]
 SAID = 3  # notes in a refusal
 ENOUGH = 8  # touches of which some can be left out
 CONTRADICTED = 20.0  # times the expected residual: no pose explains such touches
+UNKNOWN = 3e-3  # m: assumed error of touches too few to show it, as much as those of a finger on a flat pad have
 WRONG = 5.0  # of a touch: beyond it the touch is left out and named: another mark, or a slip
 SURE = 2.0  # over sqrt(n): the relative excess of the variance of n touches that is no chance, two sigma
 _USUAL = Spreads()
@@ -100,7 +101,8 @@ def identify_mounting(
     time, and named in the notes.
 
     With points, a touch gives M - (R p + t) x F = tau R n, two numbers for six unknowns: three touches whose forces
-    differ in direction and whose points are not on one line determine all.
+    differ in direction and whose points are not on one line determine all. Fewer than four do not show their own error:
+    3 mm each is assumed, in addition to `placement`.
 
     Without points a touch informs only through the *prior* that forces press more than they drag: the unit force is
     expected within the friction of `Spreads` about -n, which on a surface of curvature radius r places the touch to
@@ -130,6 +132,14 @@ def identify_mounting(
         f"{names[k]} is left out: it has no point, or no usable sample" for k in np.setdiff1d(range(len(names)), used)
     ]
     covariances = _noise(noise, len(wrenches))
+    if len(used) == 0:
+        raise _refusal(points is None, np.eye(6), spreads, notes)
+    if points is not None:
+        notes += _strays(points[used], surface, [names[k] for k in used], spreads.placement)
+    few = points is not None and len(used) < FEWEST
+    if few:
+        spreads = replace(spreads, placement=float(np.hypot(spreads.placement, UNKNOWN)))
+        notes.append(f"fewer than {FEWEST} touches do not show their own error: {1e3 * UNKNOWN:g} mm each is assumed")
 
     def evidence(rows: Rows, placed: float) -> Evidence:
         touched = wrenches[rows], covariances[rows], replace(spreads, placement=placed)
@@ -137,13 +147,10 @@ def identify_mounting(
             return SomewhereOnSurface(*touched, surface)
         return KnownPoints(*touched, points[rows], surface.project(points[rows])[1])
 
-    if len(used) == 0:
-        raise _refusal(points is None, np.eye(6), spreads, notes)
-    if points is not None:
-        notes += _strays(points[used], surface, [names[k] for k in used], spreads.placement)
     of = partial(evidence, placed=spreads.placement)
     kept, pose, outliers = _fitted(of, used, initial, names)
-    residual, error = _misfit(of(kept), pose), of(kept).error(pose)
+    residual = _misfit(of(kept), pose)
+    error = TouchError(spreads.placement) if few else of(kept).error(pose)
     if residual > CONTRADICTED:
         raise InputError(
             f"the touches fit no pose of the surface: they are {residual:.0f} times further from it than expected.",

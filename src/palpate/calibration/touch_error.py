@@ -69,7 +69,7 @@ def touch_error(
     if len(errors) < FEWEST or not errors.any():
         return TouchError()
     size = -(-len(errors) // MANY)
-    groups, scale = len(errors) // size, float(np.mean(errors**2))
+    groups, scale = len(errors) // size, float(np.sum(errors**2)) / (errors.size - slopes.shape[2])
     grouped = errors[: groups * size].reshape(groups, size, 2)
     mean, slope = grouped.mean(axis=1), slopes[: groups * size].reshape(groups, size, 2, 6).mean(axis=1)
     white, drift = scale * VARIANCES, scale * np.append(0.0, VARIANCES)

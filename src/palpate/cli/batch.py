@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
+from palpate.cli.batch_dataset import CONTACTS, EpisodeLog, episodes_of, label
 from palpate.cli.batch_logs import logs_of, names_of
 from palpate.cli.estimate_log import estimate_log, record_of
 from palpate.cli.rig_options import RigOptions
@@ -50,6 +51,7 @@ class _Job:
         output: file of contacts to write.
         frame: coordinate frame of the result.
         parent: process whose child must do it; 0: any.
+        episode: that of a data set which is the log; None: all of the file is.
     """
 
     setup: RigOptions
@@ -59,11 +61,12 @@ class _Job:
     output: Path
     frame: str
     parent: int
+    episode: EpisodeLog | None = None
 
     @property
     def key(self) -> str:
-        """Resolved path of the log."""
-        return str(self.log.resolve())
+        """Resolved path of the log, with the number of the episode."""
+        return str(self.log.resolve()) + ("" if self.episode is None else f"#{self.episode.episode.index}")
 
 
 @dataclass(frozen=True)
@@ -106,8 +109,10 @@ def batch(
     options and version are not done again. A log that cannot be used is listed with the reason. Exit code 5: done, but
     some logs failed; 3: one was cut off; 4: nothing in one can be believed.
 
+    Of a LeRobot data set each episode is a log, and the folder receives a copy of it with contacts as columns.
+
     Args:
-        logs: files, folders (with all that is below) and patterns; see `palpate estimate`.
+        logs: files, folders (with all that is below) and patterns; see `palpate estimate`. Or one data set's folder.
         output: folder to write into; it is created if only its parent exists.
         setup: what is touched, and how contacts are found.
         form: format of the files of contacts: parquet, csv or mcap.
@@ -123,7 +128,8 @@ def batch(
     """
     count = require_backend(backend, workers, WORKERS)
     require_report()
-    files, found = setup.load().files(), logs_of(logs, output)
+    files, episodes = setup.load().files(), episodes_of(logs, output)
+    found = [] if episodes else logs_of(logs, output)
     _require_folder(output)
     made = _digest(setup, files, frame)
     kept = {each.log: each for each in _read(output / KEPT)}
@@ -134,6 +140,12 @@ def batch(
         _Job(anywhere, made, _printable(log), log.absolute(), folder / f"{name}.{form}", frame, parent)
         for log, name in names_of(found, known).items()
     ]
+    jobs += [
+        _Job(anywhere, made, each.called, each.path, folder / f"{each.name}.{form}", frame, parent, each)
+        for each in episodes
+    ]
+    if episodes:
+        (output / CONTACTS).mkdir(exist_ok=True)
     _require_separate(jobs, setup, files)
     done = dict[str, _Kept]()
     for job in jobs:
@@ -152,7 +164,16 @@ def batch(
     except KeyboardInterrupt:
         announce(f"{len(done)} of {len(jobs)} logs are in {output}: run the same command to continue")
         raise
-    _end([done[job.key].result for job in jobs], output, setup, files)
+    results = [done[job.key].result for job in jobs]
+    if episodes:
+        label(episodes, _contacts(jobs, results), output, frame)
+    _end(results, output, setup, files)
+
+
+def _contacts(jobs: Sequence[_Job], results: Sequence[LogResult]) -> dict[int, Path]:
+    """Return the number of each episode that is done -> file of its contacts."""
+    pairs = zip(jobs, results, strict=True)
+    return {job.episode.episode.index: job.output for job, done in pairs if job.episode and not done.failure}
 
 
 def _one(job: _Job) -> _Kept:
@@ -160,6 +181,7 @@ def _one(job: _Job) -> _Kept:
     try:
         digest = _log_digest(job)  # before: a log that grows meanwhile is another log
         rig = _rig(job.setup, job.made)
+        rig = rig if job.episode is None else job.episode.rig(rig)
         opened = job.setup.open(job.log, rig)
         files = {"log": job.log, "rig": job.setup.rig, **opened.files()}
         done = estimate_log(opened, job.output, job.frame, files, partial(_watch, job.parent), keep_short=False)

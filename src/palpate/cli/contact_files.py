@@ -9,7 +9,7 @@ from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.files.contacts import contact_blocks, read_contacts
 from palpate.files.models import read_provenance
-from palpate.setup.surface import Link
+from palpate.setup.link import Link
 
 
 def written(path: Path) -> Contacts | None:

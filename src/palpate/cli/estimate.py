@@ -24,8 +24,8 @@ from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.contacts import require_format
 from palpate.files.ground_truth import read_ground_truth
+from palpate.setup.link import Link
 from palpate.setup.pipeline import OpenedLog
-from palpate.setup.surface import Link
 from palpate.viewer.report import render, require_report
 from palpate.viewer.run_compare import compared
 from palpate.viewer.run_report import compose

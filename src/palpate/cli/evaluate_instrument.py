@@ -24,8 +24,8 @@ from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.tables.table import TextTable, read_table
 from palpate.sensors.taxels.section import SkinSection
 from palpate.setup import load_rig
+from palpate.setup.link import Link
 from palpate.setup.setup import Setup
-from palpate.setup.surface import Link
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
 from palpate.viewer.maps import sheet_map

@@ -132,9 +132,6 @@ def _ring(record: Path | None) -> Generator[Path]:
     """Open a context with the ring's path: next to the record, removed once that is complete, or in memory."""
     if record is not None:
         ring = ring_of(record)
-        if ring.exists():
-            hint = f"Run `palpate recover {record}` to save it, then start the new one again."
-            raise InputError("an earlier recording was interrupted.", where=str(record), hint=hint)
         try:
             yield ring
         finally:

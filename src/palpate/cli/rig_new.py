@@ -14,9 +14,11 @@ from palpate.console.console import note, title
 from palpate.console.options import FileOption, Output, Scalar
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
+from palpate.files.datasets import is_dataset, read_dataset, write_named
 from palpate.live.capture import listen, stated_source
 from palpate.setup import load_rig
 from palpate.setup.body import GivenBody
+from palpate.setup.guess import quoted
 from palpate.setup.new import propose_rig
 
 _BODIES = (".stl", ".obj", ".ply", ".dae", ".urdf")
@@ -55,6 +57,7 @@ def rig_new(
 
     Args:
         log: CSV, Parquet, NumPy, MCAP or a ROS bag: of wrenches, of voltages of load cells, of frames of a taxel sheet.
+            Or the folder of a LeRobot data set, whose features state names.
             With --source it may be omitted: then three seconds of the untouched device are used.
         mesh: STL, OBJ, PLY or DAE of what is touched, or a robot's URDF.
         output: rig.toml to write.
@@ -85,8 +88,17 @@ def rig_new(
         seen = log if log is not None or live is None else listen(live, Path(scratch))
         if seen is None:
             raise InputError("is missing: give a log, or a device to listen to.", where="LOG or --source")
+        named = dict[str, str]()
+        if is_dataset(seen):
+            if poses is not None:
+                raise InputError("is for tables, not for a data set.", where="--poses", hint="Leave it out.")
+            data, seen = read_dataset(seen), Path(scratch) / seen.resolve().name
+            named = write_named(data, seen)
         proposal = propose_rig(seen, body, output.parent, sensor=sensor, topic=topic, rate=rate, poses=poses)
-    write_text(output, proposal.text + ("" if live is None else live.text()))
+    text = proposal.text + ("" if live is None else live.text())
+    for name, column in named.items():
+        text = text.replace(quoted(name), quoted(column))
+    write_text(output, text)
     load_rig(output)
     title(f"{', '.join(str(each) for each in (log or source, mesh) if each)} -> {output}")
     note([f"taken for {proposal.called}: {proposal.why}"])

@@ -15,7 +15,8 @@ from palpate.setup import Rig, load_rig
 from palpate.setup.pipeline import OpenedLog, open_log
 from palpate.setup.rig import with_mesh
 from palpate.setup.setup import SensorKind
-from palpate.setup.tables import RigFilter, RigNoise, RigThresholds
+from palpate.setup.tables import RigFilter, RigThresholds
+from palpate.setup.wrench_table import RigNoise
 from palpate.surfaces.collada import ColladaAsset
 
 Made = TypeVar("Made")

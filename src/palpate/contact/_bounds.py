@@ -7,12 +7,10 @@ import numpy as np
 
 from palpate.contact._settings import FRICTION, SOFT, TORSION
 from palpate.contact._slopes import sandwich, sensitivity, to_metres, to_unit
-from palpate.surfaces._bvh import room
+from palpate.surfaces._bvh import CANDIDATE, CAPACITY, room
 from palpate.surfaces._jit import inner
-from palpate.surfaces._kernels import CANDIDATE, CAPACITY, search_in
+from palpate.surfaces._kernels import search_in
 from palpate.surfaces._vectors import copy_into, cross_into, dot, tangents
-
-__all__ = ["distance_to_bounds", "distance_to_point", "inverse"]
 
 _STEPS = 30  # of the search for the nearest wrench within the bounds
 

@@ -15,14 +15,11 @@ from palpate.contact._bounds import inverse
 from palpate.contact._edges import edges_of, near_previous, read_edge
 from palpate.contact._settings import CENTRE, FRICTION, SCALE, TORSION
 from palpate.contact._slopes import sandwich
-from palpate.surfaces._bvh import KIND
 from palpate.surfaces._edges import SHARP
 from palpate.surfaces._jit import chosen_for, inner
 from palpate.surfaces._kernels import is_mesh
-from palpate.surfaces._patches import VERTEX
+from palpate.surfaces._patches import KIND, VERTEX
 from palpate.surfaces._vectors import copy_into, cross_into, dot, tangents
-
-__all__ = ["distance_to_edges"]
 
 _ROWS = 5  # three of an edge at most, friction, torsion
 _STEPS, _SWEEPS = 12, 60

@@ -24,14 +24,12 @@ import numpy as np
 
 from palpate.contact._settings import CENTRE, FRICTION, HAS_PREVIOUS, PREVIOUS, SCALE, TORSION
 from palpate.contact._slopes import sandwich
-from palpate.surfaces._bvh import KIND
 from palpate.surfaces._edges import SHARP
 from palpate.surfaces._jit import chosen_for, inner
 from palpate.surfaces._kernels import is_mesh
 from palpate.surfaces._nearest import edges_near, nearest_to_point
+from palpate.surfaces._patches import KIND
 from palpate.surfaces._vectors import copy_into, cross_into, dot
-
-__all__ = ["EXPLAINED", "at_edge", "edges_of", "exact", "near_previous", "reach", "read_edge"]
 
 _NORMALS = 16  # of a fan that are weighed
 _FAR = 4.0  # standard deviations from an edge beyond which it is none

@@ -54,12 +54,10 @@ from palpate.contact._touch import (
     torsion,
     within_bounds,
 )
-from palpate.surfaces._bvh import room
+from palpate.surfaces._bvh import CANDIDATE, CAPACITY, room
 from palpate.surfaces._jit import inlined, inner, released
-from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search_in, shape_operator
+from palpate.surfaces._kernels import nearest_to_axis, search_in, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot, tangents
-
-__all__ = ["estimate_many", "first_free"]
 
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom

@@ -11,8 +11,6 @@ import numpy as np
 
 from palpate.surfaces._jit import inner
 
-__all__ = ["matrix", "packed", "stack", "vector"]
-
 
 def packed(arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return arrays of up to three axes packed as memory and table."""

@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import inner, released
 
-__all__ = ["CELLS", "keys"]
-
 CELLS = 32  # along each side of the box around the ball
 
 

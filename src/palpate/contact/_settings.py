@@ -2,33 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "ACCURACY",
-    "BEFORE",
-    "BRANCH",
-    "BRANCHES",
-    "CENTRE",
-    "CONTESTED",
-    "DEPTH",
-    "EDGED",
-    "EXPONENT",
-    "FOLLOW",
-    "FRICTION",
-    "HAS_PREVIOUS",
-    "LARGEST",
-    "MOST",
-    "NOISY",
-    "OFF",
-    "ON",
-    "PREVIOUS",
-    "SAMPLES",
-    "SCALE",
-    "SOFT",
-    "STATE",
-    "TORSION",
-    "TOUCHING",
-]
-
 # settings: what a Locator was made with, as numbers. ON, OFF: forces [N], or minus standard deviations of the force
 CENTRE, SCALE, SOFT, FRICTION, TORSION, ON, OFF, NOISY = 0, 3, 4, 5, 6, 7, 8, 9
 DEPTH, EXPONENT, ACCURACY, EDGED = 10, 11, 12, 13  # EDGED: sharp edges are looked at

@@ -19,8 +19,6 @@ from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import shape_operator
 from palpate.surfaces._vectors import cross_into, dot, tangents
 
-__all__ = ["sandwich", "sandwich_into", "sensitivity", "slopes_at", "softened", "to_metres", "to_unit"]
-
 
 @inner
 def slopes_at(wrench, place, t, shape, soft, slopes):

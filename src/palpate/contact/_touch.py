@@ -32,23 +32,9 @@ from palpate.contact._settings import (
     TORSION,
 )
 from palpate.contact._slopes import to_metres
+from palpate.surfaces._bvh import CANDIDATE
 from palpate.surfaces._jit import inner
-from palpate.surfaces._kernels import CANDIDATE
 from palpate.surfaces._vectors import copy_into, cross_into, dot
-
-__all__ = [
-    "EARLY",
-    "MEAN",
-    "better",
-    "beyond",
-    "follow",
-    "forget",
-    "friction",
-    "misfit",
-    "rival",
-    "torsion",
-    "within_bounds",
-]
 
 # of a branch: the weight of its mean place, that place [m] and its normal, what it gained, its handicap, last candidate
 _WEIGHT, MEAN, _GAIN, _SQUARES, _HANDICAP, _LAST = 0, 1, 7, 8, 9, 10

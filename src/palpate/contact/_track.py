@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import entry
 
-__all__ = ["TRACK", "TRACKS", "follow"]
-
 TRACKS = 128  # touches that are remembered
 TRACK = 8  # identity (-1: free), position (3), velocity (3), time it was last seen
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from palpate.surfaces._jit import released
 
-__all__ = ["widen"]
-
 
 @released("rows out n 22, variance float")
 def widen(rows, variance):

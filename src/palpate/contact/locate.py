@@ -134,7 +134,9 @@ class Locator:
         self._state, self._wrench = _state(None), np.zeros((1, 6))
         self._first_free: Callable[..., int] = _kernel.first_free
         self._many = self._bound()
-        self(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), self.empty())
+        wrench = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+        self(wrench, self.empty())
+        self.candidates(wrench)
         self.run(np.zeros((1, 6)))
         self.reset()
 
@@ -400,8 +402,9 @@ class Locator:
         """Locate the rows of one touch again, from its end to its start, near the contact that was believed at the end.
 
         The end is the sample with the largest force among the last 32 answered ones, of those with CONTACT if there are
-        any; rows after it stay. AMBIGUOUS stays only if most of these samples have it. All rows stay if more samples
-        would become implausible. The Locator's memory is kept.
+        any, and of these with residual 0, whose wrench has a contact there; rows after it stay. AMBIGUOUS stays only if
+        most of these samples have it. All rows stay if more samples would become implausible. The Locator's memory is
+        kept.
 
         Args:
             wrenches: (n, 6) of the touch, in the surface's frame.
@@ -421,8 +424,8 @@ class Locator:
             return
         late = answered[-_END:]
         sure: Bool[np.ndarray, " k"] = rows[late, ROW.status] == Status.CONTACT
-        pressed = np.linalg.norm(rows[late, ROW.force], axis=1)
-        count = int(late[np.argmax(np.where(sure | ~sure.any(), pressed, 0.0))]) + 1
+        located, pressed = rows[late, ROW.residual] == 0.0, np.linalg.norm(rows[late, ROW.force], axis=1)
+        count = int(late[np.lexsort((pressed, located, sure))[-1]]) + 1
         state = _state(rows[count - 1, ROW.point])
         state[at.TOUCHING] = state[at.FOLLOW] = 1.0
         begin = max(0, count - 1 - _END)
@@ -433,13 +436,14 @@ class Locator:
         back = self.empty(len(order))
         self._many(wrenches[order], noises, statuses[order], *self._arguments, settings, state, True, back)
         back = back[-count:]
-        before, after = (np.count_nonzero(made[:, ROW.status] == Status.IMPLAUSIBLE) for made in (rows[:count], back))
-        if after > before + WORSE * count:
+        before = rows[:, ROW.status].copy()
+        worse = back[:, ROW.status] == Status.IMPLAUSIBLE
+        if np.count_nonzero(worse) > np.count_nonzero(before[:count] == Status.IMPLAUSIBLE) + WORSE * count:
             return
         rows[:count] = back[::-1]
         if open_end:
-            several = (rows[:, ROW.status] == Status.CONTACT) & (rows[:, ROW.candidates] > 1)
-            rows[several, ROW.status] = Status.AMBIGUOUS
+            several = (rows[:, ROW.candidates] > 1) | (before == Status.AMBIGUOUS)
+            rows[several & (rows[:, ROW.status] == Status.CONTACT), ROW.status] = Status.AMBIGUOUS
 
     def candidates(self, wrench: ArrayLike) -> Candidates:
         """Return all contacts that one wrench (6,) [N, N m], force first, can have, as `Candidates`.
@@ -449,12 +453,12 @@ class Locator:
         Raises:
             InputError: the wrench is not six numbers.
         """
-        from palpate.surfaces import _kernels
+        from palpate.surfaces import _bvh, _kernels
 
         wrench = shaped(wrench, _WRENCH, "wrench")
         centre, scale = self._settings[at.CENTRE : at.CENTRE + 3], self._settings[at.SCALE]
         force, moment = wrench[:3], wrench[3:]
-        found = np.zeros((_kernels.CAPACITY + 1, _kernels.CANDIDATE))
+        found = np.zeros((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
         if not np.all(np.abs(wrench) <= at.LARGEST) or not np.any(force):
             found = found[:0]
         else:

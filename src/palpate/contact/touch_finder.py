@@ -128,7 +128,8 @@ class TouchFinder:
     def touches(self) -> Events:
         """Return the touches of all samples so far as `Events`."""
         parts = [*self._windows, self._windows_of(*self._open)]
-        spans, sums = _joined([spans for spans, _ in parts]), np.concatenate([sums for _, sums in parts])
+        wide = np.empty((0, _Span.length + len(self._features)))  # no sample may have been answered
+        spans, sums = _joined([wide, *(spans for spans, _ in parts)]), np.concatenate([sums for _, sums in parts])
         order = np.argsort(spans[:, _Span.identity], kind="stable")
         spans, sums = spans[order], sums[order]
         gap = max(self._gap, 1.5 * float(np.median(self._steps)) if self._steps else 0.0)

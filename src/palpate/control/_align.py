@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["felt", "observed", "sensed", "smoothed", "target"]
-
 MISJUDGED = 0.25  # of what the payload's motion takes
 STEEPEST = 0.866  # sine of the largest angle that a place on the face can mean
 

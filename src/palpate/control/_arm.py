@@ -14,8 +14,6 @@ import numpy as np
 from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._vectors import cross_into
 
-__all__ = ["damped_step", "jacobian", "limit", "motion", "pose", "stance", "stepped"]
-
 _SHIFT, _AXIS, _TURNS = 9, 12, 15
 _LOWER, _UPPER, _SPEED, _ACCELERATION = 0, 1, 2, 3
 

@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["STATE", "advance", "changed", "foresee"]
-
 STATE = 10  # of a filter: value, rate, its rate; the six entries of their covariance; its probability
 
 

@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["follow", "separate"]
-
 
 @inner
 def _along(state, line, begun, ramp, lag, start, end):

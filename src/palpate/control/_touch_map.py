@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import inner, released
 
-__all__ = ["fill", "find_way"]
-
 DIAGONAL = np.sqrt(2.0)
 
 

@@ -30,11 +30,16 @@ DEFINITIONS: Mapping[str, str] = {
     "geometry_msgs/PoseWithCovarianceStamped": f"{_STAMPED}geometry_msgs/PoseWithCovariance pose",
     "geometry_msgs/Twist": "geometry_msgs/Vector3 linear, geometry_msgs/Vector3 angular",
     "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist, float64[36] covariance",
+    "geometry_msgs/Accel": "geometry_msgs/Vector3 linear, geometry_msgs/Vector3 angular",
+    "geometry_msgs/AccelStamped": f"{_STAMPED}geometry_msgs/Accel accel",
     "geometry_msgs/Transform": "geometry_msgs/Vector3 translation, geometry_msgs/Quaternion rotation",
     "geometry_msgs/TransformStamped": f"{_STAMPED}string child_frame_id, geometry_msgs/Transform transform",
     "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "nav_msgs/Odometry": f"{_STAMPED}string child_frame_id, geometry_msgs/PoseWithCovariance pose, "
     "geometry_msgs/TwistWithCovariance twist",
+    "sensor_msgs/Imu": f"{_STAMPED}geometry_msgs/Quaternion orientation, float64[9] orientation_covariance, "
+    "geometry_msgs/Vector3 angular_velocity, float64[9] angular_velocity_covariance, "
+    "geometry_msgs/Vector3 linear_acceleration, float64[9] linear_acceleration_covariance",
     "sensor_msgs/Image": f"{_STAMPED}uint32 height, uint32 width, string encoding, uint8 is_bigendian, uint32 step, "
     "uint8[] data",
     "sensor_msgs/CompressedImage": f"{_STAMPED}string format, uint8[] data",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from inspect import Parameter, signature
 from math import copysign, inf, isnan, nan
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -59,12 +59,15 @@ class TableForm:
         keys: name -> constraints and comment, in the order of the file; other keys follow.
         build: annotated function from the keys to a value; None: the class. `**rest` takes those of `keys` that are
             fields of the class.
-        spell: function from a value to the keys; None: its fields.
+        spell: function from a value to the keys that are not its fields, or not as they are; None: there are none. Keys
+            without a value (None) are not written.
+        called: field -> its key, where they differ.
     """
 
     keys: Mapping[str, Key]
     build: Callable[..., Any] | None = None
     spell: Callable[[Any], Mapping[str, Any]] | None = None
+    called: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
 def parse(
@@ -97,17 +100,18 @@ def parse(
         own = signature(model).parameters
         parameters = {name: parameters.get(name) or own[name] for name in (*parameters, *form.keys) if name != "rest"}
         hints = get_type_hints(model) | hints
+    names = {form.called.get(name, name): name for name in parameters}
     for name in table:
-        if name not in parameters:
-            raise InputError(f"unknown key {name!r}{_in(key)}.", where=file, hint=near(name, parameters))
+        if name not in names:
+            raise InputError(f"unknown key {name!r}{_in(key)}.", where=file, hint=near(name, names))
     keys = _stated(model) | dict(form.keys)
     sizes: dict[str, int] = {}
     values: dict[str, Any] = {}
-    for name, parameter in parameters.items():
-        said = keys.get(name, Key())
+    for name, of in names.items():
+        said, parameter = keys.get(name, Key()), parameters[of]
         if name in table:
             reader = _Reader(file, said, forms, sizes)
-            values[name] = reader.value(table[name], hints[name], _dotted(key, name))
+            values[of] = reader.value(table[name], hints[of], _dotted(key, name))
         elif said.required or parameter.default is Parameter.empty:
             raise InputError(f"{_dotted(key, name)} is missing.", where=file)
     place = f"{file}: {key}" if key else file

@@ -13,8 +13,6 @@ import numpy as np
 
 from palpate.surfaces._jit import entry
 
-__all__ = ["answer", "seconds", "stamped", "take_in"]
-
 _NUMBER, _STAMP, _ARRIVED, _READY, _LOST, _ROWS = range(6)
 _ORIENTATION, _POSITION, _ACCELERATION, _UNSTEADY, _CONTACTS = 6, 10, 13, 16, 17
 _BILLION = 1_000_000_000

@@ -21,6 +21,7 @@ from palpate.errors import InputError
 from palpate.files.logs.decoding import seconds
 from palpate.files.logs.samples import SampleReader
 from palpate.files.logs.topics import LIVE_BOTH
+from palpate.live.imu_source import ImuSource
 from palpate.live.replay import Replay
 from palpate.live.ros_poses import RosPoses
 from palpate.live.source import BATCH, Batch, Source, drained, source_of
@@ -40,6 +41,7 @@ from palpate.signals.recording import (
     Recording,
     split_channels,
 )
+from palpate.signals.wrench_sensor import MovedSensor
 from palpate.spatial.arguments import frozen_value
 
 NUMBERS = 1 << 22  # of a batch
@@ -133,6 +135,8 @@ class Live:
         self._where = "[source]" if rig.source is None else f"[source] {rig.source.kind}"
         self.source = source_of(rig.stream(), self.setup) if source is None else source
         self._poses = None if self.source.poses else RosPoses.of(rig.orientation, rig.source)
+        given = isinstance(self.source, ImuSource) or (isinstance(self.source, Replay) and self.source.felt)
+        self._felt = given and rig.acceleration.recorded
         self._posed = self.source.poses or self._poses is not None
         layout = self.setup.layout()
         layout.require_live()
@@ -172,7 +176,7 @@ class Live:
             width=int(estimator.empty(1).shape[1]),
             max_contacts=int(estimator.most),
             rig=rig,
-            poses=self._posed,
+            poses=self._posed or self._felt,
             topic=topic or "",
             wrenches=self.kind.channels == (FORCE, TORQUE),
         )
@@ -266,13 +270,18 @@ class Live:
         return AnsweredSamples(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
 
     def _require_enough(self) -> None:
-        """Raise InputError if the estimator needs an orientation and gets none."""
-        if isinstance(self.estimator, WrenchEstimator) and not self._posed:
+        """Raise InputError if the estimator needs an orientation or an IMU and gets none."""
+        if isinstance(self.estimator, WrenchEstimator):
+            given = {ORIENTATION: np.full((1, 4), np.nan)} if self._posed else {}
+            given |= {ACCELERATION: np.full((1, 3), np.nan)} if self._felt else {}
             nothing = self._samples.readings(np.zeros((1, *self.source.shape), self.source.dtype))
             try:
-                self.estimator.run_into(np.zeros(1), nothing, self._rows, np.zeros(1, dtype=np.int64))
+                self.estimator.run_into(np.zeros(1), nothing, self._rows, np.zeros(1, dtype=np.int64), given)
             except InputError as problem:
-                hint = "Write in [orientation] which ROS 2 topic has poses, or remove the payload. No IMU is read live."
+                hint = (
+                    "This source sends wrenches alone: name a topic of ROS 2 for what is missing, of poses in "
+                    "[orientation] or of the IMU in [acceleration], or remove the payload."
+                )
                 raise InputError(problem.what, where=self._where, hint=hint) from problem
             self.estimator.reset()
 
@@ -284,8 +293,9 @@ class Live:
         unsteady = TILT * batch.turned if self._posed else batch.turned
         if self._posed:
             beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
-            felt = self._samples.acceleration * np.nan_to_num(batch.acceleration[:count])
-            beside |= {ACCELERATION: felt, UNSTEADY: unsteady[:count, None]}
+            beside[UNSTEADY] = unsteady[:count, None]
+        if self._felt:
+            beside[ACCELERATION] = self._samples.acceleration * batch.acceleration[:count]
         if self._ring is not None:
             self._ring.take_in(batch, count, unsteady)
         stamp = batch.stamp[:count].copy()
@@ -300,6 +310,7 @@ class Live:
     def _answered(self, samples: _Samples) -> AnsweredSamples:
         """Return samples with their contacts; store these in the ring."""
         total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
+        samples = self._moved(samples)
         counts = np.zeros(total, dtype=np.int64)
         while done < total:
             piece = slice(done, done + len(self._batch))
@@ -312,6 +323,13 @@ class Live:
             parts.append(rows.copy())
             done += step
         return AnsweredSamples(samples.stamp, counts, parts[0] if len(parts) == 1 else np.concatenate(parts))
+
+    def _moved(self, samples: _Samples) -> _Samples:
+        """Return samples with the accelerations that the estimator's sensor takes."""
+        sensor = getattr(self.estimator, "sensor", None)
+        if not self._felt or not isinstance(sensor, MovedSensor):
+            return samples
+        return samples._replace(extra_channels=sensor.moved(samples.extra_channels))
 
     def _started(self, start: _Window, samples: _Samples | None) -> AnsweredSamples:
         """Collect samples of the start; return them, answered, once its values are known."""
@@ -372,7 +390,7 @@ class Live:
     def _tared(self, samples: _Samples) -> None:
         if self._tare is None or not self._tare.add(samples):
             return
-        window, self._tare = self._tare.joined(), None
+        window, self._tare = self._moved(self._tare.joined()), None
         try:
             taken = self.estimator.tare(window.recording(self.estimator.channels, self._frame))
         except InputError as problem:

@@ -39,10 +39,10 @@ class Posed(NamedTuple):
     turned: Float[np.ndarray, " n"]
 
     def into(self, batch: Batch) -> None:
-        """Write the poses to the first n samples of a batch, with accelerations of NaN and unknown `turned` of 0."""
+        """Write the poses to the first n samples of a batch, with unknown `turned` of 0."""
         count = len(self.age)
         batch.orientation[:count], batch.position[:count] = self.quaternion, self.position
-        batch.acceleration[:count], batch.turned[:count] = np.nan, np.nan_to_num(self.turned)
+        batch.turned[:count] = np.nan_to_num(self.turned)
 
 
 class LivePoses:

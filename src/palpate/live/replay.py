@@ -54,6 +54,7 @@ class Replay:
         loop: begin again at the end, with times that continue.
 
     Attributes:
+        felt: whether the log has accelerations.
         ended: whether the log is at its end.
         patient: whether samples wait until they are received (speed 0).
 
@@ -69,7 +70,8 @@ class Replay:
         values = values_of(first)
         self.shape: tuple[int, ...] = tuple(values.shape[1:])
         self.dtype: DTypeLike = np.uint8 if IMAGE in first.channels else np.float64
-        self.poses = ORIENTATION in first.channels or ACCELERATION in first.channels
+        self.felt = ACCELERATION in first.channels
+        self.poses = ORIENTATION in first.channels
         self.ended, self.patient = False, not speed
         self._said: list[str] = []
         self._rest = self._samples()

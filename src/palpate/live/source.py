@@ -61,7 +61,7 @@ class Source(Protocol):
     Attributes:
         shape: shape of one sample: (6,) for a wrench.
         dtype: type of its numbers: float64, or uint8 for images.
-        poses: whether `receive` also fills orientation, position and acceleration.
+        poses: whether `receive` also fills orientation and position.
     """
 
     shape: tuple[int, ...]
@@ -101,13 +101,19 @@ def source_of(stated: RigSource, setup: Setup) -> Source:
 
     Args:
         stated: the [source].
-        setup: the link and its sensors; a combined sensor gets a source that pairs the samples of its parts.
+        setup: the link and its sensors. A combined sensor gets a source that pairs the samples of its parts; one of
+            wrenches, whose [acceleration] names a topic, samples with the accelerations of this topic of ROS 2.
 
     Raises:
         InputError: the source does not fit the sensor, or cannot be made.
     """
-    paired = setup.kind.parts and stated.kind != "replay"
-    return by_name("palpate.live.paired_source.PairedSource" if paired else SOURCES[stated.kind]).of(stated, setup)
+    if stated.kind == "replay":
+        return by_name(SOURCES[stated.kind]).of(stated, setup)
+    felt = setup.acceleration.topic is not None and setup.acceleration.recorded
+    if felt and setup.layout().wrench is not None:
+        return by_name("palpate.live.imu_source.ImuSource").of(stated, setup)
+    paired = "palpate.live.paired_source.PairedSource"
+    return by_name(paired if setup.kind.parts else SOURCES[stated.kind]).of(stated, setup)
 
 
 def drained(sentences: MutableSequence[str]) -> list[str]:

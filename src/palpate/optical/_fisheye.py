@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import released
 
-__all__ = ["angles", "displaced", "to_plane"]
-
 
 @released("bent n, lens 4, reach float, steps int, theta out n, low out n, high out n")
 def angles(bent, lens, reach, steps, theta, low, high):

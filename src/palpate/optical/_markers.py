@@ -10,8 +10,6 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inlined, inner, released
 
-__all__ = ["blob_sums", "follow", "label_path", "measure_windows", "plausible", "sampled", "score_image"]
-
 _OK, _NOTHING, _RIM = 0.0, 1.0, 2.0
 _MANY = 1e18
 _GROWN, _OFF, _TORN = 0.15, 0.25, 12.0  # deviations of a log area and of a place over the radius; squares that doubt

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os.path import relpath
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -79,7 +80,7 @@ class WrenchColumns:
 def _counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str:
     """Return a remark if all values of a wrench in N are integers, as a sensor's counts are; else ""."""
     known = values[np.isfinite(values)]
-    if fields["force_unit"] != "N" or not len(known) or np.abs(known).max() < _COUNTS or (known % 1.0).any():
+    if fields.get("force_unit", "N") != "N" or not len(known) or np.abs(known).max() < _COUNTS or (known % 1.0).any():
         return ""
     return (
         f"all numbers of the wrench are integers, up to {np.abs(known).max():,.0f}: if they are counts, write the "
@@ -109,7 +110,7 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
         fields["meaning"] = "".join(f"{key} = {quoted(value)}\n" for key, value in settings.items())
     if meaning.unknown or meaning.reference != "sensor":
         fields["unsure"] = "# "  # the noise of the torque is another one about another point
-    pose, lines, read = _poses(contents, names)
+    pose, lines, read = columns_of_pose(contents, names)
     remarks = _said(wrench, others, meaning, pose)
     acceleration = acceleration_columns([name for name in names if name not in wrench]) or ()
     layout = LogLayout(
@@ -123,9 +124,7 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
         acts_on=meaning.acts_on,
         acceleration=acceleration or None,
         acceleration_unit=_acceleration_unit(acceleration, contents.stated) or "m/s^2",
-        pose_file=read.get("file"),
-        pose_time=read.get("time"),
-        pose_time_unit=read.get("time_unit"),
+        **read,
     )
     why = f"columns {', '.join(wrench)} look like forces and torques"
     if not meaning.whose:
@@ -133,8 +132,14 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
     return WrenchColumns(why, layout, fields, tuple(remarks), time, pose, lines, acceleration)
 
 
-def _poses(contents: LogContents, names: Sequence[str]) -> tuple[NamedPose | None, tuple[str, ...], dict[str, str]]:
-    """Return the columns of the pose; of a second table, also its lines of a rig, and settings of the layout."""
+def columns_of_pose(
+    contents: LogContents, names: Sequence[str] = ()
+) -> tuple[NamedPose | None, tuple[str, ...], dict[str, Any]]:
+    """Return the columns of the pose among `names`; of a second table, also its lines of a rig, settings of the layout.
+
+    Raises:
+        InputError: the second table has no columns that look like poses or times.
+    """
     if (table := contents.poses) is None:
         return named_pose(names), (), {}
     names = list(flattened(table.names))
@@ -145,7 +150,8 @@ def _poses(contents: LogContents, names: Sequence[str]) -> tuple[NamedPose | Non
         raise InputError(what, where=str(table.path), hint="Name them in the rig's [orientation].")
     unit, _ = time_unit(table.path, time)  # a doubt is a note on the log
     read = {"file": relpath(table.path, contents.path.parent), "time": time, "time_unit": unit}
-    return pose, tuple(f"{key} = {quoted(value)}" for key, value in read.items()), read
+    lines = tuple(f"{key} = {quoted(value)}" for key, value in read.items())
+    return pose, lines, {f"pose_{key}": value for key, value in read.items()}
 
 
 def _acceleration_unit(columns: Sequence[str], stated: Stated) -> str | None:

@@ -69,8 +69,8 @@ def guess_sensor(
         poses: second table, with the sensor's poses.
 
     Raises:
-        InputError: the file is no log, the topic does not exist or has no readings, a rate or a second table is given
-            for messages, that has no poses, or units are unknown or contradict each other.
+        InputError: the file is no log, the topic does not exist or has no readings, a rate is given for
+            messages, or a second table for images, or that has no poses, or units are unknown or contradict each other.
     """
     there = _only(contents(log), topic)
     if rate is not None:
@@ -79,8 +79,9 @@ def guess_sensor(
             raise InputError("is a log of messages, which have stamps.", where=str(log), hint=hint)
         there = replace(there, stated=replace(there.stated, rate=rate))
     if poses is not None:
-        if not there.names:
-            raise InputError("is no table.", where=str(log), hint="Leave --poses out: it is for tables.")
+        if not there.names and not there.topics:
+            what = "holds images, to which poses of a table cannot be joined."
+            raise InputError(what, where=str(log), hint="Leave --poses out.")
         there = replace(there, poses=contents(poses))
     for kind in KINDS.values():
         if sensor in (None, kind.name) and (guess := kind.guess(log, there, body)) is not None:

@@ -8,8 +8,7 @@ from math import radians
 from pathlib import Path
 
 from palpate.files.schema import INFINITE
-from palpate.setup.surface import RigPose
-from palpate.setup.tables import require_path, require_positive
+from palpate.setup.tables import RigPose, require_path, require_positive
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from os import PathLike
@@ -17,9 +18,10 @@ from palpate.files.schema import parse
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
 from palpate.setup.drift import RigDrift
 from palpate.setup.kinds import ASSUMED, KINDS
+from palpate.setup.link import Link
 from palpate.setup.setup import NamedSensor, SensorKind, Setup, SharedTables
 from palpate.setup.source import RigSource
-from palpate.setup.surface import OF_ANY_MESH, Link, RigSurface
+from palpate.setup.tables import OF_ANY_MESH, RigSurface
 from palpate.signals.recording import FORCE, Recording
 from palpate.spatial.pose import Pose
 
@@ -27,6 +29,9 @@ __all__ = ["ESTIMATE", "Rig", "check_rig", "load_rig", "with_mesh"]
 
 ESTIMATE = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
 """Calls that find contacts in a log, for hints."""
+_SLICED = {"columns", "position", "cells"}  # keys that name columns
+_SLICE = re.compile(r"(.+)\[(\d+):(\d+)\]")
+_LONGEST = 1 << 16  # columns of a slice
 _NO_RIG = {
     "a mesh": (".stl", ".obj", ".ply", ".dae"),
     "a log": (".csv", ".parquet", ".npy", ".npz", ".mcap", ".bag", ".db3"),
@@ -63,7 +68,7 @@ class Rig(SharedTables):
     """
 
     surface: RigSurface | None = None
-    sensors: Mapping[str, Any] = field(default_factory=lambda: {})
+    sensors: Mapping[str, Any] = field(default_factory=dict[str, Any])
     source: RigSource | None = None
     folder: Path = field(default_factory=Path)
 
@@ -225,6 +230,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
             tables contradict each other.
     """
     common = [each.name for each in fields(Rig) if each.name not in ("sensors", "folder")]
+    table = {name: _spread(value, path) for name, value in table.items()}
     shared = {name: value for name, value in table.items() if name in common}
     own = {name: value for name, value in table.items() if name not in common}
     for name in own:
@@ -242,6 +248,29 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     if rig.drift is not None:
         _check_drift(rig.drift, rig.kinds, rig.sensors, path)
     return rig
+
+
+def _spread(table: Any, path: Path) -> Any:
+    """Return a table in which the columns of a slice, as "observation.state[6:12]", are named one by one."""
+    if not isinstance(table, dict):
+        return table
+    made = dict(cast("dict[str, Any]", table))
+    for key in _SLICED & made.keys():
+        given: list[Any] = made[key] if isinstance(made[key], list) else [made[key]]
+        slices = [_SLICE.fullmatch(each) if isinstance(each, str) else None for each in given]
+        if any(slices):
+            made[key] = [name for each, found in zip(given, slices, strict=True) for name in _names(each, found, path)]
+    return made
+
+
+def _names(given: Any, found: re.Match[str] | None, path: Path) -> list[Any]:
+    if found is None:
+        return [given]
+    first, end = int(found[2]), int(found[3])
+    if not 0 < end - first <= _LONGEST:
+        what = f"{given!r} names {max(end - first, 0)} columns."
+        raise InputError(what, where=str(path), hint="Write NAME[FIRST:END], from FIRST up to but not including END.")
+    return [f"{found[1]}[{k}]" for k in range(first, end)]
 
 
 def _sensor(table: Any, kind: SensorKind, path: Path) -> Any:

@@ -17,8 +17,8 @@ from palpate.files.logs.layout import LogLayout
 from palpate.setup.body import GivenBody
 from palpate.setup.built import FIRST, BuiltEstimator, Guess
 from palpate.setup.drift import RigDrift
+from palpate.setup.link import Link
 from palpate.setup.pokes import RigPokes
-from palpate.setup.surface import Link
 from palpate.setup.tables import RigAcceleration, RigEstimate, RigFilter, RigOrientation, RigTime
 from palpate.signals.drift import Drift
 from palpate.signals.recording import CELLS, Recording
@@ -117,6 +117,7 @@ class Setup(SharedTables):
             "time": self.time.column,
             "time_unit": self.time.unit,
             "rate": self.time.rate,
+            "episode": self.time.episode,
             "orientation": self.orientation.columns,
             "orientation_form": self.orientation.form,
             "inverse": self.orientation.inverse,
@@ -162,7 +163,7 @@ class Setup(SharedTables):
 
     def link_files(self) -> dict[str, Path]:
         """Return a dict, key -> path, of the files of the surface and of the arm ("kinematics", a URDF)."""
-        named = {} if self.link.stated is None else self.link.stated.files(self.link.folder)
+        named = self.link.files()
         arm = self.orientation.urdf
         return named if arm is None else {**named, "kinematics": self.link.folder / arm}
 

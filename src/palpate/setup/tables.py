@@ -2,29 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import inf
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.files.logs.orientation import SensorPose
-from palpate.files.schema import INFINITE
+from palpate.files.schema import INFINITE, covariance_matrix
 from palpate.files.units import ACCELERATION_UNITS, SAMPLES, TIME_UNITS, known_unit
+from palpate.files.urdf import GEOMETRIES
 from palpate.signals.filters import Butterworth, Kalman
+from palpate.spatial.pose import Pose
+from palpate.surfaces import UNITS, Cylinder, Ellipsoid, EllipticCylinder, Paraboloid, Sphere, Surface, superquadric
 
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
-Six = tuple[str, str, str, str, str, str]
 _SMALLEST = 1e-15  # N, N m: below any sensor, and its square is still a number
-
-
-@dataclass(frozen=True)
-class RigUnits:
-    """Units of forces and torques in the log."""
-
-    force: str = "N"
-    torque: str = "N m"
+EQUATIONS: dict[str, tuple[Callable[..., Surface], tuple[str, ...]]] = {
+    "sphere": (Sphere, ("radius",)),
+    "ellipsoid": (Ellipsoid, ("axes",)),
+    "cylinder": (Cylinder, ("radius", "half_length", "upper")),
+    "elliptic_cylinder": (EllipticCylinder, ("a", "b", "half_length", "upper")),
+    "paraboloid": (Paraboloid, ("radii", "height")),
+    "superquadric": (superquadric, ("axes", "exponents")),
+}
+OF_ANY_MESH = ("crease", "region", "covered", "pose", "pose_covariance", "placement")  # keys that another mesh keeps
+_KINDS = ("mesh", "plane", *EQUATIONS)
+_LENGTHS = tuple(dict.fromkeys(name for _, names in EQUATIONS.values() for name in names))
 
 
 @dataclass(frozen=True)
@@ -48,72 +56,138 @@ class RigPair:
 
 
 @dataclass(frozen=True)
-class RigNoise(RigPair):
-    """Standard deviations of one reading; below `corner` [Hz] the noise goes as 1/f; None: `corner` is the log's.
+class RigPose:
+    """Pose of the surface, or of a link, in the sensor's frame: position [m] and unit quaternion.
 
     Raises:
-        ValueError: a value is not positive and finite.
+        ValueError: the quaternion's length is not 1 within 1 %.
     """
 
-    corner: float | None = None
+    xyz: Three = (0.0, 0.0, 0.0)
+    quaternion_xyzw: Four = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        require_positive(self, "corner")
+        if not abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) <= 0.01:  # NaN too
+            given = list(self.quaternion_xyzw)
+            raise ValueError(f"quaternion_xyzw {given} must have length 1 (the order is x, y, z, w)")
+
+    def pose(self) -> Pose:
+        """Return the pose as a `Pose`."""
+        return Pose.from_quaternion(self.quaternion_xyzw, self.xyz)
 
 
 @dataclass(frozen=True)
-class RigForceTorque:
-    """The [force_torque] of a rig: the wrench's columns, units and meaning in the log, and the sensor's properties.
+class RigRegion:
+    """The part of the mesh that can be touched: a box in the mesh's frame [m], or facets counted from 0."""
 
-    `acts_on` is "body", or "environment" where the wrench is what the robot does to the world; `frame` and
-    `torque_frame` are "sensor" or "base", and `reference` is the point of the torque: "sensor", "base" (their origins),
-    or a point [m] in the sensor's frame. `torque_axes` and `torque_frame` are those of the force if they are not given.
+    box: tuple[Three, Three] | None = None
+    facets: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class RigSurface:
+    """The surface that is touched: a `mesh` with its `unit`, a `link` of a `urdf`, or another `kind` with lengths [m].
+
+    `geometry` of a link is "visual" or "collision"; None: the first of these that it has. `packages`: name -> folder,
+    for packages of the URDF that are not found otherwise. The `unit` of a DAE that states its own is not needed.
+
+    Facets that meet at less than `crease` [degrees] are smooth across their edge. With `covered` = true, facets that
+    cannot be reached from outside give contacts too.
+
+    plane: a `point`, a `normal` and a `half_width`. sphere: `radius`. ellipsoid: `axes` (three half-lengths).
+    cylinder, along y: `radius` and `half_length`. elliptic_cylinder: half-axes `a` along x and `b` along z, and
+    `half_length`; `upper` = true for its half with z >= 0. paraboloid: `radii` of curvature at its apex along x and y,
+    and `height`. superquadric: `axes` and `exponents`. See `palpate.surfaces`.
+
+    `pose_covariance`: 6 x 6, of (rotation vector [rad], translation [m]). `placement` [m]: standard deviation of a
+    touch's place beyond what its wrench explains.
+
+    Raises:
+        ValueError: a value is unknown or out of bounds, a key that the kind needs is missing, or one does not belong.
     """
 
-    columns: Six = ("fx", "fy", "fz", "tx", "ty", "tz")
-    topic: str | None = None
-    units: RigUnits = field(default_factory=RigUnits)
-    axes: tuple[str, str, str] = ("x", "y", "z")
-    left_handed: bool = False
-    torque_axes: tuple[str, str, str] | None = None
-    acts_on: str = "body"
-    frame: str = "sensor"
-    torque_frame: str | None = None
-    reference: str | Three = "sensor"
-    noise: RigNoise | None = None
-    range: RigPair | None = None
-    gain_error: float = 0.0
-    drift: RigPair | None = None
-    payload: str | None = None
+    kind: str = "mesh"
+    mesh: str | None = None
+    unit: str | None = None
+    urdf: str | None = None
+    link: str | None = None
+    geometry: str | None = None
+    packages: Mapping[str, str] = field(default_factory=lambda: {}, hash=False)
+    crease: float = 30.0
+    region: RigRegion = field(default_factory=RigRegion)
+    covered: bool = False
+    point: Three = (0.0, 0.0, 0.0)
+    normal: Three = (0.0, 0.0, 1.0)
+    half_width: float = 1.0
+    radius: float | None = None
+    axes: Three | None = None
+    a: float | None = None
+    b: float | None = None
+    half_length: float | None = None
+    upper: bool = False
+    radii: tuple[float, float] | None = None
+    height: float | None = None
+    exponents: tuple[float, float] | None = None
+    pose: RigPose = field(default_factory=RigPose)
+    pose_covariance: tuple[tuple[float, ...], ...] | None = None
+    placement: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("frame", "torque_frame"):
-            if (frame := getattr(self, name)) not in ("sensor", "base", *((None,) if name == "torque_frame" else ())):
-                raise ValueError(f"{name} must be 'sensor' or 'base', not {frame!r}")
-        if self.acts_on not in ("body", "environment"):
-            raise ValueError(f"acts_on must be 'body' or 'environment', not {self.acts_on!r}")
-        if self.acts_on == "environment" and all(axis.startswith("-") for axis in self.axes):
-            raise ValueError(
-                "acts_on = 'environment' and axes that are all reversed undo each other: state one of them"
-            )
-        if isinstance(self.reference, str) and self.reference not in ("sensor", "base"):
-            raise ValueError(
-                f"reference must be 'sensor', 'base', or a point [x, y, z] in m in the sensor's frame, such as of a "
-                f"flange or a TCP, not {self.reference!r}"
-            )
-        if not 0 <= self.gain_error < 1:
-            raise ValueError(
-                f"gain_error must be a share of the force, at least 0 and below 1, not {self.gain_error:g}"
-            )
-        require_path("payload", self.payload)
+        if self.kind not in _KINDS:
+            raise ValueError(f"kind must be one of {', '.join(_KINDS)}, not {self.kind!r}")
+        require_path("mesh", self.mesh)
+        require_path("urdf", self.urdf)
+        if self.urdf is not None:
+            self._require_link()
+        elif self.link is not None or self.geometry is not None or self.packages:
+            raise ValueError("link, geometry and packages need a urdf, which is missing")
+        elif self.kind == "mesh" and self.mesh is None:
+            raise ValueError("mesh, the file of the surface, is missing")
+        elif self.kind == "mesh" and self.unit not in UNITS and not (self.unit is None and _may_state(self.mesh)):
+            raise ValueError(f"unit of the mesh must be one of {', '.join(UNITS)}, not {self.unit!r}")
+        if not 0 <= self.crease <= 180:
+            raise ValueError(f"crease must be between 0 and 180 degrees, not {self.crease:g}")
+        require_positive(self, "half_width")
+        if not 0 < np.linalg.norm(self.normal) < inf:
+            raise ValueError("normal must not be zero")
+        if not 0 <= self.placement <= 1:  # NaN too
+            raise ValueError(f"placement must be a standard deviation [m] from 0 to 1, not {self.placement:g}")
+        if self.pose_covariance is not None:
+            covariance_matrix(self.pose_covariance, 6, "pose_covariance")
+        self._require_lengths()
+
+    def _require_link(self) -> None:
+        if self.kind != "mesh" or self.mesh is not None or self.unit is not None:
+            raise ValueError("a urdf states what is touched and its unit (m): leave mesh, unit and kind out")
+        if self.link is None:
+            raise ValueError("link, the link of the urdf that is touched, is missing")
+        if self.geometry is not None and self.geometry not in GEOMETRIES:
+            raise ValueError(f"geometry must be one of {', '.join(GEOMETRIES)}, not {self.geometry!r}")
+
+    def _require_lengths(self) -> None:
+        needed = EQUATIONS[self.kind][1] if self.kind in EQUATIONS else ()
+        for name in ("mesh", "covered", *_LENGTHS) if needed else _LENGTHS:
+            if name not in needed and getattr(self, name) not in (None, False):
+                raise ValueError(f"{name} does not belong to kind = {self.kind!r}")
+        for name in needed:
+            value: Any = getattr(self, name)
+            if value is None:
+                raise ValueError(f"{name} is missing: a {self.kind} needs {', '.join(needed)} (in metres)")
+            if not np.all((np.asarray(value) > 0) & (np.asarray(value) < inf)) and name != "upper":
+                raise ValueError(f"{name} must be positive and finite, not {value}")
+
+
+def _may_state(mesh: str | None) -> bool:
+    """Check whether a mesh file has a format that may state its own unit."""
+    return mesh is not None and Path(mesh).suffix.lower() == ".dae"
 
 
 @dataclass(frozen=True)
 class RigTime:
     """The [time] of a rig: the time's column and unit; `rate` [Hz] if it is a counter ("samples") or there is none.
 
-    Without `unit` it is the one that the log states, or else the one that its first times suggest.
+    Without `unit` it is the one that the log states, or else the one that its first times suggest. `episode` is the one
+    to read of a Parquet file with several (`episode_index`), whose times each begin again.
 
     Raises:
         ValueError: the rate is not positive and finite, or is missing for a counter.
@@ -122,6 +196,7 @@ class RigTime:
     column: str = "time"
     unit: str | None = None
     rate: float | None = None
+    episode: int | None = None
 
     def __post_init__(self) -> None:
         require_positive(self, "rate")
@@ -220,6 +295,11 @@ class RigAcceleration:
         require_positive(self, "window")
         if self.from_poses and (self.columns or self.topic):
             raise ValueError("from_poses and recorded acceleration exclude each other")
+
+    @property
+    def recorded(self) -> bool:
+        """True if recorded accelerations are used."""
+        return self.kind != "none" and not self.from_poses
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,6 @@ from jaxtyping import Float
 
 from palpate.signals.recording import Recording
 
-__all__ = ["HeldRows", "with_columns"]
-
 
 class HeldRows:
     """The latest blocks of a log, whose rows are counted from the first of the log.

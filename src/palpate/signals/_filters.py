@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from palpate.surfaces._jit import inlined, released
 
-__all__ = ["AGE", "TIME", "smooth"]
-
 AGE, TIME = 0, 1  # of the clock: samples since the start (-1: none yet), and when the last one was [s]
 
 

@@ -6,8 +6,6 @@ from __future__ import annotations
 from palpate.surfaces._jit import inner
 from palpate.surfaces._vectors import cross_into
 
-__all__ = ["mounting_errors", "row", "to_surface"]
-
 
 @inner
 def row(array, i):

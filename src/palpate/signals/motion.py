@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -85,6 +85,22 @@ class Motion:
         """
         self._forget()
         return with_columns(blocks, self._answers, self._with_channels, 4)
+
+    def live(self, channels: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return the channels of live samples with accelerations as by `stream`, but for the lever's.
+
+        Those that need later samples, and accelerations of no use, are left out.
+
+        Raises:
+            KeyError: an IMU's accelerations come without orientations.
+        """
+        known = dict(channels)
+        felt = known.pop(ACCELERATION, None)
+        if felt is None or self.source not in ("motion", "imu"):
+            return known
+        felt, error = self._corrected(felt)
+        unsteady = np.hypot(known.get(UNSTEADY, 0.0), error)
+        return known | {ACCELERATION: self._without_gravity(felt, known), UNSTEADY: unsteady}
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
         """Return notes on the rows so far, one sentence each; in newtons if the payload's mass [kg] is given."""
@@ -221,15 +237,27 @@ class Motion:
         if self.source in ("motion", "imu") and (not self.lever.any() or ORIENTATION not in channels):
             acceleration, unsteady = np.zeros_like(acceleration), np.zeros_like(unsteady)
         if self.source in ("motion", "imu"):
-            felt = channels[ACCELERATION]
-            if self.accelerometer is not None:
-                felt = self.accelerometer.forces(felt)
-                unsteady = np.hypot(unsteady, self.accelerometer.deviations(felt))
-            acceleration = felt + acceleration
-        if self.source == "imu" and self.gravity is not None:
-            rotations = rotation_from_quaternion(channels[ORIENTATION])
-            acceleration = acceleration + np.einsum("nji,j->ni", rotations, self.gravity)
+            felt, error = self._corrected(channels[ACCELERATION])
+            unsteady = np.hypot(unsteady, error)
+            acceleration = self._without_gravity(felt + acceleration, channels)
         return replace(block, channels={**channels, ACCELERATION: acceleration, UNSTEADY: unsteady})
+
+    def _corrected(
+        self, recorded: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 1"]]:
+        """Return recorded accelerations (n, 3) without the accelerometer's errors, and what remains of these (n, 1)."""
+        if self.accelerometer is None:
+            return recorded, np.zeros((len(recorded), 1))
+        felt = self.accelerometer.forces(recorded)
+        return felt, self.accelerometer.deviations(felt)
+
+    def _without_gravity(
+        self, acceleration: Float[np.ndarray, "n 3"], channels: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, "n 3"]:
+        """Return recorded accelerations without the gravity that an IMU measures too."""
+        if self.source != "imu" or self.gravity is None:
+            return acceleration
+        return acceleration + np.einsum("nji,j->ni", rotation_from_quaternion(channels[ORIENTATION]), self.gravity)
 
 
 def _sizes(accelerometer: Imu) -> tuple[float, float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -170,6 +170,15 @@ class WrenchSensor(Protocol):
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings, one sentence each, such as of a dead cell."""
+        ...
+
+
+@runtime_checkable
+class MovedSensor(Protocol):
+    """A wrench sensor whose readings depend on its acceleration."""
+
+    def moved(self, channels: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+        """Return the channels of live samples with accelerations as `single` takes them, instead of as recorded."""
         ...
 
 

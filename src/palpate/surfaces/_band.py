@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import released
 
-__all__ = ["solve_band"]
-
 
 @released("band out n m, vector out n")
 def solve_band(band, vector):

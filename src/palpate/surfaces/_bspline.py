@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import inner, released
 
-__all__ = ["evaluate", "geodesics", "normal_equations"]
-
 MOST = 6  # orders (degree + 1) up to quintic
 
 

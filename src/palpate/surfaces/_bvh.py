@@ -13,24 +13,8 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inlined, inner, released
 from palpate.surfaces._patch import solve_flat, solve_patch, solve_vertex
-from palpate.surfaces._patches import FACET, FLAT, KIND, VERTEX
+from palpate.surfaces._patches import FLAT, KIND, VERTEX
 from palpate.surfaces._vectors import copy_into
-
-__all__ = [
-    "CANDIDATE",
-    "CAPACITY",
-    "FACET",
-    "KIND",
-    "STACK",
-    "WIDTH",
-    "axis_view",
-    "build",
-    "room",
-    "search",
-    "search_in",
-    "start_view",
-    "test_children",
-]
 
 CAPACITY = 16  # candidates kept a query; the ones nearest to the force stay
 CANDIDATE = 14  # numbers a candidate, as `search` says
@@ -231,6 +215,16 @@ def test_children(node, view):
     return mask
 
 
+@inlined
+def push_children(mask, node, pending, depth):
+    """Put the children of a node that have a bit in `mask` on the stack `pending` (n, 2); return its new depth."""
+    for i in range(WIDTH):
+        if (mask >> i) & 1 and node[11, i] >= 0.0:
+            pending[depth, 0], pending[depth, 1] = int(node[10, i]), int(node[11, i])
+            depth += 1
+    return depth
+
+
 @inner
 def axis_view(wrench):
     """Return f, e1, e2 with e1 x e2 = f, the axis' point nearest to the origin, and the pitch [Duff et al. 2017]."""
@@ -327,10 +321,7 @@ def search_in(wrench, soft, tan_limit, nodes, corners, found, room):
         first, size = pending[depth, 0], pending[depth, 1]
         if size == 0:
             mask = test_children(nodes[first], view)
-            for i in range(WIDTH):
-                if (mask >> i) & 1 and nodes[first, 11, i] >= 0.0:
-                    pending[depth, 0], pending[depth, 1] = int(nodes[first, 10, i]), int(nodes[first, 11, i])
-                    depth += 1
+            depth = push_children(mask, nodes[first], pending, depth)
             continue
         for patch in range(first, first + size):
             kind = corners[patch, KIND]

@@ -15,8 +15,6 @@ from jaxtyping import Float
 from palpate.surfaces._normals import next_corner
 from palpate.surfaces._patches import VERTEX, Split, patch_rows
 
-__all__ = ["SHARP", "sharp_edges"]
-
 SHARP = 4  # beside the kinds of `_patches`
 _SHARPEST = cos(radians(20))  # facets of a rounded body that was meshed coarsely meet by less; an edge meets by more
 _SOLID = 0.02  # volume of three normals below which a corner is no more than its edges

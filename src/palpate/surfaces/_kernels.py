@@ -8,10 +8,7 @@ A surface is two arguments of every kernel: `nodes` and `corners` of a mesh's tr
 from __future__ import annotations
 
 from palpate.surfaces import _bvh, _equation, _nearest
-from palpate.surfaces._bvh import CANDIDATE, CAPACITY
 from palpate.surfaces._jit import chosen_for, inner
-
-__all__ = ["CANDIDATE", "CAPACITY", "is_mesh", "nearest_to_axis", "search", "search_in", "shape_operator"]
 
 
 def is_mesh(one):

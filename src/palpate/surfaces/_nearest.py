@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._bvh import KIND, STACK, WIDTH, axis_view, start_view, test_children
+from palpate.surfaces._bvh import STACK, WIDTH, axis_view, push_children, start_view, test_children
 from palpate.surfaces._jit import inner, released
-
-__all__ = ["edges_near", "nearest_to_axis", "nearest_to_point", "point_to_triangle"]
+from palpate.surfaces._patches import KIND
 
 
 @inner
@@ -54,10 +53,7 @@ def nearest_to_axis(wrench, nodes, corners, found):
         if size == 0:
             view[12] = np.sqrt(best)
             mask = test_children(nodes[first], view)
-            for i in range(WIDTH):
-                if (mask >> i) & 1 and nodes[first, 11, i] >= 0.0:
-                    pending[depth, 0], pending[depth, 1] = int(nodes[first, 10, i]), int(nodes[first, 11, i])
-                    depth += 1
+            depth = push_children(mask, nodes[first], pending, depth)
             continue
         for patch in range(first, first + size):
             row = corners[patch]
@@ -201,8 +197,5 @@ def edges_near(wrench, tan_limit, wider, least, nodes, corners, found):
                     count += 1
             continue
         mask = test_children(nodes[first], view)
-        for i in range(WIDTH):
-            if (mask >> i) & 1 and nodes[first, 11, i] >= 0.0:
-                pending[depth, 0], pending[depth, 1] = int(nodes[first, 10, i]), int(nodes[first, 11, i])
-                depth += 1
+        depth = push_children(mask, nodes[first], pending, depth)
     return count

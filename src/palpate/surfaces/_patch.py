@@ -20,8 +20,6 @@ import numpy as np
 
 from palpate.surfaces._jit import inlined, inner
 
-__all__ = ["solve_flat", "solve_patch", "solve_vertex"]
-
 _INSIDE = -1e-8  # how far outside its patch a solution may lie, in barycentric units: rounding at shared edges
 _EDGE = 1e-9  # rounding of a moment about an edge, in unit size
 _SOLVED = 1e-7  # how far off the shifted axis a contact may lie, in unit size

@@ -17,8 +17,6 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.surfaces._normals import blocks, half_edge_twins, next_corner
 
-__all__ = ["EDGE", "FACET", "FLAT", "KIND", "SMOOTH", "VERTEX", "Split", "build_patches", "facet_rows", "patch_rows"]
-
 FLAT, SMOOTH, EDGE, VERTEX = 0, 1, 2, 3  # what a patch is: the kind decides its tangent plane
 KIND, FACET = 18, 19  # behind the three corners of a patch
 _SAME = 1e-12  # 1 - cos of normals that count as one

@@ -10,11 +10,9 @@ from math import cos, pi, radians, sin
 
 import numpy as np
 
-from palpate.surfaces._bvh import STACK, WIDTH
+from palpate.surfaces._bvh import STACK, WIDTH, push_children
 from palpate.surfaces._jit import inlined, inner, released
 from palpate.surfaces._vectors import tangents
-
-__all__ = ["BODY", "FREE", "PASSAGE", "SWEPT", "first_hits", "mark_facets", "open_facets"]
 
 FREE, BODY, SWEPT, PASSAGE = 0, 1, 2, 3  # what is in a cell of the grid
 
@@ -81,10 +79,7 @@ def _first_hit(nodes, corners, o, d, pending):
         first, size = pending[depth, 0], pending[depth, 1]
         if size == 0:
             mask = _boxes(nodes[first], fx, fy, fz, ix, iy, iz)
-            for i in range(WIDTH):
-                if (mask >> i) & 1 and nodes[first, 11, i] >= 0.0:
-                    pending[depth, 0], pending[depth, 1] = int(nodes[first, 10, i]), int(nodes[first, 11, i])
-                    depth += 1
+            depth = push_children(mask, nodes[first], pending, depth)
             continue
         for facet in range(first, first + size):
             best = min(best, _met(corners[facet], ox, oy, oz, dx, dy, dz))
@@ -183,6 +178,8 @@ def _between(o, n, low, step, cells):
         through += ends // 2
         if through == _THROUGH:
             return True
+        if through + _LINES - 1 - i < _THROUGH:
+            return False
     return False
 
 
@@ -216,7 +213,7 @@ def open_facets(corners, nodes, low, step, cells, out):
         low: (3,) where the grid begins.
         step: its cells' size.
         cells: (a, b, c) FREE, BODY, or SWEPT, that a touching ball can fill, some of which become PASSAGE; empty: only
-            the rays that leave the body count.
+            the rays that leave the body count, up to the first facet where none does.
         out: (f,) bool.
     """
     o, pending = np.empty(3), np.empty((STACK, 2), dtype=np.int64)
@@ -241,3 +238,5 @@ def open_facets(corners, nodes, low, step, cells, out):
             if ways >= min(parts, 2):
                 out[facet] = True
                 break
+        if cells.size == 0 and not out[facet]:
+            return

@@ -11,17 +11,6 @@ import numpy as np
 
 from palpate.surfaces._jit import inner, released
 
-__all__ = [
-    "add_by_group",
-    "compare_normals",
-    "group_corners",
-    "join_near",
-    "number_rows",
-    "pair_edges",
-    "walk_facets",
-    "walk_rings",
-]
-
 _MIX = 0x1E3779B97F4A7C15  # an odd constant of 61 bits
 _CELL = 16.0  # size of a cell of points, in radii
 

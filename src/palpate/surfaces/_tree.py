@@ -9,6 +9,7 @@ from jaxtyping import Float, Float32
 
 from palpate.errors import GeometryError
 from palpate.surfaces._normals import blocks
+from palpate.surfaces._patches import KIND
 
 _MOST = 2**23  # patch and node numbers must be exact in float32
 
@@ -52,7 +53,7 @@ def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
             f"the surface has {count} patches, more than {_MOST}: simplify the mesh or choose a region."
         )
 
-    positions = rows[:, : _bvh.KIND].reshape(-1, 3, 6)[:, :, :3]  # a view
+    positions = rows[:, :KIND].reshape(-1, 3, 6)[:, :, :3]  # a view
     low, high = _box(positions[:count])
     centre, scale = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
     for block in blocks(len(rows)):

@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import inner
 
-__all__ = ["copy_into", "cross_into", "dot", "solve_positive", "tangents"]
-
 
 @inner
 def dot(a, b):

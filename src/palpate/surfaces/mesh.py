@@ -21,7 +21,7 @@ from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces._edges import sharp_edges
 from palpate.surfaces._exposure import exposed
 from palpate.surfaces._normals import corner_normals, facet_normals, half_edge_twins
-from palpate.surfaces._patches import Split, build_patches
+from palpate.surfaces._patches import FACET, Split, build_patches
 from palpate.surfaces._repair import bodies, repair
 from palpate.surfaces._tree import Tree, build_tree
 from palpate.surfaces.prepared import CompiledSurface
@@ -291,7 +291,7 @@ class Mesh(Value):
             InputError: the points have another shape.
             GeometryError: more than 8,388,608 patches.
         """
-        from palpate.surfaces import _bvh, _nearest
+        from palpate.surfaces import _nearest
 
         tree, points = self.tree(), shaped(points, (None, 3), "points")
         found = np.full((len(points), 4), np.nan)
@@ -300,7 +300,7 @@ class Mesh(Value):
         patch = found[:, 0].astype(np.int64)
         both = np.einsum("ni,nik->nk", found[:, 1:], tree.corners[patch, :18].reshape(-1, 3, 6))
         normals = both[:, 3:] / np.linalg.norm(both[:, 3:], axis=1, keepdims=True)
-        facets = np.where(np.isnan(found[:, 1]), -1, tree.corners[patch, _bvh.FACET])
+        facets = np.where(np.isnan(found[:, 1]), -1, tree.corners[patch, FACET])
         return both[:, :3] * tree.scale + tree.centre, normals, facets.astype(np.int64)
 
     def transformed(self, pose: Pose) -> Mesh:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
 
 from palpate.cli import main
 from palpate.errors import InputError
@@ -203,7 +205,8 @@ def test_pokes_show_another_numbering(skin: Forearm) -> None:
     assert _mean(started.places, skin.places) < _mean(cad, skin.places)
     by_start = calibrate_taxels(pokes, surface=link, start=cad, layout=layout)
     assert any("the start contradicts the layout's numbers" in said for said in by_start.warnings)
-    np.testing.assert_allclose(by_start.places.positions, started.places.positions, atol=1e-4)
+    # a poke at the edge of what is searched may be used in one and not in the other
+    np.testing.assert_allclose(by_start.places.positions, started.places.positions, atol=3e-4)
 
 
 def test_pokes_show_a_start_turned_by_a_third_of_a_ring(skin: Forearm) -> None:
@@ -271,3 +274,23 @@ def test_the_real_modules_run_backwards_from_number_one(name: str, most: float, 
     both = found.places.there & authors.there
     away = np.linalg.norm(found.places.positions - authors.positions, axis=1)[both]
     assert 1e3 * away.mean() < most
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_edge_of_the_surface_does_not_fold_a_module(seed: int) -> None:
+    """One that ends 2 mm below the rim of a closed cylinder, whose places are 3 mm and as a whole 4 mm off."""
+    rng, radius = RNG(seed), 0.032
+    solid = trimesh.creation.cylinder(radius, 0.16, sections=96)
+    link = Mesh.from_arrays(np.asarray(solid.vertices), np.asarray(solid.faces))
+    layout = ModuleLayout.repeated(LAYOUTS["ring12"], 1)
+    turn = Rotation.from_euler("z", rng.uniform(0.0, 2 * np.pi)).as_matrix()[:2, :2]
+    around, along = (layout.places @ turn.T).T
+    angle, height = around / radius, along - along.max() + 0.078
+    truth = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+    given = truth + 3e-3 * rng.normal(size=(12, 3)) + [0.0, 0.0, 4e-3]
+    places = TaxelPlaces(given, truth * [1.0, 1.0, 0.0] / radius, module=layout.module)
+    ring = place_modules(places, layout, link).places.positions
+    length = np.linalg.norm(ring - np.roll(ring, -1, axis=0), axis=1)
+    flat = np.linalg.norm(layout.places - np.roll(layout.places, -1, axis=0), axis=1)
+    np.testing.assert_allclose(length, flat, rtol=0.1)  # folded, some are half as long
+    assert np.linalg.norm(ring - truth, axis=1).mean() < np.linalg.norm(given - truth, axis=1).mean()

@@ -153,16 +153,16 @@ def test_a_frame_of_another_size_is_not_known(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, wanted)
 
 
-def test_episodes_in_one_file_are_refused(tmp_path: Path) -> None:
+def test_episodes_in_one_file_are_refused_unless_one_is_named(tmp_path: Path) -> None:
     """As LeRobot's data sets of version 3 have them: their times each begin at 0."""
     numbers = {f"taxel_{k}": FRAMES.reshape(len(FRAMES), -1)[:, k] for k in range(24)}
-    for episodes, found in ((1, True), (2, False)):
-        rows = pl.DataFrame({"time": TIME, "episode_index": np.arange(len(TIME)) % episodes, **numbers})
-        rows.write_parquet(tmp_path / "log.parquet")
-        (tmp_path / "rig.toml").write_text(f"[skin]\n{SHEET}")
+    whose = np.arange(len(TIME)) % 2
+    pl.DataFrame({"time": TIME, "episode_index": whose, **numbers}).write_parquet(tmp_path / "log.parquet")
+    for named, found in (("episode = 1", np.flatnonzero(whose)), ("", None)):
+        (tmp_path / "rig.toml").write_text(f"[time]\n{named}\n[skin]\n{SHEET}")
         layout = load_rig(tmp_path / "rig.toml").layout()
-        if found:
-            assert len(read_recording(tmp_path / "log.parquet", layout)) == len(TIME)
-        else:
-            with pytest.raises(InputError, match=r"holds 2 episodes.*episode_index"):
+        if found is None:
+            with pytest.raises(InputError, match=r"holds 2 episodes.*episode = 0 in the rig's \[time\]"):
                 read_recording(tmp_path / "log.parquet", layout)
+        else:
+            np.testing.assert_array_equal(read_recording(tmp_path / "log.parquet", layout).time, TIME[found])

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from palpate.sensors.taxels.modules import ModuleLayout
-from palpate.sensors.taxels.poking.calibrate import spreads
+from palpate.sensors.taxels.poking.calibrate import size_deviation, spreads
 from palpate.sensors.taxels.poking.response import GRID, LEFT, ROUGH, UNEVEN, WIDE, LocalTaxels, Response, seen_among
 from palpate.sensors.taxels.poking.rigid_groups import Units
 from palpate.sensors.taxels.poking.solve import eliminated
@@ -131,3 +131,18 @@ def test_spreads_are_those_of_all_places_at_once() -> None:
     np.testing.assert_allclose(absolute, square[each, :, each], rtol=1e-9, atol=1e-18)
     trace = np.diag(left @ covariance @ left.T).reshape(-1, 3).sum(axis=1)
     np.testing.assert_allclose(relative, np.sqrt(trace), rtol=1e-6)
+    away = (points - points.mean(axis=0)).ravel()
+    growth = full.T @ away / (away @ away)
+    np.testing.assert_allclose(size_deviation(made, covariance), np.sqrt(growth @ covariance @ growth), rtol=1e-9)
+
+
+def test_a_poke_beyond_what_is_searched_is_not_used() -> None:
+    """It would appear at the edge of the search, too near to its module."""
+    flat = np.zeros((4, 3, 2))
+    flat[:, 1, 0], flat[:, 2, 1] = SPACING, SPACING
+    away = -np.array([0.3, 0.8, 1.9, 2.5]) * SPACING
+    places = np.stack([away, np.full(4, 0.5 * SPACING)], axis=1)
+    log = MODEL.log(((flat - places[:, None]) ** 2).sum(axis=2))
+    taxels, found = np.tile([7, 8, 9], (4, 1)), np.ones(4, dtype=bool)
+    chart = LocalTaxels(taxels, flat, taxels[:, 0], log, np.full(4, -9.0), found, SPACING)
+    np.testing.assert_array_equal(seen_among(chart, MODEL).found, [True, True, False, False])

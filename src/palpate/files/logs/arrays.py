@@ -67,7 +67,7 @@ class ArrayLog(ColumnLog):
             what = f"has no array of times, {self._layout.time!r}."
             hint = "Write the rate [Hz] of the samples in the rig, as rate in [time], or add the times as an array."
             raise InputError(what, where=str(self.path), hint=hint)
-        self._columns = columns = Columns(self._layout, self.path, shapes, there.stated, self.poses)
+        self._columns = columns = Columns(self._layout, self.path, shapes, there.stated, self.pose_log)
         arrays = self._arrays(list(dict.fromkeys(columns.places[column][0] for column in columns.names)))
         yield from self._cut(columns, arrays, 0, len(next(iter(arrays.values()))))
         yield from columns.finish()

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.files.logs.layout import POSE_COLUMNS, LogLayout, require_stated, stated_layout
 from palpate.files.logs.log import Log
-from palpate.files.logs.numbering import SINGLE, array_columns, require_units, shortened, sized
+from palpate.files.logs.numbering import SINGLE, array_columns, require_units, shortened
 from palpate.files.logs.pose_table import PoseTable, converted
 from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
 from palpate.files.tables.fields import Fields
@@ -62,7 +62,7 @@ class Columns:
         self._samples = SampleReader(layout if poses is None else converted(layout), path)
         self._path, self._layout = path, layout
         self._groups = plan(layout, shapes, path)
-        for array in layout.arrays:
+        for array in (each for each in layout.arrays if each.unit is not None):
             require_units(array, self._groups[array.name], stated, path)
         self._found = _found(layout, self._groups, shapes)
         self.time_unit = layout.time_unit or (stated_unit(layout.time, stated, path) if _TIME in self._groups else "s")
@@ -137,7 +137,6 @@ class ColumnLog(Log):
         super().__init__(path, path.stat().st_size if path.exists() else 0)
         self._layout = layout
         self._columns: Columns | None = None
-        self.poses: Log | None = None  # table of the poses, if it is another one
 
     @property
     def time_unit(self) -> tuple[str, str]:
@@ -175,7 +174,7 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
         groups[WRENCH] = layout.wrench
     for array in layout.arrays:
         if isinstance(array.columns, tuple) and (set(array.columns) <= names.keys() or not any(shapes.values())):
-            groups[array.name] = sized(array, array.columns, path)
+            groups[array.name] = array.sized(array.columns, path)
     _require_known(list(chain.from_iterable(groups.values())), names, path)
     for channel, usual in POSE_COLUMNS.items():
         if layout.pose_file is not None and channel != ACCELERATION:

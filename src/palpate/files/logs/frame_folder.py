@@ -11,10 +11,10 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.files.logs.bag import natural
-from palpate.files.logs.csv import CsvLog
 from palpate.files.logs.images import Frame, ImageLog, decoded
 from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import Images, LogContents
+from palpate.files.logs.text import CsvLog
 from palpate.files.logs.video import RATE
 from palpate.opencv import opencv
 from palpate.signals.recording import Recording

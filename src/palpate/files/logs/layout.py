@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
@@ -71,6 +71,19 @@ class ArrayChannel:
         """A sentence on what to correct in a rig; "" without one."""
         return f"Correct the numbers in the rig's [{self.table}], or name the columns there." if self.table else ""
 
+    def sized(self, columns: Sequence[str], path: Path) -> Sequence[str]:
+        """Return columns of the log `path`, one for each number of the channel.
+
+        Raises:
+            InputError: there are more or fewer.
+        """
+        if (count := len(columns)) != self.size:
+            named = self.columns is not None
+            has = f"names {count} columns" if named else f"has {count} columns in addition to the time"
+            what = f"{has}, but {self.size} {self.name} ({self.described}) are needed."
+            raise InputError(what, where=self.table if named else str(path), hint=self.mend)
+        return columns
+
     def as_recorded(self) -> ArrayChannel:
         """Return the channel with numbers in the unit and the order in which they are recorded."""
         return replace(self, shape=self.recorded, scale=1.0, order="rows")
@@ -101,6 +114,7 @@ class LogLayout:
         images: of a camera, which are read alone: `wrench` is None, and no `arrays`. None: no images are read.
         rate: [Hz] of a log without a time column; None: it must have one. For a video it replaces the stamps; for a
             folder of images without times None is 30 Hz.
+        episode: the only rows to read of a Parquet file with a column `episode_index`; None: all.
         force_unit, torque_unit: see `palpate.files.units`.
         axes: recorded axes that are the sensor's x, y, z, of force and torque alike; "-x" flips.
         left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
@@ -138,6 +152,7 @@ class LogLayout:
     arrays: tuple[ArrayChannel, ...] = ()
     images: ImageChannel | None = None
     rate: float | None = None
+    episode: int | None = None
     force_unit: str = "N"
     torque_unit: str = "N m"
     axes: tuple[str, ...] = ("x", "y", "z")

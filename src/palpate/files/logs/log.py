@@ -63,7 +63,13 @@ class LogContents:
 
 
 class Log(Watched, ABC):
-    """An opened log."""
+    """An opened log.
+
+    Attributes:
+        pose_log: table of the poses, if it is another one.
+    """
+
+    pose_log: Log | None = None
 
     @abstractmethod
     def contents(self) -> LogContents:

@@ -147,7 +147,7 @@ def require_units(array: ArrayChannel, columns: Sequence[str], stated: Stated, p
     """Check that a log states no other unit of a channel's numbers than that in which they are read.
 
     Args:
-        array: the channel.
+        array: the channel, whose `unit` is not None.
         columns: of the channel.
         stated: units that the log `path` states.
         path: of the log.
@@ -155,7 +155,7 @@ def require_units(array: ArrayChannel, columns: Sequence[str], stated: Stated, p
     Raises:
         InputError: it does, or names and unit are those of load cells.
     """
-    for name in columns if array.unit is not None else ():
+    for name in columns:
         said = stated.unit(name) or stated.unit(name.partition("[")[0])
         known, read = known_unit(said, CELL_UNITS), known_unit(array.unit or "N", CELL_UNITS)
         if known in FORCE_UNITS and _LOAD_CELL.match(name):
@@ -228,7 +228,7 @@ def _by_names(array: ArrayChannel, names: Sequence[str], path: Path) -> Sequence
     if fitting:
         return _numbered(array, fitting[0], path)
     taxels = [name for name in names if is_taxel(name)]
-    return sized(array, taxels if len(taxels) == array.size else names, path)
+    return array.sized(taxels if len(taxels) == array.size else names, path)
 
 
 def _numbered(array: ArrayChannel, group: NumberedColumns, path: Path) -> Sequence[str]:
@@ -257,20 +257,6 @@ def matching(path: str, names: Iterable[str]) -> list[str]:
 def _several(array: ArrayChannel, found: Sequence[str], path: Path) -> InputError:
     what = f"{len(found)} could be the {array.name}: {', '.join(found[:6])}."
     return InputError(what, where=str(path), hint=f'Name one, as cells = "{found[0]}" in [{array.table}].')
-
-
-def sized(array: ArrayChannel, columns: Sequence[str], path: Path) -> Sequence[str]:
-    """Return the columns of a channel.
-
-    Raises:
-        InputError: there are more or fewer than numbers in the channel.
-    """
-    if (count := len(columns)) != array.size:
-        named = array.columns is not None
-        has = f"names {count} columns" if named else f"has {count} columns in addition to the time"
-        what = f"{has}, but {array.size} {array.name} ({array.described}) are needed."
-        raise InputError(what, where=array.table if named else str(path), hint=array.mend)
-    return columns
 
 
 def _listed(group: NumberedColumns) -> str:

@@ -15,7 +15,6 @@ from palpate.files.inputs import open_input, read_some
 from palpate.files.logs.arrays import ArrayLog, HeldLog
 from palpate.files.logs.bag import BagFile, open_folder
 from palpate.files.logs.columns import ColumnLog, plan
-from palpate.files.logs.csv import CsvLog
 from palpate.files.logs.cursor import Cursor
 from palpate.files.logs.decoding import role, shape_of
 from palpate.files.logs.frame_folder import FrameFolder, holds_frames
@@ -29,7 +28,7 @@ from palpate.files.logs.message_fields import FieldPath, field_of, paths_of
 from palpate.files.logs.parquet import ParquetLog
 from palpate.files.logs.pose_table import pose_layout
 from palpate.files.logs.survey import Survey, survey_of
-from palpate.files.logs.text_frames import TextFrames, holds_text_frames
+from palpate.files.logs.text import CsvLog, TextFrames, holds_text_frames
 from palpate.files.logs.topic_log import TopicLog
 from palpate.files.logs.topics import choose, choose_images
 from palpate.files.logs.transforms import TREES
@@ -187,7 +186,7 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
     layout = layout or LogLayout()
     log = _opened(path, layout)
     poses = pose_path(layout.pose_file, log.path)
-    if poses is not None:
+    if poses is not None and not (isinstance(log, TopicLog) and log.posed):
         return _posed(log, open_log(poses, pose_layout(layout)))
     if layout.offset and isinstance(log, ColumnLog) and log.path.is_fifo():
         what = "is a pipe, whose rows cannot be read twice, as a clock's offset needs."
@@ -199,12 +198,11 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
 
 
 def _posed(log: Log, poses: Log) -> Log:
-    """Return the log, to whose rows the poses of a table are joined."""
-    if not isinstance(log, ColumnLog):
-        hint = "Name its topic of poses, or two frames, in the rig's [orientation], without file."
-        what = f"is no table, so the poses of {poses.path.name} cannot be joined."
-        raise InputError(what, where=str(log.path), hint=hint)
-    log.poses = poses
+    """Return the log, to whose samples the poses of a table are joined."""
+    if not isinstance(log, ColumnLog | TopicLog):
+        what = f"holds images, to which the poses of {poses.path.name} cannot be joined."
+        raise InputError(what, where=str(log.path), hint="Remove file from the rig's [orientation].")
+    log.pose_log = poses
     return log
 
 
@@ -252,10 +250,10 @@ def read_poses(
         InputError: the file is not a log, has no poses, or needs a library that is not installed.
     """
     log = open_log(path, layout)
+    log = log.pose_log or log
     if isinstance(log, TopicLog):
         time, values = log.poses()
         return time, values[:, 3:], values[:, :3]
-    log = log.poses if isinstance(log, ColumnLog) and log.poses is not None else log
     recording = join(list(log.blocks()))
     if ORIENTATION not in recording.channels:
         what = "the log has no orientation."

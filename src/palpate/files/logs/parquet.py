@@ -6,6 +6,7 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from functools import reduce
 from math import prod
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -21,7 +22,7 @@ from palpate.processes import require_polars_threads
 from palpate.signals.recording import Recording
 
 PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so few
-_EPISODE = "episode_index"  # column of LeRobot's data sets
+EPISODE = "episode_index"  # column of LeRobot's data sets
 
 
 class ParquetLog(ColumnLog):
@@ -33,9 +34,8 @@ class ParquetLog(ColumnLog):
         Raises:
             InputError: the file does not exist or is damaged.
         """
-        open_input(self.path).close()
-        with self._reading():
-            shapes = _shapes(pl.scan_parquet(self.path, glob=False))
+        with reading_parquet(self.path):
+            shapes = sample_shapes(scan_rows(self.path, self._layout.episode))
             return LogContents(self.path, shapes, stated=Stated.of_names(shapes))
 
     def blocks(self) -> Iterator[Recording]:
@@ -45,27 +45,17 @@ class ParquetLog(ColumnLog):
             InputError: the file does not exist, is damaged or has no rows; a column is not numbers or dates; or the
                 layout does not fit.
         """
-        open_input(self.path).close()
-        with self._reading():
+        with reading_parquet(self.path):
             yield from self._blocks()
 
-    @contextmanager
-    def _reading(self) -> Generator[None]:
-        try:
-            yield
-        except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as problem:
-            what = f"cannot be read as Parquet ({str(problem).splitlines()[0]})."
-            hint = "Copy it again: a Parquet file that was cut cannot be repaired, as its index is at its end."
-            raise InputError(what, where=str(self.path), hint=hint) from problem
-
     def _blocks(self) -> Iterator[Recording]:
-        require_polars_threads()
-        frame = pl.scan_parquet(self.path, glob=False)
-        kinds, shapes = frame.collect_schema(), _shapes(frame)
-        if _EPISODE in shapes and (count := int(frame.select(pl.col(_EPISODE).n_unique()).collect().item())) > 1:
+        frame = scan_rows(self.path, self._layout.episode)
+        kinds, shapes = frame.collect_schema(), sample_shapes(frame)
+        if EPISODE in shapes and (count := int(frame.select(pl.col(EPISODE).n_unique()).collect().item())) > 1:
             what = f"holds {count} episodes, whose times begin again."
-            raise InputError(what, where=str(self.path), hint=f"Write one file for each {_EPISODE}.")
-        self._columns = columns = Columns(self._layout, self.path, shapes, poses=self.poses)
+            hint = "Write episode = 0 in the rig's [time], or give the data set's folder to `palpate batch`."
+            raise InputError(what, where=str(self.path), hint=hint)
+        self._columns = columns = Columns(self._layout, self.path, shapes, poses=self.pose_log)
         arrays = list(dict.fromkeys(columns.places[name][0] for name in columns.names))
         for name in arrays:
             kind = kinds[name]
@@ -84,7 +74,43 @@ class ParquetLog(ColumnLog):
             raise InputError("has columns, but no rows.", where=str(self.path))
 
 
-def _shapes(frame: pl.LazyFrame) -> dict[str, tuple[int, ...]]:
+@contextmanager
+def reading_parquet(path: Path) -> Generator[None]:
+    """Raise what goes wrong in the block, which reads a Parquet file, as an InputError.
+
+    Raises:
+        InputError: the file does not exist or is damaged, or the process was forked after polars had started its
+            threads.
+    """
+    open_input(path).close()
+    require_polars_threads()
+    try:
+        yield
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as problem:
+        what = f"cannot be read as Parquet ({str(problem).splitlines()[0]})."
+        hint = "Copy it again: a Parquet file that was cut cannot be repaired, as its index is at its end."
+        raise InputError(what, where=str(path), hint=hint) from problem
+
+
+def scan_rows(path: Path, episode: int | None = None) -> pl.LazyFrame:
+    """Return the rows of a Parquet file, or of one episode in it, with extension types as the lists that they are.
+
+    Raises:
+        InputError: an episode is named, and the file has no column of episodes.
+    """
+    frame = pl.scan_parquet(path, glob=False)
+    kinds = frame.collect_schema()
+    extended = [name for name, kind in kinds.items() if hasattr(kind, "ext_storage")]  # such as Array2D of `datasets`
+    frame = frame.with_columns(pl.col(extended).ext.storage()) if extended else frame
+    if episode is None:
+        return frame
+    if EPISODE not in kinds:
+        hint = "Remove episode from the rig's [time]."
+        raise InputError(f"has no column {EPISODE!r}.", where=str(path), hint=hint)
+    return frame.filter(pl.col(EPISODE) == episode)
+
+
+def sample_shapes(frame: pl.LazyFrame) -> dict[str, tuple[int, ...]]:
     """Return column -> (), or the shape of its first list of numbers."""
     kinds = frame.collect_schema()
     lists = [name for name, kind in kinds.items() if isinstance(kind, (pl.List, pl.Array))]

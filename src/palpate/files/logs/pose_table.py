@@ -1,4 +1,4 @@
-"""Join the poses of a second table to the rows of a log by their times."""
+"""Join the poses of a second table to the samples of a log by their times."""
 
 from __future__ import annotations
 
@@ -104,6 +104,11 @@ class PoseTable:
         unit = next((unit for unit, by in others.items() if _alike((by * first, by * last), (start, end))), "")
         mend = f'Times may be in {unit}: write time_unit = "{unit}" in the rig\'s [orientation].' if unit else _SHIFT
         raise InputError(what, where=str(self._log.path), hint=mend)
+
+    @property
+    def described(self) -> str:
+        """The table and the times of the poses read so far, on the log's clock, in words."""
+        return f"{self._log.path.name}, whose poses are from {self._span[0]:.3f} s to {self._span[1]:.3f} s"
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on the poses so far, one sentence each."""

@@ -17,8 +17,18 @@ from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.logs.log import Log, LogContents, Stored
 from palpate.files.logs.message_fields import field_of
 from palpate.files.logs.numbering import three_axes
+from palpate.files.logs.pose_table import PoseTable, converted
 from palpate.files.logs.samples import NUMBERS, WRENCH, SampleReader, rows_at_once
-from palpate.files.logs.topics import LIVE_ACCELERATION, LIVE_POSE, POSE_KINDS, choose, doubtful, main_channel, sentence
+from palpate.files.logs.topics import (
+    LIVE_ACCELERATION,
+    LIVE_POSE,
+    NONE,
+    POSE_KINDS,
+    choose,
+    doubtful,
+    main_channel,
+    sentence,
+)
 from palpate.files.logs.transforms import TransformTree, TreePoses, read_frames, tree_topics
 from palpate.files.logs.wrench_means import WrenchMeans
 from palpate.files.messages import MessageBlock, MessageFile, Topic
@@ -114,12 +124,18 @@ class TopicLog(Log):
             sources["acceleration"] = self._tracked(topic, PoseTrack(0.0, gap))
         if (topic := chosen.get("temperature")) is not None:
             sources["temperature"] = self._tracked(topic, PoseTrack(0.0, TEMPERATURE_GAP))
-        samples = SampleReader(layout, self.path)
+        table = None if self.pose_log is None else PoseTable(self.pose_log, layout)
+        samples = SampleReader(layout if table is None else converted(layout), self.path)
         if (topic := chosen.get("wrench")) is not None:
             limits = None if layout.wrench_range is None else samples.recorded(layout.wrench_range)
             sources["wrench"] = self._tracked(topic, WrenchMeans(layout.max_gap, limits))
-        self._join = join = _Join(main, sources, samples, layout)
+        self._join = join = _Join(main, sources, samples, layout, table)
         return join, {main.topic.name, *(topic.name for source in sources.values() for topic in source.topics)}
+
+    @property
+    def posed(self) -> bool:
+        """True if this is a live record with the poses that its samples had."""
+        return any(topic.name == LIVE_POSE and topic.count for topic in self._source.topics())
 
     def _tracked(self, topic: Topic, track: PoseTrack | WrenchMeans) -> _Tracked:
         return _Tracked(_Stream(topic, self._source), track)
@@ -172,9 +188,10 @@ class TopicLog(Log):
         return (*said, *(note for part in (self._join, self._main) if part is not None for note in part.notes()))
 
     def _chosen(self) -> dict[str, Topic]:
-        there = self.contents()
-        self._unsure = doubtful(there, self._layout)
-        return choose(there, self._layout)
+        there, layout = self.contents(), self._layout
+        layout = layout if self.pose_log is None else replace(layout, orientation_topic=NONE)
+        self._unsure = doubtful(there, layout)
+        return choose(there, layout)
 
     def _poses(self, chosen: dict[str, Topic], offset: float) -> _Source | None:
         layout, where, track = self._layout, str(self.path), PoseTrack(offset, self._layout.max_gap)
@@ -280,8 +297,15 @@ _Source = _Tracked | JointPoses | TreePoses
 class _Join:
     """A join that delays rows until everything around their time has arrived."""
 
-    def __init__(self, main: _Stream, sources: Mapping[str, _Source], samples: SampleReader, layout: LogLayout) -> None:
-        self.main, self._sources, self._samples, self._layout = main, sources, samples, layout
+    def __init__(
+        self,
+        main: _Stream,
+        sources: Mapping[str, _Source],
+        samples: SampleReader,
+        layout: LogLayout,
+        table: PoseTable | None,
+    ) -> None:
+        self.main, self._sources, self._samples, self._layout, self._table = main, sources, samples, layout, table
         array = main_channel(layout)
         self._name, self._width = ("wrench", 6) if array is None else (array.name, array.size)
         width = self._width
@@ -306,6 +330,8 @@ class _Join:
             source.track.complete()
         if self._time:
             yield from self._release(complete=True)
+        if self._table is not None:
+            self._table.require_overlap()
         yield from self._samples.rest()
 
     def notes(self) -> tuple[str, ...]:
@@ -313,6 +339,8 @@ class _Join:
         pose = self._sources.get("pose")
         if isinstance(pose, _Tracked) and self._layout.orientation_topic is None:
             said.insert(0, f"the orientation is taken from {pose.stream.topic.name!r}, the only topic of poses")
+        if self._table is not None:
+            said[:0] = [f"the orientation is taken from {self._table.described}", *self._table.notes()]
         if self._lost:
             said.append(f"{self._lost} samples have no pose: none for their time had arrived {self._held} rows later")
         return tuple(dict.fromkeys((*said, *self._samples.notes())))
@@ -340,7 +368,7 @@ class _Join:
         return dict(zip((self._name, WRENCH, AVERAGED), np.split(values, ends, axis=1), strict=True))
 
     def _others(self, time: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, "n _"]]:
-        found: dict[str, np.ndarray] = {}
+        found = {} if self._table is None else dict(self._table.at(time))
         for role, source in self._sources.items():
             if isinstance(source.track, WrenchMeans):
                 found[WRENCH], found[AVERAGED] = source.track.means(time)

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from palpate.surfaces._jit import inlined, released
 
-__all__ = ["walk"]
-
 _HEAD = 9  # bytes: a kind and the length of what follows
 _FOOTER, _MESSAGE, _CHUNK = 2, 5, 6
 _MESSAGE_HEAD = 22  # bytes: channel (2), sequence (4), log time (8), publish time (8)

@@ -94,7 +94,9 @@ def _model(holds: type[Any]) -> tuple[str, Model]:
 def _table(value: Any, forms: Mapping[type, TableForm], place: str, *, commented: bool = True) -> list[str]:
     """Return the lines of a value's keys, then of its tables."""
     form = forms[type(value)]
-    spelled = form.spell(value) if form.spell else {each.name: getattr(value, each.name) for each in fields(value)}
+    named = {form.called.get(each.name, each.name): each.name for each in fields(value)}
+    own = {key: getattr(value, name) for key, name in named.items() if form.build is None or key in form.keys}
+    spelled: Mapping[str, Any] = own | dict(form.spell(value) if form.spell else {})
     keys = [*form.keys, *(name for name in spelled if name not in form.keys)]
     lines, tables = list[str](), list[str]()
     for name in keys:

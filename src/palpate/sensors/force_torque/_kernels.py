@@ -12,8 +12,6 @@ from palpate.signals._placing import mounting_errors, row, to_surface
 from palpate.surfaces._jit import inner, released
 from palpate.surfaces._vectors import copy_into, cross_into
 
-__all__ = ["compensate", "place"]
-
 _SATURATED, _INVALID, _NO_POSE = 6, 7, 8
 _LARGEST = 1e9  # signals.recording.LARGEST
 # load: the payload, as numbers

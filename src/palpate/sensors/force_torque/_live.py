@@ -10,8 +10,6 @@ from palpate.contact._live import matrix, stack, vector
 from palpate.sensors.force_torque._kernels import compensate, place
 from palpate.surfaces._jit import entry
 
-__all__ = ["locate"]
-
 
 @entry(
     """

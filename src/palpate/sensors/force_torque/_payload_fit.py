@@ -13,18 +13,6 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.spatial.pose import skew
 
-__all__ = [
-    "Errors",
-    "force_columns",
-    "gain_of",
-    "kept_samples",
-    "model",
-    "residual_covariance",
-    "robust_spread",
-    "torque_columns",
-    "two_stage",
-]
-
 CUTOFF = 5.0  # robust standard deviations beyond which a sample is set aside: 3 in a million good ones
 HUBER = 1.5
 BLOCKS = 200  # into which a long log is parted for the drift of its bias

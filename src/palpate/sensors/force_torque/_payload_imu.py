@@ -21,8 +21,6 @@ from palpate.sensors.force_torque._payload_fit import CUTOFF, HUBER, ROUNDING, r
 from palpate.sensors.force_torque._payload_rank import MAX_SHARE, across, named
 from palpate.spatial.pose import Pose, skew
 
-__all__ = ["ImuFit", "fit", "left_out", "require_spread"]
-
 FEWEST = 4  # rests: three points lie on two spheres of radius |g|
 NARROW = 0.1  # rms of u along an axis, 6 degrees, below which a bias of the accelerometer could be all that is seen
 KINDS = (slice(0, 3), slice(3, 6), slice(6, 9))  # of a rest's numbers: force, torque, acceleration

@@ -8,8 +8,6 @@ from jaxtyping import Float
 from palpate.errors import NotIdentifiable
 from palpate.sensors.force_torque._payload_fit import force_columns, torque_columns
 
-__all__ = ["across", "check_noise", "check_poses", "named"]
-
 MIN_SINGULAR = 0.02  # orientations are only good to about a degree: a smaller singular value may be nothing but that
 MAX_SHARE = 0.1  # of the weight: largest standard error of a direction of weight or bias that counts as determined
 

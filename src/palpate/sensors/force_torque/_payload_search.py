@@ -27,8 +27,6 @@ from palpate.sensors.force_torque._payload_mistakes import (
 )
 from palpate.spatial.pose import Pose, skew
 
-__all__ = ["FAR", "Explanation", "fitted", "likely", "search", "upward", "weight_misfit"]
-
 MOST = 300  # poses that are searched, evenly spread
 TRIMMED = 0.2  # share of the poses, and two at least, that a fit may leave aside
 FEW = 12  # poses up to which every pair is left out in turn; beyond, the fits start from random thirds
@@ -36,7 +34,6 @@ STARTS = 60
 TRIED = 10.0  # a force that is fitted so many times worse than the best is not tried with torques
 ALIKE = 2.0  # misfits within this factor explain a log equally well
 TURNS = 8  # that are refined
-ALIKE_TRACE = 2.88  # of the rotation between two turns: 20 degrees
 TURN = 5.0  # degrees: a sensor mounted more precisely is not turned
 FAR = 1.0  # m: no tool has its centre of mass farther from the sensor
 ROUNDING = 1e-9

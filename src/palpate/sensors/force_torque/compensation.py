@@ -144,6 +144,10 @@ class Compensation:
             self._vibration = Vibration(share * self.noise, filter, rate)
         return self._vibration.stream(moved, self._vibrating)
 
+    def moved(self, channels: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+        """Return the channels of live samples with accelerations as `single` takes them, as `Motion.live` does."""
+        return channels if self.motion is None else self.motion.live(channels)
+
     def measure(self, recording: Recording) -> _Compensated:
         """Return a recording as `Measured`: contacts' wrenches (n, 6) [N, N m] in the sensor's frame, with statuses.
 

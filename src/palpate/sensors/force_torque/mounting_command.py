@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +11,7 @@ from tyro.conf import arg
 
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
-from palpate.calibration.touch_error import FEWEST, TouchError
+from palpate.calibration.touch_error import TouchError
 from palpate.console.calibration import Calibration, CalibrationResult, origin
 from palpate.console.console import wait
 from palpate.console.options import FileOption, Log, Output, RigFile
@@ -31,7 +31,6 @@ from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 
 POOR = 3.0  # times the expected residual: beyond it the model, not the noise, is what is left
-UNKNOWN = 1e-3  # m: assumed error of touches that are too few to show it
 
 
 @dataclass(frozen=True)
@@ -79,21 +78,16 @@ class CalibrateMounting(Calibration):
             recording.time, wrenches, touches.start, touches.end, estimator.sensor.noise, covariances
         )
         initial = setup.link.mount
-        few = marks is not None and len(touches) < FEWEST
-        spread = Spreads(placement=self.placement)
-        if few:
-            spread = replace(spread, placement=float(np.hypot(self.placement, UNKNOWN)))
         mounting = identify_mounting(
             means,
             surface,
             initial=initial,
             points=None if marks is None else touches.point,
             noise=spreads,
-            spreads=spread,
+            spreads=Spreads(placement=self.placement),
             labels=touches.label,
         )
-        error = None if marks is None else TouchError(spread.placement) if few else mounting.error
-        assumed = f"fewer than {FEWEST} touches do not show their own error: {1e3 * UNKNOWN:.2g} mm each is assumed"
+        error = None if marks is None else mounting.error
         kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
         payload = setup.of(ForceTorqueSection).table.payload is not None
         return CalibrationResult(
@@ -104,7 +98,7 @@ class CalibrateMounting(Calibration):
                 *([] if error is None else [("touches err by", _err_by(error, self.placement))]),
             ],
             (mounting, None if error is None else error.placement(self.placement)),
-            notes=[*surface.notes, *recording.notes, *mounting.notes, *([assumed] if few else [])],
+            notes=[*surface.notes, *recording.notes, *mounting.notes],
             warnings=_doubts(mounting, initial, payload=payload, anywhere=marks is None),
         )
 

@@ -26,12 +26,12 @@ from palpate.sensors.force_torque.orientation_form import confirmed_pose
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
 from palpate.setup.built import FIRST, BuiltEstimator, Guess
-from palpate.setup.guess_columns import WrenchColumns, acceleration_table, columns_guess
-from palpate.setup.guess_pose import guess_pose
+from palpate.setup.guess_columns import WrenchColumns, acceleration_table, columns_guess, columns_of_pose
+from palpate.setup.guess_pose import PoseGuess, guess_pose
 from palpate.setup.names import made_up
 from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
-from palpate.setup.tables import RigForceTorque
 from palpate.setup.wrench import wrench_estimator
+from palpate.setup.wrench_table import RigForceTorque
 from palpate.signals.acceleration import turned_from_gravity, wrong_acceleration
 from palpate.signals.imu_at_rest import imu_at_rest
 from palpate.signals.motion import Motion
@@ -263,18 +263,17 @@ def _motion(setup: Setup, head: Recording | None) -> Motion | None:
         what = "the payload takes gravity from the IMU with which it was calibrated."
         hint = 'Name the IMU\'s columns or topic there, and write kind = "imu".'
         raise InputError(what, where="[acceleration] of the rig", hint=hint)
-    if head is None:
-        return None
-    recorded = stated.kind if ACCELERATION in head.channels else "none"
-    if recorded != "none" and not stated.from_poses:
+    felt = head is None or ACCELERATION in head.channels
+    if head is not None and felt and stated.recorded:
         wrong = wrong_acceleration(head.channels[ACCELERATION], stated.kind)
         if wrong:
             raise InputError(f"{wrong}.", where=f"{head.source}, [acceleration] of the rig")
-    if payload.imu is not None:
+    source = "poses" if stated.from_poses else stated.kind if felt else "none"
+    if payload.imu is not None or (head is None and source != "imu"):
         return None
-    source = "poses" if stated.from_poses else recorded
     made = Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
-    made.accelerometer = imu_at_rest(head, made) if source in ("motion", "imu") else None
+    if head is not None and source in ("motion", "imu"):
+        made.accelerometer = imu_at_rest(head, made)
     return made
 
 
@@ -296,8 +295,9 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
     bare = replace(bare, orientation=pose.orientation) if pose is not None and quaternion else bare
     opened = open_log(log, bare)
     recording = join(list(opened.blocks()))
-    if found.time is not None:
-        if made_up(contents.names) and found.time.column and (np.diff(recording.time) <= 0).mean() > 0.1:
+    if found.time is not None or found.pose_table:
+        timed = found.time is not None and found.time.column
+        if timed and made_up(contents.names) and (np.diff(recording.time) <= 0).mean() > 0.1:
             return None  # the first of seven columns without names is no time
         if pose is not None and quaternion:
             pose = confirmed_pose(pose, recording, based=found.layout.frame == "base")
@@ -349,7 +349,9 @@ def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> Wren
     several = (
         f"{len(wrenches)} topics hold wrenches: {', '.join(wrenches)}; the first is taken, and --topic chooses another"
     )
-    pose = guess_pose(seen, LogLayout(wrench_topic=wrenches[0]), body)
+    layout = LogLayout(wrench_topic=wrenches[0])
+    named, lines, read = columns_of_pose(contents)
+    pose = PoseGuess(replace(layout, **read), "", []) if lines else guess_pose(seen, layout, body)
     why = f"topic {wrenches[0]!r} holds forces and torques"
     fields = {
         "wrench": f"topic = {guess.quoted(wrenches[0])}",
@@ -358,11 +360,12 @@ def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> Wren
     }
     remarks = [*([several] if len(wrenches) > 1 else []), *pose.remarks]
     imus, layout = guess.imu_topics(contents), pose.layout
-    if imus and layout.frames is None and layout.orientation_topic in (None, NONE):  # gravity comes from nowhere else
+    nowhere = layout.frames is None and layout.orientation_topic in (None, NONE) and not lines
+    if imus and nowhere:  # gravity comes from nowhere else
         layout = replace(layout, acceleration_topic=imus[0])
     elif imus:
         remarks.append(f"topic {imus[0]!r} of an IMU is not used: if it is on the sensor, name it in [acceleration]")
-    return WrenchColumns(why, layout, fields, tuple(remarks))
+    return WrenchColumns(why, layout, fields, tuple(remarks), pose=named, pose_table=lines)
 
 
 def _with_imu(found: WrenchColumns, recording: Recording) -> WrenchColumns:

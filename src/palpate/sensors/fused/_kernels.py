@@ -22,8 +22,6 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inlined, inner, released
 
-__all__ = ["clusters", "explained", "fuse", "fuse_frames", "fuse_one", "rarity", "room", "spaced"]
-
 ROW = 17  # of a contact: point, outward normal, normal force, its standard deviation, covariance of the place by rows
 OUT = 5  # of a contact: force, standard deviation of the tangential force now over before, slack of the cone
 

@@ -11,8 +11,6 @@ import numpy as np
 from palpate.signals._placing import mounting_errors, row, to_surface
 from palpate.surfaces._jit import inlined, inner, released
 
-__all__ = ["measure", "place"]
-
 _SATURATED, _INVALID = 6, 7
 _LARGEST = 1e9
 _FADES, _ENOUGH = 0.999, 10.0  # of blame per sample; blame with which an explanation that fits is used before others

@@ -20,8 +20,6 @@ from palpate.optical._fisheye import displaced
 from palpate.surfaces._jit import inner, released
 from palpate.surfaces._vectors import solve_positive
 
-__all__ = ["MOST", "STATE", "frames", "shown"]
-
 MOST = 6  # contacts at once
 STATE = 8  # angle, force, width z, shear / force t, standard deviations of angle, force and depth, evidence
 _STEPS = 12  # of Gauss-Newton

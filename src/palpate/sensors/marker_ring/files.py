@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -31,13 +30,11 @@ def _marker_ring(
 
 
 def _marker_ring_keys(ring: MarkerRing) -> dict[str, Any]:
-    view, same = ring.view, ("radius", "jitter", "notes", "colour", "response", "provenance")
+    view = ring.view
     pose = np.concatenate([view.pose.rotation, view.pose.translation[:, None]], axis=1)
     table = np.concatenate([ring.rest, ring.area[:, None], view.angles[:, None]], axis=1)
-    own: dict[str, Any] = {"inner": view.radius, "camera": view.camera, "pose": pose, "markers": table}
-    if len(view.rings) > 1:
-        own["rings"] = tuple(view.rings.tolist())
-    return {name: getattr(ring, name) for name in same} | own
+    rings = tuple(view.rings.tolist()) if len(view.rings) > 1 else None
+    return {"inner": view.radius, "camera": view.camera, "pose": pose, "markers": table, "rings": rings}
 
 
 def _ring_response(shape: tuple[int, int, int], coefficients: Float[np.ndarray, "n k"], **rest: Any) -> RingResponse:
@@ -48,8 +45,7 @@ def _ring_response(shape: tuple[int, int, int], coefficients: Float[np.ndarray, 
 
 def _ring_response_keys(response: RingResponse) -> dict[str, Any]:
     b, _, k, m = response.coefficients.shape
-    keys = {each.name: getattr(response, each.name) for each in fields(response)}
-    return keys | {"shape": (b, k, m), "coefficients": response.coefficients.reshape(-1, m)}
+    return {"shape": (b, k, m), "coefficients": response.coefficients.reshape(-1, m)}
 
 
 def of_marker_ring(ring: MarkerRing) -> Lines:

@@ -14,8 +14,6 @@ import numpy as np
 from palpate.surfaces._jit import inner
 from palpate.surfaces._vectors import solve_positive
 
-__all__ = ["fit_touch", "lift"]
-
 # prior of a touch: the spacing of taxels is about as large as their reach
 _WIDTH, _WIDER = 0.5, 0.5  # standard deviation of its pressure, and that of the logarithm of it
 _BESIDE = 0.5  # standard deviation of its distance from the hardest pressed taxel, along each axis

@@ -51,13 +51,6 @@ from palpate.sensors.taxels._rest import (
 from palpate.signals._filters import smooth
 from palpate.surfaces._jit import inner, released
 
-__all__ = [
-    "AREA",
-    "MOST",
-    "frames",
-    "prepare",
-]
-
 MOST = 64  # contacts of a frame
 PARTS = 16  # of an area
 AREA = 22  # where the numbers behind a row of an estimate begin

@@ -6,7 +6,7 @@ from dataclasses import MISSING, fields
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from palpate.files.models.model import Lines, Model, span
 from palpate.files.schema import Key, TableForm
@@ -17,23 +17,9 @@ _UPPER = np.triu_indices(3)  # of a covariance: xx xy xz yy yz zz
 
 
 def _curve(curve: Curve) -> dict[str, Any]:
-    """Return the keys of a curve without those that its kind does not use."""
-    optional = {each.name for each in fields(curve) if each.default is not MISSING} | {"knots"}
-    stated = {each.name: getattr(curve, each.name) for each in fields(curve)}
-    return {name: value for name, value in stated.items() if name not in optional or np.any(value)}
-
-
-def _intensity(
-    curve: tuple[Curve, ...],
-    which: Int[np.ndarray, "rows columns"] | Int[np.ndarray, " k"] | None = None,
-    **rest: Any,
-) -> Intensity:
-    return Intensity(curve, which, **rest)
-
-
-def _intensity_keys(intensity: Intensity) -> dict[str, Any]:
-    keys = {name: getattr(intensity, name) for name in ("unit", "which", "notes", "provenance")}
-    return keys | {"curve": intensity.curves}
+    """Return the keys that a curve's kind does not use, without values."""
+    optional = ["knots", *(each.name for each in fields(curve) if each.default is not MISSING)]
+    return dict.fromkeys(name for name in optional if not np.any(getattr(curve, name)))
 
 
 def _of_intensity(intensity: Intensity) -> Lines:
@@ -71,8 +57,7 @@ INTENSITY = Model(
                 "notes": Key(),
                 "provenance": Key(),
             },
-            _intensity,
-            _intensity_keys,
+            called={"curves": "curve"},
         ),
         Curve: TableForm(
             {
@@ -108,9 +93,7 @@ def _taxel_places(taxels: Float[np.ndarray, "k 15"], **rest: Any) -> TaxelPlaces
 
 def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
     numbers, upper = (places.module, places.pokes, places.relative), places.covariance[:, _UPPER[0], _UPPER[1]]
-    table = np.column_stack([places.positions, places.normals, *numbers, upper])
-    same = ("reach", "noise", "notes", "configurations", "provenance")
-    return {name: getattr(places, name) for name in same} | {"taxels": table}
+    return {"taxels": np.column_stack([places.positions, places.normals, *numbers, upper])}
 
 
 def of_taxels(places: TaxelPlaces) -> Lines:

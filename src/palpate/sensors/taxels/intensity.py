@@ -182,7 +182,7 @@ class Intensity(Value):
     """
 
     curves: tuple[Curve, ...]
-    which: Int[np.ndarray, "*cells"] | None = None
+    which: Int[np.ndarray, "rows columns"] | Int[np.ndarray, " k"] | None = None
     unit: str = "counts"
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
     notes: tuple[str, ...] = ()

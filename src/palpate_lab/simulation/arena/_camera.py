@@ -12,8 +12,6 @@ import numpy as np
 
 from palpate.surfaces._jit import inner, released
 
-__all__ = ["LARGEST", "PER", "WIDE", "draw", "ellipses"]
-
 TURNS = 6  # points of an outline: they tell its first and second harmonics
 WIDE = 2.6  # standard deviations, beyond which a pixel is all marker or all skin
 PER = 128  # values of the normal distribution function per standard deviation, from -4 to 4

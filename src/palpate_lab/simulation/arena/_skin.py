@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import released
 
-__all__ = ["superposed"]
-
 
 @released("rest r, presses float32 k a l r, shears float32 k a r, largest k, touches t 5, out out r")
 def superposed(rest, presses, shears, largest, touches, out):

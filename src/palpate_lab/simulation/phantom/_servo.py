@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from palpate.surfaces._jit import entry
 
-__all__ = ["follow"]
-
 
 @entry("servo out 2 n, goal n, joints n, speeds n, law 6, out out n")
 def follow(servo, goal, joints, speeds, law, out):

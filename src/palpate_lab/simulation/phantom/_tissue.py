@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import entry
 
-__all__ = ["press"]
-
 
 @entry("cells n 7, law 5, probe 6 3, phantom 6 3, bristles out n 3, out out 11")
 def press(cells, law, probe, phantom, bristles, out):

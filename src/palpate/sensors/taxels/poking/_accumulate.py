@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import released
 
-__all__ = ["accumulate"]
-
 
 @released("force n 3, torque n 3, starts int64 n+1, taxel int64 a, weights a, sums out k 12")
 def accumulate(force, torque, starts, taxel, weights, sums):

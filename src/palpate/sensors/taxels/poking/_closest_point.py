@@ -8,8 +8,6 @@ import numpy as np
 from palpate.surfaces._jit import inner, released
 from palpate.surfaces._nearest import point_to_triangle
 
-__all__ = ["nearest"]
-
 
 @released("centre k 3, root k 3 3, least k, pressing k 3, corners f 3 3, balls f 7, found out k 3")
 def nearest(centre, root, least, pressing, corners, balls, found):

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from palpate.surfaces._jit import released
 
-__all__ = ["add_squares"]
-
 
 @released("rows n 3 m, right n 3, columns int64 n m, square out k k, vector out k")
 def add_squares(rows, right, columns, square, vector):

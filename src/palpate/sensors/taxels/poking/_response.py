@@ -9,8 +9,6 @@ import numpy as np
 
 from palpate.surfaces._jit import inner, released
 
-__all__ = ["posterior"]
-
 _FAR = 30.0  # deviations beyond which nothing becomes less likely
 _NOTHING = 40.0  # below the largest logarithm: e^-40 of it
 _SURE = 8.5  # deviations beyond which the logarithm of the normal distribution is 0 to the last bit

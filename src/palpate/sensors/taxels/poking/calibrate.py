@@ -19,7 +19,7 @@ from palpate.sensors.taxels.poking.priors import Priors
 from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, placed, single
 from palpate.sensors.taxels.poking.solve import PlacesSolution, solve, validated
 from palpate.sensors.taxels.poking.spacing import Spacing, by_scale
-from palpate.spatial.arguments import frozen_value
+from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces.surface import Surface
 
@@ -49,6 +49,7 @@ class TaxelCalibration:
             cross_talk (6, 6); empty for the paper's methods.
         validation: errors of pokes that a fit had not seen; empty for the paper's methods.
         spacing: of neighbouring taxels, as stated and as found; None for single taxels.
+        size_deviation: standard deviation of the size of the whole skin, as a share; NaN for the paper's methods.
         notes, warnings: for the user, a sentence each.
     """
 
@@ -58,6 +59,7 @@ class TaxelCalibration:
     nuisances: dict[str, np.ndarray] = field(default_factory=lambda: {})
     validation: Validation = field(default_factory=Validation)
     spacing: Spacing | None = None
+    size_deviation: float = np.nan
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -197,7 +199,7 @@ def _together(
     left = validated(pokes, solution, priors, start=begun, deviations=deviations)
     solution = replace(solution, covariance=left.widening * solution.covariance)
     spacing = _spacing(stated, solution, left.widening) if modules else None
-    places = _placed(pokes, solution)
+    places, size = _placed(pokes, solution), size_deviation(solution.units, solution.covariance)
     if spacing is not None:
         places, doubts = _scaled(places, solution, spacing), spacing.warnings("the pokes")
     nuisances = {name: getattr(solution.nuisances, name) for name in ("frames", "common", "bias", "cross_talk")}
@@ -205,7 +207,7 @@ def _together(
     doubts = (*renumbered, *doubts, *_doubts(pokes, solution), *left.notes)
     if start is not None and modules:
         doubts = (*doubts, *moved_far(units.layout, start.positions, places.positions))
-    return TaxelCalibration(places, used, solution.noise, nuisances, left, spacing, _untouched(places), doubts)
+    return TaxelCalibration(places, used, solution.noise, nuisances, left, spacing, size, _untouched(places), doubts)
 
 
 def _spacing(stated: float, solution: PlacesSolution, widening: float = 1.0) -> Spacing:
@@ -345,6 +347,25 @@ def spreads(
     square += np.einsum("kia,ab,kib->k", basis, both @ moved.T, basis)
     relative[rows] = np.sqrt(square.clip(0.0))
     return absolute, relative
+
+
+@takes_arrays
+def size_deviation(units: Units, covariance: Float[np.ndarray, "p p"]) -> float:
+    """Return the standard deviation of the factor by which all places grow about their mean.
+
+    Args:
+        units: modules or single taxels, as placed.
+        covariance: (p, p) of their unknowns, then of others.
+
+    Raises:
+        InputError: covariance has another shape.
+    """
+    rows, size = units.taxels, units.freedom
+    away = units.places[0][rows] - units.places[0][rows].mean(axis=0)
+    along = np.zeros((len(units), size))
+    share = away / max(float((away**2).sum()), 1e-300)
+    np.add.at(along, units.layout.module[rows], np.einsum("kc,kcf->kf", share, units.jacobian[rows]))
+    return float(np.sqrt(along.ravel() @ covariance[: along.size, : along.size] @ along.ravel()))
 
 
 def _untouched(places: TaxelPlaces) -> tuple[str, ...]:

@@ -34,8 +34,8 @@ from palpate.sensors.taxels.section import SkinSection
 from palpate.setup import load_rig
 from palpate.setup.pokes import RigPokes
 from palpate.setup.setup import Setup
-from palpate.setup.surface import RigPose
-from palpate.setup.tables import RigForceTorque
+from palpate.setup.tables import RigPose
+from palpate.setup.wrench_table import RigForceTorque
 from palpate.signals.recording import Recording
 from palpate.surfaces import Surface
 
@@ -270,6 +270,11 @@ def _figures(pokes: Pokes, found: TaxelCalibration) -> list[tuple[str, object]]:
         ("noise", f"{said}; residuals are {found.noise:.2f} times what is explained"),
         *of_taxels(found.places),
         *([("spacing", str(found.spacing))] if found.spacing is not None else []),
+        *(
+            [("size", f"+- {100 * found.size_deviation:.2g} % of the skin's")]
+            if np.isfinite(found.size_deviation)
+            else []
+        ),
         *([("left out", str(found.validation))] if found.validation.parts else []),
         *_nuisances(found),
     ]

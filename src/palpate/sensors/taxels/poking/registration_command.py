@@ -14,7 +14,7 @@ from palpate.files.units import measured
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.poking.registration import ALIKE, ELSEWHERE, Registration, register_places
 from palpate.setup.edit import update_pose
-from palpate.setup.surface import RigPose
+from palpate.setup.tables import RigPose
 
 POOR = 0.05  # rms over the extent of the places: the surface of another link
 

@@ -20,6 +20,7 @@ __all__ = ["LocalTaxels", "PokePlaces", "Response", "centred", "charted", "learn
 NEAR = 14  # taxels about the strongest one that are looked at
 WIDE = 1.6  # half the width of what is searched for the poke, in spacings
 GRID = 17  # points along each side of the grid, and of the finer second one: two peaks are 2 mm apart
+INSIDE = 2.0  # deviations about the mean that must lie within what is searched
 LEFT = 2.5  # deviations about the mean that are searched again
 UNEVEN = 0.25  # deviation of the log of a poke's level: force and tool are not always alike
 ROUGH = 0.3  # deviation of the log of a response that is as large as the threshold, from rounding and noise
@@ -129,7 +130,9 @@ def seen_among(chart: LocalTaxels, response: Response) -> PokePlaces:
     """Return the `PokePlaces`: mean and covariance of each poke's place under a uniform prior."""
     mean, covariance = _posterior(chart, response)
     shares, beside = _shares(chart, mean)
-    return PokePlaces(chart.taxels, shares, chart.origin, beside, covariance, chart.found)
+    return PokePlaces(
+        chart.taxels, shares, chart.origin, beside, covariance, chart.found & _inside(chart, mean, covariance)
+    )
 
 
 def centred(pokes: Pokes, units: Units) -> PokePlaces:
@@ -167,12 +170,14 @@ def learned(chart: LocalTaxels) -> Response:
     for _ in range(_ROUNDS):
         mean, covariance = _posterior(chart, known)
         square = ((chart.flat - mean[:, None]) ** 2).sum(axis=2) + np.trace(covariance, axis1=1, axis2=2)[:, None]
-        share = known.scatter**2 / chart.variance(known)[rows]
+        share = (known.scatter**2 / chart.variance(known) * _inside(chart, mean, covariance)[:, None])[rows]
 
         def gaps(free: np.ndarray, square: np.ndarray = square, share: np.ndarray = share) -> np.ndarray:
             shape = Response(0.0, float(np.exp(free[0])), float(np.exp(free[1])))
             gap = chart.log[rows] - shape.log(square[rows])
-            level = np.bincount(poke, share * gap) / np.bincount(poke, share)  # each poke has its own
+            level = np.bincount(poke, share * gap) / np.maximum(
+                np.bincount(poke, share), 1e-12
+            )  # each poke has its own
             return (gap - level[poke]) * np.sqrt(share)
 
         start = np.log([known.reach, known.power])
@@ -257,6 +262,17 @@ def _posterior(chart: LocalTaxels, response: Response) -> tuple[Float[np.ndarray
     search = GRID, WIDE * chart.spacing, LEFT
     posterior(chart.taxels, chart.flat, chart.log, chart.quiet, model, search, mean, covariance)
     return mean, covariance
+
+
+def _inside(
+    chart: LocalTaxels, mean: Float[np.ndarray, "n 2"], covariance: Float[np.ndarray, "n 2 2"]
+) -> Bool[np.ndarray, " n"]:
+    """Return whether each poke's place ends within what is searched for it.
+
+    A poke farther away appears at the edge of the search, too near: the skin would grow.
+    """
+    ends = np.abs(mean) + INSIDE * np.sqrt(np.einsum("naa->na", covariance))
+    return np.asarray((ends < WIDE * chart.spacing).all(axis=1), dtype=bool)
 
 
 def _shares(

@@ -18,6 +18,9 @@ _STEP = np.array([2e-5, 2e-5, 1e-3])  # m, m, rad: of the differences that stand
 _ROUNDS = 25  # of the fit of modules to places
 _STILL = 1e-9  # m
 _CIRCLING = 1e-4, 0.9  # m, rad: steps so short that shrink by less go round about an edge between two facets
+_FOLDED = 0.2  # of the spacing: a bend takes off less, unless its radius is below 1.3 times the spacing
+_STIFF = 100.0  # times the square of a stretch, against those of distances from places
+_HALVED = 8  # steps: from the module's size to a hundredth
 _FAR = 1e-3  # m, rad: of a step after which derivatives are taken anew
 
 Vectors = Float[np.ndarray, "k 3"]
@@ -113,11 +116,37 @@ class Units:
             found[rows, :, 3:] = -skew(self.places[0][rows] - self.centre[unit])
             return found
         steps = np.concatenate([np.diag(_STEP), -np.diag(_STEP)])  # all at once: a walk costs by the call
-        ends = self._repeated(6).moved(np.repeat(steps, len(self), axis=0)).places[0].reshape(6, -1, 3)[:, rows]
+        ends = self.repeated(6).moved(np.repeat(steps, len(self), axis=0)).places[0].reshape(6, -1, 3)[:, rows]
         found[rows] = np.moveaxis((ends[:3] - ends[3:]) / (2.0 * _STEP)[:, None, None], 0, 2)
         return found
 
-    def _repeated(self, times: int) -> Units:
+    @property
+    def stretch(self) -> Float[np.ndarray, "k 3"]:
+        """Return by how much [m] a taxel is farther from its three nearest on its module than on the flat one, (k, 3).
+
+        A bend takes off d^3 / 24 R^2, an edge far more. It is 0 for taxels without a unit, and where there are fewer.
+        """
+        found, taxels = np.zeros((len(self.layout), 3)), self.taxels
+        unit = self.layout.module[taxels]
+        ends = np.cumsum(np.bincount(unit, minlength=len(self)))
+        for rows in np.split(taxels[np.argsort(unit, kind="stable")], ends[:-1]):
+            flat, bent = (
+                np.linalg.norm(each[rows, None] - each[rows], axis=2) for each in (self.layout.places, self.places[0])
+            )
+            near = np.argsort(flat, axis=1)[:, 1:4]
+            found[rows, : near.shape[1]] = np.take_along_axis(bent - flat, near, axis=1)
+        return found
+
+    @property
+    def folded(self) -> Bool[np.ndarray, " u"]:
+        """Return a bool (u,) for each unit, True for a module that an edge of the surface folds or tears."""
+        worst = np.zeros(len(self))
+        rows = self.taxels
+        np.maximum.at(worst, self.layout.module[rows], np.abs(self.stretch[rows]).max(axis=1, initial=0.0))
+        return worst > _FOLDED * self.layout.spacing
+
+    def repeated(self, times: int) -> Units:
+        """Return `Units` so many times, one after the other."""
         shift = np.repeat(np.arange(times), len(self.layout)) * len(self)
         module = np.tile(self.layout.module, times)
         layout = ModuleLayout(np.tile(self.layout.places, (times, 1)), np.where(module >= 0, module + shift, -1))
@@ -201,7 +230,42 @@ def fitted(
         if longest < _STILL or _CIRCLING[1] * before < longest < _CIRCLING[0]:
             break
         before = longest
-    return units
+    return _unfolded(units, places, share)
+
+
+def _unfolded(units: Units, places: Vectors, share: Float[np.ndarray, " k"]) -> Units:
+    """Return units whose folded modules are moved to where they are not, and as near as possible to their places.
+
+    Least squares end at any edge that they meet, so steps to all sides, halved in turn, look beyond.
+    """
+    folded = np.zeros(len(units), dtype=np.bool_) if units.surface is None or units.alone else units.folded
+    if not folded.any():
+        return units
+    some = _picked(units, folded)
+    reach = float(np.nanmax(np.linalg.norm(some.layout.places, axis=1)))
+    sides = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    for size in reach / 2.0 ** np.arange(_HALVED):
+        step = size * np.array([1.0, 1.0, 1.0 / reach])
+        tried = some.repeated(len(sides)).moved(np.repeat(step * sides, len(some), axis=0))
+        gap = np.nansum((tried.places[0] - np.tile(places, (len(sides), 1))) ** 2, axis=1) * np.tile(share, len(sides))
+        cost = _of_units(tried, gap) + _STIFF * _of_units(tried, (tried.stretch**2).sum(axis=1))
+        best = cost.reshape(len(sides), -1).argmin(axis=0) * len(some) + np.arange(len(some))
+        some = replace(some, centre=tried.centre[best], frame=tried.frame[best])
+    centre, frame = units.centre.copy(), units.frame.copy()
+    centre[folded], frame[folded] = some.centre, some.frame
+    return replace(units, centre=centre, frame=frame)
+
+
+def _picked(units: Units, which: Bool[np.ndarray, " u"]) -> Units:
+    """Return units without the others; the layout keeps its indices."""
+    number = np.append(np.where(which, np.cumsum(which) - 1, -1), -1)
+    layout = ModuleLayout(units.layout.places, number[units.layout.module])
+    return replace(units, layout=layout, centre=units.centre[which], frame=units.frame[which])
+
+
+def _of_units(units: Units, values: Float[np.ndarray, " k"]) -> Float[np.ndarray, " u"]:
+    """Return the sums of values of the taxels of each unit."""
+    return np.bincount(units.layout.module[units.taxels], values[units.taxels], len(units))
 
 
 def _solved(

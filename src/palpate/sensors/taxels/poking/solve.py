@@ -28,6 +28,7 @@ _FRESH = 5  # steps after which the derivatives of the taxels' places are taken 
 _STILL = 1e-5  # m: the steps that end it
 _LONGEST = 1e-2, 0.4  # m, rad: of one step of a unit
 DENSER = 2.0  # standard deviation of the log of the density of pokes, from one taxel to the next: it is never even
+NEARER = 0.015  # standard deviation of the scale of pokes' offsets from modules, as a response is learned roughly
 LEAST = 1.0  # 1/m^2, 1/rad^2: the weak prior of every unit, within a metre
 HALVES = 20  # blocks of consecutive pokes, assigned in turn to both halves, so that each has all configurations
 _WELL, _MOST_WELL = 2.366, 4.642  # median and 80 % quantile of chi-square with three degrees of freedom
@@ -110,8 +111,13 @@ def solve(
     covariance = before.covariance(_equations(linear, told, units, pokes, priors)[0])
     scale = np.nan, np.nan
     if chart is not None:
-        scale = _scale(linear, told, pokes, units, seen, covariance)
-        covariance = covariance + _shared(linear, told, pokes, units, seen, covariance, DENSER / chart.spacing)
+        far, worth, along = _scale(linear, told, pokes, units, seen, covariance)
+        scale = 1.0 + far / worth, float(np.sqrt(1.0 / worth + NEARER**2))
+        shared = _shared(linear, told, pokes, units, seen, covariance, DENSER / chart.spacing)
+        worth += NEARER**-2  # with the prior of the offsets' scale
+        step = -far / worth * along
+        units, nuisances = units.moved(step[:size].reshape(len(units), -1)), nuisances.moved(step[size:])
+        covariance = covariance + shared + np.outer(along, along) / worth
     return PlacesSolution(units, nuisances, response, covariance, weight, noise, scale)
 
 
@@ -380,10 +386,10 @@ def _scale(
     units: Units,
     seen: PokePlaces,
     covariance: Float[np.ndarray, "p p"],
-) -> tuple[float, float]:
-    """Return the most likely scale of the layout at a best fit, to first order, and its standard deviation.
+) -> tuple[float, float, Float[np.ndarray, " p"]]:
+    """Return J' W r and J' W J for a scale of the layout at a best fit, and k (p,), by which unknowns depend on it.
 
-    A poke's place among its taxels scales with them.
+    A poke's place among its taxels scales with them. Where x fit best for a scale of 1, x - s k (p,) do for 1 + s.
     """
     rows, root = _roots(linear, weight)
     values, columns = _lines(linear, rows, root, units, pokes)
@@ -392,11 +398,10 @@ def _scale(
     line = (root @ linear.by_point[rows] @ moved[rows][..., None])[..., 0]
     both = np.where(columns >= 0, np.einsum("ril,ri->rl", values, line), 0.0)
     cross = np.bincount(np.maximum(columns, 0).ravel(), both.ravel(), len(covariance))
-    told = float((line**2).sum() - cross @ covariance @ cross)
+    along = covariance @ cross
     residual = np.einsum("rij,rj->ri", root, linear.residual[rows])
-    if not told > 0:
-        return np.nan, np.nan
-    return 1.0 + float((line * residual).sum()) / told, told**-0.5
+    worth = max(float((line**2).sum() - cross @ along), 1e-12)
+    return float((line * residual).sum()), worth, along
 
 
 def _shared(

@@ -72,7 +72,7 @@ class Nuisances(Value):
         frame = [priors.frame] * 3 + [priors.frame_angle] * 3
         common = [priors.common] * 3 + [priors.common_angle] * 3
         bias = [priors.bias_force] * 3 + [priors.bias_torque] * 3
-        cross = np.full((6, 6), priors.cross_talk)
+        cross = np.full((6, 6), float(priors.cross_talk))
         cross[:3, 3:] /= priors.lever
         cross[3:, :3] *= priors.lever
         return np.concatenate([np.tile(frame, configurations), common, np.tile(bias, configurations), cross.ravel()])

@@ -7,8 +7,6 @@ import numpy as np
 
 from palpate.surfaces._jit import released
 
-__all__ = ["normal_equations"]
-
 
 @released(
     """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,7 @@ def _spline(shape: tuple[int, int], control: Float[np.ndarray, "n 3"], **rest: A
 
 
 def _spline_keys(surface: BSplineSurface) -> dict[str, Any]:
-    keys = {each.name: getattr(surface, each.name) for each in fields(surface)}
-    return keys | {"shape": surface.control.shape[:2], "control": surface.control.reshape(-1, 3)}
+    return {"shape": surface.control.shape[:2], "control": surface.control.reshape(-1, 3)}
 
 
 def _skin_map(
@@ -49,11 +47,8 @@ def _skin_map(
 def _skin_map_keys(skin: SkinMap) -> dict[str, Any]:
     uv = np.zeros((*skin.areas.shape, 2)) if skin.surface is None else skin.uv
     table = np.concatenate([skin.centres, skin.normals, skin.areas[..., None], uv], axis=-1)
-    same = ("rows", "columns", "pitch", "strain", "distance", "notes", "surface", "provenance")
-    return {name: getattr(skin, name) for name in same} | {
-        "cells": table.reshape(-1, 9),
-        "overlap": skin.overlap.reshape(-1),
-    }
+    cells, overlap = table.reshape(-1, 9), skin.overlap.reshape(-1)
+    return {"rows": skin.rows, "columns": skin.columns, "cells": cells, "overlap": overlap}
 
 
 def of_skin_map(skin: SkinMap) -> Lines:

@@ -1,12 +1,13 @@
-"""Read texts in which a frame takes several lines: blocks of rows, as Tekscan writes, or one row a taxel."""
+"""Read text: CSV, and frames of several lines, in blocks of rows, as Tekscan writes, or with one row a taxel."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import groupby
+from os import SEEK_END
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +16,19 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.files.inputs import open_input, read_some
 from palpate.files.logs.arrays import HeldLog
+from palpate.files.logs.columns import ColumnLog, Columns, Read
 from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import LogContents
 from palpate.files.tables.dialect import find_dialect
+from palpate.files.tables.fields import Fields, RowCount
 from palpate.files.tables.stated import Stated
-from palpate.files.tables.table import TextTable, read_table
+from palpate.files.tables.table import TextTable, read_table, tables
 from palpate.files.units import positive, split_unit
+from palpate.signals.recording import Recording
 from palpate.surfaces.mesh import UNITS
 
-_HEAD = 1 << 16  # bytes of a text in which its form is looked for
+PIECE = 1 << 21  # bytes of a table
+_HEAD = 1 << 16  # bytes of a text in which its form and its header are looked for
 _FEWEST, _ALIKE = 3, 0.8  # frames that show the form, and their share: others may have lost a line
 _FIELD = r"(?:[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|nan|B|\*)"  # B: no cell there, as Tekscan writes
 _ROW = re.compile(rf"\s*{_FIELD}(?:\s*[,;\s]\s*{_FIELD})+\s*[,;]?\s*", re.IGNORECASE)
@@ -32,6 +37,74 @@ _NUMBERED = re.compile(r"^\W*frame\W*(\d+)", re.IGNORECASE | re.MULTILINE)
 _Read = tuple[dict[str, np.ndarray], Stated, str]  # arrays by name, what the text states of them, how it is written
 _IDS = {"taxel", "taxel_id", "cell", "cell_id", "sensel", "sensor", "sensor_id", "channel", "id", "index"}
 _VALUES = {"value", "reading", "pressure", "force", "raw", "adc", "counts", "intensity", "signal"}
+
+
+class CsvLog(ColumnLog):
+    """A log in delimited text, whose dialect `palpate.files.tables.dialect` determines."""
+
+    def __init__(self, path: Path, layout: LogLayout) -> None:
+        super().__init__(path, layout)
+        self._rows = RowCount()
+
+    def contents(self) -> LogContents:
+        """Return the names, units and dialect of the table, from its header.
+
+        Raises:
+            InputError: the file cannot be read, or is no table of text.
+        """
+        with open_input(self.path) as file:
+            table = next(tables(file, self.path, _HEAD))
+        stated = Stated.of_dialect(table.dialect)
+        return LogContents(self.path, _shapes(table), stated=stated, written=table.dialect.described())
+
+    def blocks(self) -> Iterator[Recording]:
+        """Yield the rows as recordings in SI.
+
+        Raises:
+            InputError: the file cannot be read, is no table, or has no rows that fit its header or a column without
+                numbers; or the layout does not fit.
+        """
+        self._rows, self._columns, self.torn = RowCount(), None, ""
+        shapes: dict[str, tuple[int, ...]] = {}
+        with open_input(self.path, pipe=True) as file:
+            for table in tables(file, self.path, PIECE):
+                self.position = file.tell() if file.seekable() else 0
+                if self._columns is None:
+                    shapes, stated = _shapes(table), Stated.of_dialect(table.dialect)
+                    self._columns = Columns(self._layout, self.path, shapes, stated, self.pose_log)
+                table.counted(self._rows)
+                if len(table):
+                    yield from self._columns.blocks(self._reader(table, self._columns, shapes))
+            if self._rows.cut and file.seekable():
+                file.seek(-1, SEEK_END)
+                if file.read(1) not in b"\r\n":
+                    self.torn = "the file is torn: its last line ends within a row"
+        self._rows.require(self.path)
+        if self._columns is not None:
+            yield from self._columns.finish()
+
+    def _reader(self, table: TextTable, columns: Columns, shapes: Mapping[str, tuple[int, ...]]) -> Read:
+        """Return the function that reads columns of a table, and those that are lists in one of its columns."""
+        lists = {name: shape[0] for name, shape in shapes.items() if shape}
+
+        def read(names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
+            of = {columns.places[name][0] for name in names}
+            if not of & lists.keys():
+                return table.read(names, fields)
+            read_one = {name: table.list_numbers(name, lists[name]) for name in of & lists.keys()}
+            read_one |= {name: table.read([name], fields) for name in of - lists.keys()}
+            return columns.taken(read_one, int(table.lines[0]) - 1, names, fields)
+
+        return read if lists else table.read
+
+    def notes(self) -> tuple[str, ...]:
+        """Return notes on the rows read so far, one sentence each."""
+        return tuple(dict.fromkeys((*self._rows.notes(), *super().notes())))
+
+
+def _shapes(table: TextTable) -> dict[str, tuple[int, ...]]:
+    """Return column -> (), or the shape of its lists."""
+    return {**dict.fromkeys(table.names, ()), **table.lists()}
 
 
 class TextFrames(HeldLog):
