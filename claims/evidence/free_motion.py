@@ -24,7 +24,8 @@ from claims.row import Row
 from palpate import Contacts, ForceTorque, Pose, Recording, WrenchEstimator
 from palpate.contact.touch_finder import find_touches
 from palpate.sensors.force_torque.compensation import Compensation
-from palpate.signals.motion import Motion, error_at_rest
+from palpate.signals.imu_at_rest import imu_at_rest
+from palpate.signals.motion import Motion
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE
 from palpate.spatial.pose_track import PoseTrack
 from palpate_lab.simulation import EllipsoidBody, touch_wrenches
@@ -104,7 +105,7 @@ def _with(log: Recording, read: np.ndarray) -> Recording:
 def _contacts(arm: Arm, source: str) -> Contacts:
     motion = Motion(source, gravity=arm.payload.gravity, lever=arm.payload.center_of_mass)
     if source == "imu":
-        motion.error = error_at_rest(arm.log, motion)
+        motion.accelerometer = imu_at_rest(arm.log, motion)
     sensor = Compensation(ForceTorque(NOISE), arm.payload, motion)
     chain = WrenchEstimator(mesh_of(BODY, 5_000), sensor, mount=MOUNT, live=False)
     return Contacts.joined(list(chain.stream([arm.log])))

@@ -19,6 +19,7 @@ ROOT = Path(__file__).parents[2]
 STARTS, ROUNDS = 5, 9  # the same two sides had a ratio of 0.91 in one start, and of 1.04 in another
 MOST = 1.05  # times
 SENSORS = ("six-axis", "load_cells", "skin", "skin_and_wrench")
+WAYS = ("at rest", "that moves")
 LASTS = 0.1  # s of CPU that a round takes at least: of rounds of 5 ms, two equal sides differed by 36 %
 CALLS = {
     "one `palpate.locate`": "palpate.locate(wrench, mesh)",
@@ -26,10 +27,14 @@ CALLS = {
     "10,000 wrenches by `Locator.run`": "locator.run(many, sequential=False)",
     **{f"{name}: 100 samples by `update_into`": f"loop({name!r})" for name in SENSORS},
     **{f"{name}: 100 samples by `run`": f"sides[{name!r}][0].run(sides[{name!r}][1])" for name in SENSORS},
+    **{f"an arm {way}: 20,000 samples by `stream`": f"list(arms[{way!r}].stream(logs[{way!r}]))" for way in WAYS},
 }
 SIDE = """
 import sys, time
 import numpy as np, palpate
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.signals.motion import Motion
+from palpate.spatial.pose import rotation_from_quaternion
 from palpate_lab.simulation.shapes import EllipsoidBody
 from tests.same.play import samples
 
@@ -42,6 +47,19 @@ def made(name):
     recording = block.picked(slice(100))
     return estimator, recording, list(samples(estimator.channels, recording)), estimator.empty()
 
+def arm(swing):
+    time, noise = np.arange(20_000) / 500.0, np.repeat([0.02, 0.001], 3)
+    angle = swing * np.sin(2.0 * time)[:, None]
+    turns = np.concatenate([np.sin(angle / 2) * [0.6, 0.0, 0.8], np.cos(angle / 2)], axis=1)
+    payload = palpate.Payload([0.0, 0.0, -4.0], [0.0] * 3, [0.0, 0.0, 0.04], [0.0] * 3, np.eye(12) * 1e-8)
+    free = -payload.compensate(np.zeros((20_000, 6)), rotation_from_quaternion(turns))[0]
+    read = free + np.random.default_rng(0).normal(size=(20_000, 6)) * noise
+    channels = {"force": read[:, :3], "torque": read[:, 3:], "orientation": turns, "position": angle * [0.1, 0.2, 0.0]}
+    log, motion = palpate.Recording(time, channels), Motion("none", lever=payload.center_of_mass)
+    sensor = Compensation(palpate.ForceTorque(noise), payload, motion)
+    blocks = [log.picked(slice(start, start + 2000)) for start in range(0, 20_000, 2000)]
+    return palpate.WrenchEstimator(mesh, sensor, live=False), blocks
+
 def loop(name):
     estimator, _, given, out = sides[name]
     estimator.reset()
@@ -50,6 +68,7 @@ def loop(name):
 
 sides = {name: made(name) for name in SENSORS}
 mesh = palpate.Mesh.from_arrays(*EllipsoidBody((0.010, 0.007, 0.005)).mesh(20_000))
+arms, logs = (dict(zip(WAYS, each)) for each in zip(arm(0.0), arm(0.5), strict=True))
 locator = palpate.Locator(mesh, noise=[0.02] * 3 + [0.001] * 3)
 estimator = palpate.WrenchEstimator(locator, palpate.ForceTorque([0.02] * 3 + [0.001] * 3))
 wrench, row = np.array([0.5, 0.0, -5.0, 0.0, 0.001, 0.001]), estimator.empty()
@@ -62,7 +81,7 @@ for line in sys.stdin:
     for _ in range(int(count)):
         run()
     print(time.process_time() - begin, flush=True)
-""".replace("SENSORS", str(SENSORS))
+""".replace("SENSORS", str(SENSORS)).replace("WAYS", str(WAYS))
 
 
 def rows(small: bool) -> Iterator[Row]:

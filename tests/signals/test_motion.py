@@ -19,7 +19,7 @@ from claims.evidence.moving import Course, Swing, moving_wrenches
 from palpate.errors import InputError
 from palpate.signals import Payload, motion
 from palpate.signals._curvature import WindowSettings, part_of, pose_period
-from palpate.signals.motion import Motion, error_at_rest
+from palpate.signals.motion import Motion
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.pose_track import PoseTrack
@@ -101,21 +101,6 @@ def test_an_accelerometer_leaves_the_noise() -> None:
         answer = moved(recording, "imu")
         assert rms(left(answer)[0]) < 1.2 * NOISE
         assert chi2(answer) < 1.2
-
-
-def test_an_accelerometer_errs_by_what_it_reads_at_rest() -> None:
-    """Its noise alone, and with a bias whose length over the median of a normal vector's is the deviation."""
-    recording, _ = a_recording(SETTING_OFF)
-    options = {"lever": LOAD.center_of_mass, "gravity": PAYLOAD.gravity}
-    assert error_at_rest(recording, Motion("imu", **options)) == pytest.approx(0.01, rel=0.2)
-    biased = {**recording.channels, ACCELERATION: recording.channels[ACCELERATION] + [0.0, 0.9, 0.0]}
-    error = error_at_rest(replace(recording, channels=biased), Motion("imu", **options))
-    assert error == pytest.approx(0.9 / 1.538, rel=0.01)
-    answer = moved(replace(recording, channels=biased), "imu", error=error)
-    assert answer.channels[UNSTEADY].min() >= error
-    assert error_at_rest(without(recording, ORIENTATION), Motion("motion")) == 0.0
-    always, _ = a_recording(SWAYING)
-    assert error_at_rest(always, Motion("imu", **options)) == 0.0
 
 
 def test_recorded_motion_is_passed_on_and_moved_to_the_lever() -> None:

@@ -108,10 +108,10 @@ def _settle(waiting: list[Located], begin: int, end: int, locator: Locator) -> N
 def _spans(rows: Float[np.ndarray, "n 22"]) -> list[slice]:
     """Return slices of touches: from first to last located sample between two without contact."""
     touching = rows[:, ROW.status] != Status.NO_CONTACT
-    edges = np.flatnonzero(np.diff(touching, prepend=False, append=False))
+    edges = np.flatnonzero(np.diff(touching, prepend=False, append=False)).reshape(-1, 2)
     located = np.isfinite(rows[:, 0])
     spans: list[slice] = []
-    for begin, end in edges.reshape(-1, 2):
+    for begin, end in edges[edges[:, 1] > edges[:, 0] + 1]:  # noise makes many of one sample
         inside = begin + np.flatnonzero(located[begin:end])
         if len(inside) > 1:
             spans.append(slice(int(inside[0]), int(inside[-1]) + 1))

@@ -28,14 +28,14 @@ class HeldRows:
         self.count += len(block)
 
     def values(
-        self, first: int, end: int, of: Callable[[Recording], np.ndarray], every: int = 1
+        self, first: int, end: int, of: Callable[[Recording, slice], np.ndarray], every: int = 1
     ) -> Float[np.ndarray, "n ..."]:
-        """Return what `of` returns of each block, in every `every`-th row from `first` to before `end`."""
+        """Return what `of` returns of each block and its rows, every `every`-th one from `first` to before `end`."""
         parts: list[np.ndarray] = []
         for start, block in self._blocks:
             skipped = max(first - start, -(start - first) % every)
             if skipped < min(end - start, len(block)) or not parts:
-                parts.append(of(block)[skipped : max(end - start, 0) : every])
+                parts.append(of(block, slice(skipped, max(end - start, 0), every)))
         return np.concatenate(parts)
 
     def forget(self, first: int) -> None:

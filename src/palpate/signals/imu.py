@@ -76,6 +76,32 @@ class Imu(Value):
         """Matrix (3, 3) of Q, from the sensor's axes to the accelerometer's."""
         return rotation_from_quaternion(self.quaternion)
 
+    def forces(self, readings: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Return the specific forces f (n, 3) [m/s^2] in the sensor's axes, of readings (n, 3) as recorded.
+
+        Raises:
+            InputError: readings has another shape.
+        """
+        a, turn = readings - self.bias, self.rotation
+        return np.stack([a[:, 0] * turn[0, k] + a[:, 1] * turn[1, k] + a[:, 2] * turn[2, k] for k in range(3)], axis=1)
+
+    def deviations(self, forces: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 1"]:
+        """Return the standard deviations (n, 1) [m/s^2] of `forces` (n, 3) along each axis, the rms of the three.
+
+        With errors d of the rotation and b of the bias, a force is f x d - Q^T b off.
+
+        Raises:
+            InputError: forces has another shape.
+        """
+        turned, both, form = self.covariance[:3, 12:15], self.covariance[:3, 15:] @ self.rotation, np.zeros((4, 4))
+        across = both - both.T
+        form[:3, :3] = np.trace(turned) * np.eye(3) - turned
+        form[3, :3] = -2.0 * across[[1, 2, 0], [2, 0, 1]]
+        form[3, 3] = np.trace(self.covariance[3:, 15:])
+        given = np.concatenate([forces, np.ones((len(forces), 1))], axis=1)
+        square = np.einsum("ni,ij,nj->n", given, form, given)
+        return np.sqrt(self.noise**2 + np.maximum(square, 0.0) / 3.0)[:, None]
+
     def upright(
         self, readings: Float[np.ndarray, "n 3"], magnitude: float
     ) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3"]]:
@@ -92,8 +118,7 @@ class Imu(Value):
         Raises:
             InputError: readings has another shape.
         """
-        a, turn = readings - self.bias, self.rotation
-        force = np.stack([a[:, 0] * turn[0, k] + a[:, 1] * turn[1, k] + a[:, 2] * turn[2, k] for k in range(3)], axis=1)
+        force = self.forces(readings)
         with np.errstate(invalid="ignore", over="ignore"):
             length = np.sqrt(force[:, 0] ** 2 + force[:, 1] ** 2 + force[:, 2] ** 2)
             length = np.where((length > 0.0) & (length <= LARGEST), length, np.nan)

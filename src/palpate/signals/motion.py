@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from palpate.errors import InputError
 from palpate.signals._curvature import Curvature, WindowSettings, curvature, part_of, pose_period, settings_of
 from palpate.signals._delayed import with_columns
+from palpate.signals.imu import Imu
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
@@ -20,7 +21,6 @@ CHUNK = 8192  # rows worked on at a time, counted from the first of the log: ans
 SCALES = (0.5, 1.5)  # times the window, to see an arm move: long ones see slow motion, short ones quick motion
 SEEN = 4.0  # times the standard deviation of the acceleration's length: at rest less than one in a million windows
 ARM = 0.5  # m from the sensor to where the arm turns, where only orientations are recorded
-FEWEST, MEDIAN_LENGTH = 50, 1.5382  # samples at rest; median length of a normal 3-vector
 LOSS = 14.0  # a swing at f loses (pi f window)^2 over it
 UNKNOWN = 10.0  # m/s^2: about 1 g, for the rows where the acceleration should be known and is not
 
@@ -33,8 +33,8 @@ class Motion:
     |---|---|---|
     | none | none: at rest | size of the acceleration left out, where the poses show any; 0 at rest |
     | poses | second derivative of the lever's path p + R c | of the derivative's noise |
-    | motion | as recorded, plus that of the lever, R c | of the added part, and `error` |
-    | imu | as recorded, a specific force: f + R^T g, plus that of the lever, R c | of the added part, and `error` |
+    | motion | as recorded, plus that of the lever, R c | of the added part and the accelerometer |
+    | imu | as recorded, a specific force: f + R^T g, plus that of the lever, R c | of both, too |
 
     Near the ends of the log and of gaps, the nearest acceleration is kept, with a standard deviation as large as
     itself; where there is none, it is 0 and UNSTEADY about 1 g.
@@ -44,7 +44,8 @@ class Motion:
         window: [s] over which paths are fitted. A swing at f loses (pi f window)^2 / 14 of its acceleration.
         gravity: (3,) [m/s^2] in the base, which an IMU needs (`Payload.gravity`).
         lever: (3,) [m] c, the payload's centre of mass in the sensor's frame; None: the sensor's origin.
-        error: [m/s^2] standard deviation of recorded accelerations along each axis (`error_at_rest`).
+        accelerometer: bias and rotation that are removed from recorded accelerations, with their covariance and noise
+            (`imu_at_rest`); None: accelerations without error.
 
     Raises:
         InputError: an unknown source, or an IMU without gravity.
@@ -57,7 +58,7 @@ class Motion:
         window: float = 0.2,
         gravity: Float[np.ndarray, "3"] | None = None,
         lever: Float[np.ndarray, "3"] | None = None,
-        error: float = 0.0,
+        accelerometer: Imu | None = None,
     ) -> None:
         if source not in SOURCES:
             raise InputError(
@@ -67,7 +68,7 @@ class Motion:
             what = "an IMU also measures gravity, and its direction in the base is not known."
             raise InputError(what, where="acceleration", hint="Use a payload, which states it, or another kind.")
         self.source, self.gravity = source, gravity
-        self.window, self.error = window, error
+        self.window, self.accelerometer = window, accelerometer
         self.lever = np.zeros(3) if lever is None else np.asarray(lever, dtype=np.float64)
         self._placed = True  # positions are recorded
         self._forget()
@@ -97,7 +98,8 @@ class Motion:
         felt = known.pop(ACCELERATION, None)
         if felt is None or self.source not in ("motion", "imu"):
             return known
-        unsteady = np.hypot(known.get(UNSTEADY, 0.0), np.full((len(felt), 1), self.error))
+        felt, error = self._corrected(felt)
+        unsteady = np.hypot(known.get(UNSTEADY, 0.0), error)
         return known | {ACCELERATION: self._without_gravity(felt, known), UNSTEADY: unsteady}
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
@@ -115,11 +117,12 @@ class Motion:
             )
         elif self.source == "poses" and self._largest:
             said.append(f"accelerations were computed from poses: covariances were widened by up to {size}")
-        elif self.source != "none" and self.error:
-            wide = f"{self.error:.2g} m/s^2" if mass is None else f"{mass * self.error:.2g} N"
+        elif self.source in ("motion", "imu") and self.accelerometer is not None:
+            bias, turned, noise = _sizes(self.accelerometer)
+            wide = f"{noise:.2g} m/s^2" if mass is None else f"{mass * noise:.2g} N"
             said.append(
-                f"the recorded accelerations are {self.error:.2g} m/s^2 off along each axis where the poses show none: "
-                f"covariances were widened by {wide}"
+                f"the accelerometer's bias of {bias:.2g} m/s^2 and its turn by {turned:.2g} degrees, found where the "
+                f"poses show no motion, were removed: covariances were widened by {wide} or more for the rest"
             )
         if said and self._span > 1.5 * self.window:
             said.append(f"poses have a low rate: motion is seen over {self._span:.2g} s, and faster motion is not seen")
@@ -134,9 +137,12 @@ class Motion:
     def _taken(self, block: Recording) -> Float[np.ndarray, "n 8"]:
         """Return time, quaternion and position, (n, 8)."""
         self._require(block)
-        missing = np.full((len(block), 3), np.nan)
-        poses = block.channels.get(ORIENTATION, np.full((len(block), 4), np.nan))
-        return np.column_stack([block.time, poses, block.channels.get(POSITION, missing)])
+        taken = np.full((len(block), 8), np.nan)
+        taken[:, 0] = block.time
+        for name, columns in ((ORIENTATION, slice(1, 5)), (POSITION, slice(5, 8))):
+            if name in block.channels:
+                taken[:, columns] = block.channels[name]
+        return taken
 
     def _require(self, block: Recording) -> None:
         has = set(block.channels)
@@ -231,9 +237,19 @@ class Motion:
         if self.source in ("motion", "imu") and (not self.lever.any() or ORIENTATION not in channels):
             acceleration, unsteady = np.zeros_like(acceleration), np.zeros_like(unsteady)
         if self.source in ("motion", "imu"):
-            unsteady = np.hypot(unsteady, self.error)
-            acceleration = self._without_gravity(channels[ACCELERATION] + acceleration, channels)
+            felt, error = self._corrected(channels[ACCELERATION])
+            unsteady = np.hypot(unsteady, error)
+            acceleration = self._without_gravity(felt + acceleration, channels)
         return replace(block, channels={**channels, ACCELERATION: acceleration, UNSTEADY: unsteady})
+
+    def _corrected(
+        self, recorded: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 1"]]:
+        """Return recorded accelerations (n, 3) without the accelerometer's errors, and what remains of these (n, 1)."""
+        if self.accelerometer is None:
+            return recorded, np.zeros((len(recorded), 1))
+        felt = self.accelerometer.forces(recorded)
+        return felt, self.accelerometer.deviations(felt)
 
     def _without_gravity(
         self, acceleration: Float[np.ndarray, "n 3"], channels: Mapping[str, np.ndarray]
@@ -244,29 +260,10 @@ class Motion:
         return acceleration + np.einsum("nji,j->ni", rotation_from_quaternion(channels[ORIENTATION]), self.gravity)
 
 
-def error_at_rest(recording: Recording, motion: Motion) -> float:
-    """Return the standard deviation [m/s^2] of recorded accelerations along each axis where poses show that none acts.
-
-    It is the median of their length over that of a normal vector of deviation 1, with the bias of an accelerometer and
-    the tilt of its axes. It is 0 if the recording has no orientations, or under 50 such samples.
-
-    Args:
-        recording: with ACCELERATION.
-        motion: source of the accelerations, "motion" or "imu".
-
-    Raises:
-        InputError: the recording has no accelerations.
-    """
-    if ORIENTATION not in recording.channels:
-        return 0.0
-    still = Motion(window=motion.window, lever=motion.lever).stream(iter([recording]))
-    length = [
-        np.linalg.norm(felt.channels[ACCELERATION], axis=1)[seen.channels[UNSTEADY][:, 0] == 0.0]
-        for seen, felt in zip(still, motion.stream(iter([recording])), strict=True)
-    ]
-    known = np.concatenate(length)
-    known = known[np.isfinite(known)]
-    return float(np.median(known)) / MEDIAN_LENGTH if len(known) >= FEWEST else 0.0
+def _sizes(accelerometer: Imu) -> tuple[float, float, float]:
+    """Return the lengths of its bias [m/s^2] and rotation [degrees], and its noise [m/s^2]."""
+    turned = 2.0 * np.arctan2(np.linalg.norm(accelerometer.quaternion[:3]), abs(accelerometer.quaternion[3]))
+    return float(np.linalg.norm(accelerometer.bias)), float(np.degrees(turned)), accelerometer.noise
 
 
 def _lost(value: Float[np.ndarray, "n k"], half: int) -> Float[np.ndarray, " n"]:

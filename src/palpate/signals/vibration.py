@@ -17,7 +17,7 @@ from palpate.signals.recording import ORIENTATION, POSITION, VIBRATION, Recordin
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 
-ENOUGH = 1024  # rows that are worked on at a time, or more
+ENOUGH = 8192  # rows that are worked on at a time, or more
 WINDOW = 0.2  # s: two periods of 10 Hz
 POSES = 8  # of a window, from which it is seen whether the arm moves
 AROUND = 2  # windows before and after one whose covariances are averaged, and in which an arm settles
@@ -26,6 +26,7 @@ BURST = 10.0  # times the variance around: what exceeds it is a touch, not a bur
 TURNING, TRAVEL = np.radians(2.0), 0.01  # rad/s and m/s: a slower arm is at rest
 EXCESS = 1.5  # times the largest variance that noise alone is expected to have in a window
 _CUBIC = 4  # coefficients
+NOWHERE = np.repeat([np.nan, 0.0], [4, 3])  # quaternion and position that are not recorded
 _FORCE = [0, 7, 14]  # variances of the force in a covariance by rows
 _Wrenches = Callable[[Recording], Float[np.ndarray, "n 6"]]
 
@@ -88,7 +89,7 @@ class Vibration:
                 if held.count - done < ENOUGH:
                     continue
             if not length:
-                step, length = _window(held.values(0, held.count, lambda rows: rows.time))
+                step, length = _window(held.values(0, held.count, lambda block, rows: block.time[rows]))
             done, last = held.count, block is None
             end = held.count // length
             path = np.concatenate([path, _path(held, (first + len(path)) * length, end * length, length)])
@@ -96,7 +97,8 @@ class Vibration:
             seen = slice(len(covariance), len(path) if last else max(len(covariance), len(path) - 1))
             if moving[seen].any():
                 span = (first + seen.start) * length, (first + seen.stop) * length
-                fresh = self._seen(held.values(*span, wrenches).reshape(-1, length, 6))
+                read = held.values(*span, lambda block, rows: wrenches(block.picked(rows)))
+                fresh = self._seen(read.reshape(-1, length, 6))
             else:
                 fresh = np.full((seen.stop - seen.start, 36), np.nan)
             covariance = np.concatenate([covariance, fresh])
@@ -144,12 +146,21 @@ class Vibration:
 def _path(held: HeldRows, first: int, end: int, length: int) -> Float[np.ndarray, "w 12"]:
     """Return the mean rotation (9) and position (3) of the poses of each window; NaN where none is known."""
     every = length // POSES
-    turns = held.values(first, end, lambda rows: rows.channels.get(ORIENTATION, np.full((len(rows), 4), np.nan)), every)
-    places = held.values(first, end, lambda rows: rows.channels.get(POSITION, np.zeros((len(rows), 3))), every)
-    rows = np.column_stack([rotation_from_quaternion(turns).reshape(-1, 9), places]).reshape(-1, POSES, 12)
+    poses = held.values(first, end, _poses, every)
+    rotations = rotation_from_quaternion(poses[:, :4]).reshape(-1, 9)
+    rows = np.concatenate([rotations, poses[:, 4:]], axis=1).reshape(-1, POSES, 12)
     known = np.isfinite(rows)
     with np.errstate(invalid="ignore"):
         return np.sum(rows, axis=1, where=known) / known.sum(axis=1)
+
+
+def _poses(block: Recording, rows: slice) -> Float[np.ndarray, "n 7"]:
+    """Return quaternions and positions of rows, (n, 7); NaN and 0 where there are none."""
+    taken = np.tile(NOWHERE, (len(block.time[rows]), 1))
+    for name, columns in ((ORIENTATION, slice(4)), (POSITION, slice(4, 7))):
+        if name in block.channels:
+            taken[:, columns] = block.channels[name][rows]
+    return taken
 
 
 def _without_cubic(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l k"]:

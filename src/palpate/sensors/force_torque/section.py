@@ -33,7 +33,8 @@ from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
 from palpate.setup.wrench import wrench_estimator
 from palpate.setup.wrench_table import RigForceTorque
 from palpate.signals.acceleration import turned_from_gravity, wrong_acceleration
-from palpate.signals.motion import Motion, error_at_rest
+from palpate.signals.imu_at_rest import imu_at_rest
+from palpate.signals.motion import Motion
 from palpate.signals.noise import Noise, NoiseSpectrum, estimate_noise, log_noise, wrong_noise
 from palpate.signals.payload import Payload
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
@@ -272,7 +273,7 @@ def _motion(setup: Setup, head: Recording | None) -> Motion | None:
         return None
     made = Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
     if head is not None and source in ("motion", "imu"):
-        made.error = error_at_rest(head, made)
+        made.accelerometer = imu_at_rest(head, made)
     return made
 
 
