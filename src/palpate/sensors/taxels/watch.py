@@ -9,8 +9,8 @@ from palpate.sensors.taxels._kernels import AREA
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.spatial.arguments import takes_arrays
 
-KEPT = 2048  # frames, evenly spread, that show which cells answer together
-SOME = 8  # of so many cells one is compared first
+KEPT = 512  # frames, evenly spread, that show which cells answer together: those of one touch are alike
+SOME = 4  # cells that are compared first
 LOST = 0.01  # of the frames missing
 REGULAR = 0.9  # of the steps that are whole multiples of the usual one, within
 NEAR = 0.25  # of it, where no frame is missing in steps of more than
@@ -66,13 +66,13 @@ class TaxelWatch:
 
     def _keep(self, raw: Float[np.ndarray, "n k"], free: Bool[np.ndarray, " n"]) -> None:
         """Keep every few frames; in a longer log every second one of them stays."""
-        even = slice(-self._count % self._stride, None, self._stride)
+        self._count += len(raw)
+        while self._count > 2 * KEPT * self._stride:
+            self._kept, self._empty = _halved(self._kept), _halved(self._empty)
+            self._stride *= 2
+        even = slice((len(raw) - self._count) % self._stride, None, self._stride)
         self._kept.append(raw[even].copy())
         self._empty.append(free[even])
-        self._count += len(raw)
-        while sum(map(len, self._kept)) > 2 * KEPT:
-            self._kept, self._empty = [np.concatenate(self._kept)[::2]], [np.concatenate(self._empty)[::2]]
-            self._stride *= 2
 
     @property
     def loads(self) -> Float[np.ndarray, "n k"]:
@@ -121,11 +121,17 @@ class TaxelWatch:
         ]
 
 
+def _halved(parts: list[np.ndarray]) -> list[np.ndarray]:
+    """Return every second row of blocks that follow each other."""
+    return [np.concatenate(parts)[::2]] if parts else []
+
+
 def _repeats(raw: Float[np.ndarray, "n k"]) -> Bool[np.ndarray, " m"]:
     """Return whether each frame but the first equals the one before."""
-    same = (raw[1:, ::SOME] == raw[:-1, ::SOME]).all(axis=1)
+    some = raw[:, :: -(-raw.shape[1] // SOME)]
+    same = (some[1:] == some[:-1]).all(axis=1)
     which = np.flatnonzero(same)
-    same[which] = (raw[1:][which] == raw[:-1][which]).all(axis=1)
+    same[which] = (raw[which + 1] == raw[which]).all(axis=1)
     return same
 
 
