@@ -128,7 +128,7 @@ class LineFrames:
         return found[-self._count :]
 
     def _understood(self, line: bytes) -> bool:
-        """Return whether a line can be read now: one number more than the sensor's may be a counter, or a sum behind."""
+        """Return whether a line can be read now: a number more than the sensor's may be a counter, or a sum behind."""
         if self._columns is not None or self._counts is not None or self._width == self._count:
             return True
         if len(numbers(line) or ()) == self._count + 1:

@@ -703,5 +703,5 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
     cells = numbers.shape[1]
     work = np.empty((PARTS, 5)), np.empty((PARTS, cells)), np.empty((PARTS, 2, cells))
     names = np.empty(1, dtype=np.int64), np.empty(MOST, dtype=np.int64)
-    return _all(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers, whole,
-                tracks, following, out, rows, forces, work, names)  # fmt: skip
+    return _all(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers,
+                whole, tracks, following, out, rows, forces, work, names)  # fmt: skip
