@@ -74,19 +74,29 @@ def _mat(pressures: np.ndarray) -> np.ndarray:
     return np.rint(40.0 + gain * 9000.0 * pressures[:, None] / (pressures[:, None] + 60e3))
 
 
-@pytest.mark.parametrize("sheet", [True, False])
-def test_pressures_give_each_cell_its_gain(sheet: bool) -> None:
-    flat = flat_map(3, 4, 0.01)
-    places = flat.centres.reshape(-1, 3)
-    body = TaxelBody.sheet(flat, bits=None) if sheet else TaxelBody.placed(places, np.tile([0.0, 0.0, 1.0], (12, 1)))
-    found = identify_by_pressures(PRESSURES, _mat(PRESSURES), body)
-    errors = pressure_errors(PRESSURES, _mat(PRESSURES), body)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_pressures_give_each_cell_its_gain(sign: float) -> None:
+    """Whether readings rise or fall; a dead cell has none, and four pressures are needed."""
+    body, dead = TaxelBody.sheet(flat_map(3, 4, 0.01), bits=None, masked=[(0, 1)]), np.arange(12) == 5
+
+    def frames(pressures: np.ndarray) -> np.ndarray:
+        return 6000.0 + sign * np.where(dead, 0.0, _mat(pressures))
+
+    found, errors = (each(PRESSURES, frames(PRESSURES), body) for each in (identify_by_pressures, pressure_errors))
     assert errors.shape == (6, 12)
-    assert np.abs(errors).max() < 1e3  # of 70 kPa; a bend that the others do not show, of the curve near 0 most
+    assert np.isnan(errors).all(axis=0).nonzero()[0].tolist() == [1, 5]
+    assert np.nanmax(np.abs(errors)) < 1e3  # Pa, of 70 kPa: a bend that the other frames do not show
+    assert "2 of 12 cells have no gain" in found.notes[-1]
     others = np.array([25e3, 44e3])
     for cell, which in enumerate(found.numbers(body.shape).tolist()):
-        forces = found.curves[which].force(_mat(others)[:, cell] - _mat(np.zeros(1))[0, cell])
-        np.testing.assert_allclose(forces / body.areas[cell], others, rtol=0.01)
+        if which:
+            forces = found.curves[which].force(np.abs(frames(others) - frames(np.zeros(1)))[:, cell])
+            np.testing.assert_allclose(forces / body.areas[cell], others, rtol=0.01)
+    with pytest.raises(NotIdentifiable, match="3 pressures are too few"):
+        identify_by_pressures(PRESSURES[:3], frames(PRESSURES[:3]), body)
+    anywhere = TaxelBody.placed(np.eye(3), np.eye(3))
+    with pytest.raises(InputError, match="need a sheet"):
+        identify_by_pressures(PRESSURES, frames(PRESSURES)[:, :3], anywhere)
 
 
 def test_a_mat_is_calibrated_by_the_command(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Calibrate a pressure mat, or any skin, by one frame at each of several pressures on all of it."""
+"""Calibrate a pressure mat, or another sheet, by one frame at each of several pressures on all of it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from palpate.errors import InputError
+from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.calibrate import identify_intensity
-from palpate.sensors.taxels.intensity import Intensity
+from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.spatial.arguments import takes_arrays
 
 FEWEST = 4  # pressures that give each cell a gain
+LEAST = 0.1  # of the usual gain, of a cell that answers
+AGAIN = 2  # that the common curve and the gains are fitted
 
 
 @takes_arrays
@@ -27,12 +29,12 @@ def identify_by_pressures(
     degree: int | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> Intensity:
-    """Return the `Intensity` of a skin by frames at known pressures: one curve, and a gain for each usable cell.
+    """Return the `Intensity` of a sheet by frames at known pressures: one curve, and a gain for each usable cell.
 
     The force on a cell is the pressure times its area.
 
     Args:
-        pressures: (n,) [Pa] on the whole skin.
+        pressures: (n,) [Pa] on all cells.
         frames: (n, k) raw readings of the body's cells.
         body: the cells, with their areas.
         kind: as of `identify_intensity`.
@@ -41,27 +43,64 @@ def identify_by_pressures(
 
     Raises:
         NotIdentifiable: fewer than four pressures, or readings that never change.
-        InputError: frames of another number of cells, negative pressures, or a curve that does not rise; or arrays of
-            other shapes.
+        InputError: taxels on no sheet, frames of another number of cells, negative pressures, or a curve that does not
+            rise; or arrays of other shapes.
     """
-    if frames.shape[1] != len(body):
-        raise InputError(f"frames have {frames.shape[1]} readings, but the body has {body.named()}.", where="pressures")
-    rows, columns = body.shape if body.rows else (1, len(body))
-    cells = np.flatnonzero(body.usable)
-    force = np.outer(pressures, body.areas[cells]).ravel()  # frame by frame, so that frames are left out together
-    cell = np.tile(np.column_stack(np.divmod(cells, columns)), (len(frames), 1))
-    top = None if body.bits is None else body.top
-    found = identify_intensity(
-        force,
-        frames[:, cells].ravel(),
-        cell,
-        shape=(rows, columns),
-        kind=kind,
-        degree=degree,
-        top=top,
-        provenance=provenance,
+    if frames.shape[1] != len(body) or len(pressures) != len(frames):
+        what = f"{len(frames)} frames of {frames.shape[1]} readings do not fit {len(pressures)} pressures on a body of"
+        raise InputError(f"{what} {body.named()}.", where="pressures")
+    if not body.rows:
+        hint = "State a map or a pitch in [skin], or press taxels one by one."
+        raise InputError("pressures need a sheet, whose cells have known areas.", where="skin", hint=hint)
+    if len(np.unique(pressures)) < FEWEST:
+        few = f"{len(np.unique(pressures))} pressures are too few for a gain of each cell (at least {FEWEST})."
+        raise NotIdentifiable(few, rank=len(pressures), missing=("curve",))
+    cells, rest = np.flatnonzero(body.usable), frames[np.argmin(pressures)]
+    force = np.outer(pressures, body.areas[cells])
+    above = np.where((frames >= body.top) & (body.bits is not None), np.nan, frames - rest)[:, cells]
+
+    def fitted(gain: np.ndarray) -> tuple[Intensity, np.ndarray, np.ndarray]:
+        alike = above / np.where(gain > LEAST, gain, np.nan)
+        found = identify_intensity(force.ravel(), alike.ravel(), kind=kind, degree=degree, provenance=provenance)
+        curve = found.curves[0]
+        return found, *_line((-1.0 if curve.falling else 1.0) * curve.intensity(force), above)
+
+    slope = _line(force, above)[0]
+    found, gain, error = fitted(slope / float(np.nanmedian(slope)))
+    for _ in range(AGAIN):
+        found, gain, error = fitted(gain)
+    common = found.curves[0]
+    which, curves = np.zeros(len(body), dtype=np.int64), [common]
+    for k in np.flatnonzero(gain > LEAST).tolist():
+        which[cells[k]] = len(curves)
+        curves.append(_scaled(common, float(gain[k]), float(error[k]), float(rest[cells[k]])))
+    known = gain[gain > LEAST]
+    notes = [*found.notes, f"gains of cells differ by {100 * float(np.std(known / known.mean())):.1f} %"]
+    if len(known) < len(body):
+        notes.append(f"{len(body) - len(known)} of {len(body)} cells have no gain: they do not answer, or are masked")
+    return replace(found, curves=tuple(curves), which=which.reshape(body.shape), notes=tuple(notes))
+
+
+def _line(
+    x: Float[np.ndarray, "n k"], y: Float[np.ndarray, "n k"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Return the slope (k,) of each cell's y over x, where both are finite, and its standard deviation."""
+    x = np.where(np.isfinite(y), x, np.nan)
+    x, y = x - np.nanmean(x, axis=0), y - np.nanmean(y, axis=0)
+    square = np.nansum(x**2, axis=0)
+    slope = np.nansum(x * y, axis=0) / square
+    freedom = np.maximum(np.isfinite(y).sum(axis=0) - 2, 1)
+    return slope, np.sqrt(np.nansum((y - slope * x) ** 2, axis=0) / freedom / square)
+
+
+def _scaled(curve: Curve, gain: float, error: float, rest: float) -> Curve:
+    """Return a cell's curve; saturation is a reading, and the common curve's counts from rest."""
+    return replace(
+        curve,
+        parameters=gain * curve.parameters,
+        covariance=gain**2 * curve.covariance + error**2 * np.outer(curve.parameters, curve.parameters),
+        saturation=rest + gain * curve.saturation,
     )
-    return found if body.rows or found.which is None else replace(found, which=found.which.ravel())
 
 
 @takes_arrays
