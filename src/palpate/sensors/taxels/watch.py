@@ -7,7 +7,6 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.sensors.taxels._kernels import AREA
 from palpate.sensors.taxels.model import TaxelBody
-from palpate.spatial.arguments import takes_arrays
 
 KEPT = 512  # frames, evenly spread, that show which cells answer together: those of one touch are alike
 SOME = 4  # cells that are compared first
@@ -21,7 +20,6 @@ ALIGNED = 0.7  # cells by which corners of a rectangle are off
 WEAKER = 0.9  # of the weakest of the other corners
 
 
-@takes_arrays
 class TaxelWatch:
     """Watch of a log's frames, block after block.
 
@@ -40,17 +38,10 @@ class TaxelWatch:
         self._kept, self._empty, self._stride, self._count = list[np.ndarray](), list[np.ndarray](), 1, 0
         self._ghosts: dict[str, float] = {}
 
-    def add(
-        self,
-        time: Float[np.ndarray, " n"],
-        raw: Float[np.ndarray, "n k"],
-        rows: Float[np.ndarray, "r width"],
-        counts: Int[np.ndarray, " n"],
-    ) -> None:
-        """Add the next frames at times (n,) [s], with the rows of their contacts and each one's number of rows.
+    def add(self, time: np.ndarray, raw: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> None:
+        """Add the next frames (n, k) at times (n,) [s], with the rows of their contacts and each one's number of rows.
 
-        Raises:
-            InputError: arrays of other shapes.
+        The estimator has checked them: to check again would take as long as the rest, for a block of 100 frames.
         """
         if not len(time):
             return
