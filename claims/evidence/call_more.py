@@ -107,7 +107,7 @@ def _calibrations(rng: np.random.Generator) -> None:
     walk = np.cumsum(rng.normal(0.0, 1e-3, (len(time), 2)), axis=0)
     fit = identify_drift(time, walk + rng.normal(0.0, 0.01, walk.shape))
     fit.spread(np.array([True, False, True]))
-    pressed = np.clip(walk[:, 0], 0.0, None)
+    pressed = np.clip(np.sin(0.3 * time**1.4), 0.0, None)
     loggers_offset(time, 40.0 + 9e3 * pressed, time - 1.2, pressed)
     joined(time, time, pressed)
     pressures, mat = np.arange(6.0) * 1e4, TaxelBody.sheet(flat_map(2, 3, 0.01), bits=None)
