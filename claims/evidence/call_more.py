@@ -77,11 +77,15 @@ def _calibrations(rng: np.random.Generator) -> None:
     from palpate.sensors.marker_ring.calibrate_camera import fit_lens
     from palpate.sensors.taxels.calibrate import identify_resistive
     from palpate.sensors.taxels.modules import ModuleLayout
+    from palpate.sensors.taxels.mat import identify_by_pressures, pressure_errors
+    from palpate.sensors.taxels.model import TaxelBody
     from palpate.sensors.taxels.poking.pokes import Pokes
     from palpate.sensors.taxels.poking.rigid_groups import fitted
     from palpate.sensors.taxels.poking.spacing import scale_in_places
     from palpate.sensors.taxels.skin_map.layout import Sheet
+    from palpate.sensors.taxels.skin_map.model import flat_map
     from palpate.sensors.taxels.skin_map.sheet import fit_stretch, map_skin
+    from palpate.sensors.taxels.two_loggers import joined, loggers_offset
     from palpate.spatial.pose import Pose
     from palpate.surfaces import Mesh
 
@@ -89,6 +93,13 @@ def _calibrations(rng: np.random.Generator) -> None:
     walk = np.cumsum(rng.normal(0.0, 1e-3, (len(time), 2)), axis=0)
     fit = identify_drift(time, walk + rng.normal(0.0, 0.01, walk.shape))
     fit.spread(np.array([True, False, True]))
+    pressed = np.clip(np.sin(0.3 * time**1.4), 0.0, None)
+    loggers_offset(time, 40.0 + 9e3 * pressed, time - 1.2, pressed)
+    joined(time, time, pressed)
+    pressures, mat = np.arange(6.0) * 1e4, TaxelBody.sheet(flat_map(2, 3, 0.01), bits=None)
+    frames = 0.01 * pressures[:, None] * np.linspace(0.8, 1.2, 6) + rng.normal(0.0, 1.0, (6, 6))
+    identify_by_pressures(pressures, frames, mat)
+    pressure_errors(pressures, frames, mat)
     up = rng.normal(size=(16, 3))
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     load = np.hstack([-8.0 * up, np.cross([0.01, 0.0, 0.04], -8.0 * up)]) + rng.normal(0.0, 1e-3, (16, 6))

@@ -10,7 +10,7 @@ import sys
 import time
 import tomllib
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -277,7 +277,7 @@ def test_what_is_no_text_has_no_numbers() -> None:
 def test_lines_bring_numbers_to_the_last_bit(rows: list[list[float]], counter: int) -> None:
     stream, ends = printed(np.array(rows), counter)
     assert stream[: ends[0]].startswith(str(counter).encode() + b",")
-    frames = LineFrames(6)
+    frames = LineFrames(6, (1, 2, 3, 4, 5, 6))
     frames.feed(b"\n" + stream)
     np.testing.assert_array_equal(_taken(frames, 6, room=3)[0], rows)
 
@@ -292,7 +292,7 @@ def test_every_end_of_line_ends_it_wherever_a_read_is_cut(end: bytes) -> None:
 
 @pytest.mark.parametrize(
     ("columns", "line", "row"),
-    [(None, b"1 2 3", [1, 2, 3]), (None, b"9 1 2 3", [1, 2, 3]), ((4, 0, 2), b"1 2 3 4 5 6", [5, 1, 3])],
+    [(None, b"1 2 3", [1, 2, 3]), ((4, 0, 2), b"1 2 3 4 5 6", [5, 1, 3])],
 )
 def test_which_numbers_of_a_line_are_the_sensors(
     columns: tuple[int, ...] | None, line: bytes, row: list[float]
@@ -304,12 +304,38 @@ def test_which_numbers_of_a_line_are_the_sensors(
 
 def test_a_line_cut_short_is_not_taken_for_one_without_a_counter() -> None:
     frames = LineFrames(3)
-    frames.feed(b"\n7 1 2 3\n8 1 2\n9 1 2 3\nready\n" + b"1 2 3\n" * 11)
-    assert _taken(frames, 3)[0].tolist() == [[1, 2, 3]] * 4
+    frames.feed(b"\n7 1 2 3\n8 1 2\n9 1 2 3\nready\n" + b"".join(b"%d 1 2 3\n" % k for k in range(10, 18)))
+    assert _taken(frames, 3)[0].tolist() == [[1, 2, 3]] * 10
+    assert frames.faults() == ["2 lines not understood, such as 'ready' (0 numbers, not 4 numbers)"]
+    frames.feed(b"1 2 3\n" * 11)
+    assert _taken(frames, 3)[0].tolist() == [[1, 2, 3]] * 2
     assert frames.faults() == [
         "lines now have 3 numbers, no longer 4",
-        "11 lines not understood, such as '1 2 3' (3 numbers, not 4 numbers)",
+        "9 lines not understood, such as '1 2 3' (3 numbers, not 4 numbers)",
     ]
+
+
+@pytest.mark.parametrize(
+    ("firsts", "counts"),
+    [
+        (range(9), True),
+        ([5000, 5001, *range(12)], True),  # the board starts anew as the port is opened
+        ([0.1, 0.1, 0.2, 0.3, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9], True),
+        ([100, 102, 99, *range(100, 120)], False),  # readings of a taxel
+        ([0] * 20, False),
+        ([0, 1, 0, 2, 0, *range(20)], False),
+        (range(8), None),
+    ],
+)
+def test_a_first_number_is_a_counter_only_if_it_counts(firsts: Sequence[float], counts: bool | None) -> None:
+    """Else the last may be a sum: no sample is taken before it is known."""
+    frames, taken = LineFrames(3), 0
+    frames.feed(b"\n")
+    for first in firsts:
+        frames.feed(b"%g 1 2 3\n" % first)
+        taken += len(_taken(frames, 3)[0])
+    assert taken == (len(firsts) if counts else 0)
+    assert ("does not count: name" in "".join(frames.faults())) == (counts is False)
 
 
 def test_what_never_ends_is_no_line() -> None:

@@ -32,12 +32,12 @@ FLAT = 0.03  # s: an offset that is not known better is no answer
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """Offset that is added to the poses' stamps to put them on the wrenches' clock.
+    """Offset that is added to the stamps of poses, or of forces, to put them on the clock of the readings.
 
     Attributes:
         offset: [s].
         deviation: its standard deviation [s].
-        residual: robust standard deviation [N] of the fit's residuals, along each axis.
+        residual: of the fit: robust standard deviation along each axis [N], or rms [counts] of a taxel.
         samples: number of readings used.
         validation: agreement of the offsets of parts of the log with those of the rest.
         notes: messages for the user, one sentence each.

@@ -7,7 +7,8 @@ Commas, semicolons, tabs, blanks, brackets, labels, units or other text may sepa
   mix with letters (`3F2A`). `nan` and `inf` are numbers.
 - A comma is decimal if every comma of the line is between two digits, no number has two commas or a point, and another
   character separates the numbers: `1,5;2,5`, but not `1,2`.
-- The sensor's numbers are those that `columns` names, or else all, or all but the first: a counter or a time.
+- The sensor's numbers are those that `columns` names, or else all, or all but the first if it is a counter or a time:
+  lines wait until it has risen eight times, and are refused if it does not (a sum may be the last number).
 - The first line sets the count of numbers; another count is rejected until ten lines in a row agree on it.
 """
 
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -32,6 +34,8 @@ _POINT = re.compile(rb"\d\.\d")
 _NO_DECIMAL = re.compile(rb"(?<!\d),|,(?!\d)|,\d+,")
 _TEXT = bytes([9, *range(32, 127), *range(128, 256)])  # what a line of text may hold
 _AGREE = 10  # lines with another count of numbers, after which it is the count
+_RISES = 8  # of a counter; at most _AGREE other lines may be between, and one start anew, to
+_ANEW = 0.5  # of the number before
 _LONGEST = 65536  # bytes without an end of line, beyond which they are not text
 _SHOWN = 60  # characters of a line in a message
 
@@ -50,6 +54,7 @@ class LineFrames:
         self._rest = b""
         self._joined = False
         self._width: int | None = None  # numbers a line
+        self._counts: bool | None = None  # whether the first of one more than the sensor's is a counter; not known yet
         self._other, self._agreeing = 0, 0
         self._strange, self._example = 0, ""
         self._changed = ""
@@ -76,7 +81,7 @@ class LineFrames:
             lost: (n,), filled with 0.
         """
         rows: list[list[float]] = []
-        while self._lines and len(rows) < len(values):
+        while len(rows) < len(values) and self._lines and self._understood(self._lines[0]):
             line = self._lines.popleft()
             if (row := self._row(line)) is not None:
                 rows.append(row)
@@ -116,9 +121,30 @@ class LineFrames:
         if len(found) != self._width and not self._learn(len(found)):
             return self._refuse(line, f"{len(found)} numbers, not {self._wanted()}")
         self._agreeing = 0
-        if self._columns is None:
-            return found[-self._count :]
-        return [found[column] for column in self._columns]
+        if self._columns is not None:
+            return [found[column] for column in self._columns]
+        if len(found) > self._count and not self._counts:
+            return self._refuse(line, "its first number does not count: name the sensor's numbers by `columns`")
+        return found[-self._count :]
+
+    def _understood(self, line: bytes) -> bool:
+        """Return whether a line can be read now: a number more than the sensor's may be a counter, or a sum behind."""
+        if self._columns is not None or self._counts is not None or self._width == self._count:
+            return True
+        if len(numbers(line) or ()) == self._count + 1:
+            self._judge()
+            return self._counts is not None
+        return True
+
+    def _judge(self) -> None:
+        """Decide by the lines that wait whether their first number is a counter."""
+        firsts = [found[0] for line in self._lines if len(found := numbers(line) or []) == self._count + 1]
+        rises = sum(last < number for last, number in pairwise(firsts))
+        falls = [number > _ANEW * last for last, number in pairwise(firsts) if number < last]
+        if any(falls) or len(falls) > 1 or len(self._lines) - rises > _AGREE:
+            self._counts = False
+        elif rises >= _RISES:
+            self._counts = True
 
     def _learn(self, width: int) -> bool:
         """Return whether a count of numbers in a line is accepted from now on."""
@@ -129,6 +155,7 @@ class LineFrames:
             return False
         if self._width is not None:
             self._changed = f"lines now have {width} numbers, no longer {self._width}"
+            self._counts = None
         self._width = width
         return True
 

@@ -91,7 +91,7 @@ class Kernel:
     """A function that is compiled when compiled code first calls it; a call from Python runs the Python source."""
 
     def __init__(self, function: Callable[..., Any], **options: Any) -> None:
-        self.py_func, self.options = function, options
+        self.py_func, self.options = function, {"_nrt": True, **options}  # a caller without it would pass that on
         update_wrapper(self, function)
 
     @cached_property
@@ -189,6 +189,14 @@ def released(stated: str) -> Callable[[Callable[..., Any]], Entry]:
 def inner(function: Callable[..., Any]) -> Kernel:
     """Decorate a function that only compiled code calls: no wrapper for Python, which halves the compiler's work."""
     return Kernel(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=False)
+
+
+def uncounted(function: Callable[..., Any]) -> Kernel:
+    """Decorate an inner function that neither makes nor returns an array: it need not count who holds its views.
+
+    Counting them is atomic, and took a quarter of the time of a frame of taxels.
+    """
+    return Kernel(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=False, _nrt=False)
 
 
 def inlined(function: Callable[..., Any]) -> Kernel:

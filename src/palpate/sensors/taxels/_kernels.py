@@ -49,7 +49,7 @@ from palpate.sensors.taxels._rest import (
     settle,
 )
 from palpate.signals._filters import smooth
-from palpate.surfaces._jit import inner, released
+from palpate.surfaces._jit import inner, released, uncounted
 
 MOST = 64  # contacts of a frame
 PARTS = 16  # of an area
@@ -66,7 +66,7 @@ _WIDE = 0.0045  # deviation times the second moment, of touches wider than that:
 _LEAST_WIDE = 0.2  # squared cells
 
 
-@inner
+@uncounted
 def _force(counts, table, step):
     """Return the force [N] of counts above the baseline: linear between entries, beyond them by the end slopes."""
     at = counts / step
@@ -74,7 +74,7 @@ def _force(counts, table, step):
     return table[k] + (at - k) * (table[k + 1] - table[k])
 
 
-@inner
+@uncounted
 def _wraps(raw, rest, noise, neighbours, turn, last, turns, wrapped):
     """Count turns of readings that wrapped around the range alone, because a touch moves neighbours too.
 
@@ -99,7 +99,7 @@ def _wraps(raw, rest, noise, neighbours, turn, last, turns, wrapped):
         wrapped[k] += jumped and turns[k] != 0
 
 
-@inner
+@uncounted
 def _take(raw, rest, neighbours, turn, numbers, whole, value):
     """Write unwrapped readings to `value`, the last ones for those not finite; return False if over 1/4 of them is."""
     last, held, good, turns = numbers[LAST], numbers[HELD], whole[GOOD], whole[TURNS]
@@ -120,7 +120,7 @@ def _take(raw, rest, neighbours, turn, numbers, whole, value):
     return True
 
 
-@inner
+@uncounted
 def _fill(z, force, live, neighbours, between):
     """Give bad cells the mean of the good cells that touch them, if there are two, else 0."""
     for k in range(len(force)):
@@ -137,7 +137,7 @@ def _fill(z, force, live, neighbours, between):
         z[k] = level / count if count >= 2 else 0.0
 
 
-@inner
+@uncounted
 def _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells):
     """Join cells above the threshold to a seed; return the number of cells."""
     label[seed], cells[0] = name, seed
@@ -156,7 +156,7 @@ def _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells):
     return count
 
 
-@inner
+@uncounted
 def _rim(name, count, live, neighbours, steps, label, at, cells):
     """Append the cells around an area to `cells`, because a touch reaches below the threshold; return the new end."""
     end = count
@@ -172,7 +172,7 @@ def _rim(name, count, live, neighbours, steps, label, at, cells):
     return end
 
 
-@inner
+@uncounted
 def _chart(cells, end, origin, place, at):
     """Place cells in the tangent plane of one of them, at the distance along an arc between both normals."""
     positions, normals, tangents, spacing = place[0][0], place[0][1], place[0][2], place[1][1]
@@ -195,7 +195,7 @@ def _chart(cells, end, origin, place, at):
         at[0, k], at[1, k] = ahead * scale, aside * scale
 
 
-@inner
+@uncounted
 def _root(parent, k):
     while parent[k] != k:
         k = parent[k]
@@ -233,7 +233,7 @@ def _split(cells, count, name, force, spread, neighbours, between, sure, share, 
         parent[cells[i]] = _root(parent, cells[i])
 
 
-@inner
+@uncounted
 def _charts(cells, count, end, origin, place, at, parent, parts, charts):
     """Find the peaks of an area's basins, and write the places of its cells in `charts`; return how many there are.
 
@@ -299,7 +299,7 @@ def _mixture(cells, count, end, force, charts, many, parent, parts, number, shar
         _shares(charts, many, i, parts, number, shares)
 
 
-@inner
+@uncounted
 def _shares(charts, many, i, parts, number, shares):
     """Write the share of an area's i-th cell that belongs to each contact."""
     least = np.inf
@@ -316,7 +316,7 @@ def _shares(charts, many, i, parts, number, shares):
         shares[p, i] /= total
 
 
-@inner
+@uncounted
 def _cubic(t, weights):
     """Write Catmull and Rom's weights of four values around t in [0, 1]."""
     s, q = t * t, t * t * t
@@ -402,7 +402,7 @@ def _add_places(cells, count, own, force, inside, covariances, out):
             out[10 + 3 * a + b] += half[a, b] - normal[a] * across
 
 
-@inner
+@uncounted
 def _narrow(moment, least):
     """Return the variance of a centroid along an axis from the unknown place of the force in its cells; squared cells.
 
@@ -414,7 +414,7 @@ def _narrow(moment, least):
     return inside + (_WIDE / max(moment, _LEAST_WIDE)) ** 2
 
 
-@inner
+@uncounted
 def _vary(cells, end, own, error, inside, at, row, column, moments, out):
     """Write a centroid's variances along both axes and their covariance to out (3,), by errors and cell sizes."""
     out[:] = 0.0
@@ -431,13 +431,13 @@ def _vary(cells, end, own, error, inside, at, row, column, moments, out):
     out[1] += _narrow(cc, least)
 
 
-@inner
+@uncounted
 def _deviation(noise, variance):
     """Return the standard deviation of a reading above its baseline, whose variance is 0 without a Kalman filter."""
     return noise if variance == 0.0 else np.sqrt(noise * noise + variance)
 
 
-@inner
+@uncounted
 def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
     """Write the force of each cell of an area and its rim that the centroid uses, and its standard deviation [N].
 
@@ -521,7 +521,7 @@ def _measure(cells, count, end, shares, raw, value, numbers, sign, place, origin
     return True
 
 
-@inner
+@uncounted
 def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between):
     """Write the height of each cell above its baseline, in standard deviations and in newtons."""
     tables, gaps = curves
@@ -540,7 +540,7 @@ def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
         _fill(z, force, live, neighbours, between)
 
 
-@inner
+@uncounted
 def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, curves, settings, zeros, numbers, whole,
               clock, work, out):  # fmt: skip
     """Write a frame's contacts to `out` and return their number, -1 while the zero of all cells moves.
@@ -593,6 +593,60 @@ def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, cu
     return found
 
 
+@uncounted
+def _all(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers, whole,
+         tracks, following, out, rows, forces, work, names):  # fmt: skip
+    """Do what `frames` does, in work space that is there: parts, shares and charts; age of a reading and identities."""
+    drift, turn, resting, reach, speed, patience, walk = settings[6:]
+    sections, start, gains, gap, since, state, shares = smoothing
+    age, identity = names
+    used = 0
+    for i in range(len(time)):
+        if i > 0 and len(out) - used < MOST:
+            return i, used
+        passed, follows, recovers = time[i] - clock[LATEST], 0.0, 0.0
+        passed = max(passed, 0.0) if passed == passed else 0.0  # no NaN
+        if drift < np.inf and walk == 0.0:
+            follows = 1.0 - np.exp(-min(passed, drift) / drift)
+        if drift < np.inf:
+            recovers = min(passed / RECOVERS, 1.0)
+        if time[i] == time[i]:
+            clock[LATEST] = time[i]
+        which = i if len(left) > 0 else 0
+        value, scale = values[which], 1.0
+        if len(left) > 0:
+            scale = np.sqrt(left[i] + resting)
+        else:
+            status[0] = -1 if _take(raw[i], numbers[BASELINE], table[0], turn, numbers, whole, value) else INVALID
+            if len(shares) > 0:
+                smooth(time[i : i + 1], status, values, sections, start, gains, gap, since, state, age)
+                scale = np.sqrt(shares[min(max(age[0], 0), len(shares) - 1)] + resting)
+        here, found, settling = out[used:], 0, False
+        if status[which] < 0:
+            if walk > 0.0:
+                enter_window(time[i], walk, settings[4], zeros, numbers, whole)
+            found = _contacts(time[i], raw[i], value, scale, passed, follows, recovers, place, table, curves, settings,
+                              zeros, numbers, whole, clock, work, here)  # fmt: skip
+            if walk > 0.0 and found >= 0:
+                keep_window(time[i], value, zeros, whole)
+            settling, found = found < 0, max(found, 0)
+            follow(time[i], here[:, :3], found, tracks, following, reach, speed, patience, identity)
+            for contact in range(found):
+                here[contact, -1] = identity[contact]
+        else:
+            numbers[FORCE] = 0.0
+            clock[UNUSED] += 1.0
+        if found == 0:
+            here[0] = np.nan
+            here[0, 20], here[0, -1] = 0.0, 0.0
+            here[0, 21] = NO_CONTACT if status[which] < 0 and not settling else INVALID
+        for k in range(numbers.shape[1] if len(forces) > 0 else 0):
+            forces[i, k] = numbers[FORCE, k]
+        rows[i] = max(found, 1)
+        used += rows[i]
+    return len(time), used
+
+
 @released(
     """
     raw n m, rest m, neighbours int64 m d, turn float, numbers out 16 m, whole out int64 9 m, values out n m,
@@ -639,52 +693,8 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
     out: (r, w) rows: of an estimate, then features, then identity. rows: (n,) number of rows of each frame.
     forces: (n, k) [N] of each cell; (0, k): not requested.
     """
-    drift, turn, resting, reach, speed, patience, walk = settings[6:]
-    sections, start, gains, gap, since, state, shares = smoothing
-    age, identity = np.empty(1, dtype=np.int64), np.empty(MOST, dtype=np.int64)
     cells = numbers.shape[1]
     work = np.empty((PARTS, 5)), np.empty((PARTS, cells)), np.empty((PARTS, 2, cells))
-    used = 0
-    for i in range(len(time)):
-        if i > 0 and len(out) - used < MOST:
-            return i, used
-        passed, follows, recovers = time[i] - clock[LATEST], 0.0, 0.0
-        passed = max(passed, 0.0) if passed == passed else 0.0  # no NaN
-        if drift < np.inf and walk == 0.0:
-            follows = 1.0 - np.exp(-min(passed, drift) / drift)
-        if drift < np.inf:
-            recovers = min(passed / RECOVERS, 1.0)
-        if time[i] == time[i]:
-            clock[LATEST] = time[i]
-        which = i if len(left) > 0 else 0
-        value, scale = values[which], 1.0
-        if len(left) > 0:
-            scale = np.sqrt(left[i] + resting)
-        else:
-            status[0] = -1 if _take(raw[i], numbers[BASELINE], table[0], turn, numbers, whole, value) else INVALID
-            if len(shares) > 0:
-                smooth(time[i : i + 1], status, values, sections, start, gains, gap, since, state, age)
-                scale = np.sqrt(shares[min(max(age[0], 0), len(shares) - 1)] + resting)
-        here, found, settling = out[used:], 0, False
-        if status[which] < 0:
-            if walk > 0.0:
-                enter_window(time[i], walk, settings[4], zeros, numbers, whole)
-            found = _contacts(time[i], raw[i], value, scale, passed, follows, recovers, place, table, curves, settings,
-                              zeros, numbers, whole, clock, work, here)  # fmt: skip
-            if walk > 0.0 and found >= 0:
-                keep_window(time[i], value, zeros, whole)
-            settling, found = found < 0, max(found, 0)
-            follow(time[i], here[:, :3], found, tracks, following, reach, speed, patience, identity)
-            here[:found, -1] = identity[:found]
-        else:
-            numbers[FORCE] = 0.0
-            clock[UNUSED] += 1.0
-        if found == 0:
-            here[0] = np.nan
-            here[0, 20], here[0, -1] = 0.0, 0.0
-            here[0, 21] = NO_CONTACT if status[which] < 0 and not settling else INVALID
-        if len(forces) > 0:
-            forces[i] = numbers[FORCE]
-        rows[i] = max(found, 1)
-        used += rows[i]
-    return len(time), used
+    names = np.empty(1, dtype=np.int64), np.empty(MOST, dtype=np.int64)
+    return _all(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers,
+                whole, tracks, following, out, rows, forces, work, names)  # fmt: skip

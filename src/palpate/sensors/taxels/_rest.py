@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import inner
+from palpate.surfaces._jit import uncounted
 
 # numbers of a cell: constants, state after the last frame (baseline, reading, last finite one), and work space
 NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD = 0, 1, 2, 3, 4, 5, 6, 7
@@ -36,7 +36,7 @@ NEVER = -(1 << 60)
 _HELD = 4.0  # standard deviations above the baseline beyond which a window has a touch below the thresholds
 
 
-@inner
+@uncounted
 def enter_window(time, walk, sign, zeros, numbers, whole):
     """Start a new window: add the random walk to all variances, and use windows now known to be untouched."""
     sums, slots, clock = zeros
@@ -66,7 +66,7 @@ def enter_window(time, walk, sign, zeros, numbers, whole):
     sums[i] = 0.0
 
 
-@inner
+@uncounted
 def _take_in(time, walk, sign, total, slot, frames, numbers, whole):
     """Update the baseline of each cell untouched about a window by its mean: a Kalman filter of a random walk.
 
@@ -89,7 +89,7 @@ def _take_in(time, walk, sign, total, slot, frames, numbers, whole):
     slot[1] = 0.0
 
 
-@inner
+@uncounted
 def keep_window(time, value, zeros, whole):
     """Add a frame to its window, and mark cells that were touched in it or were on the rim of a touch."""
     sums, slots, _ = zeros
@@ -106,7 +106,7 @@ def keep_window(time, value, zeros, whole):
     slots[i, 2] += time
 
 
-@inner
+@uncounted
 def moves(z, live, on, off, value, numbers, clock):
     """Return whether the zero of all cells has jumped, or moves on while a new one is taken.
 
@@ -133,7 +133,7 @@ def moves(z, live, on, off, value, numbers, clock):
     return stepped and _equal(live, value, numbers)
 
 
-@inner
+@uncounted
 def _equal(live, value, numbers):
     """Return whether all cells are off their rest by nearly the same."""
     count, mean, square, noise = 0, 0.0, 0.0, 0.0
@@ -146,13 +146,13 @@ def _equal(live, value, numbers):
     return square - count * mean * mean < 4.0 * noise + count * (_EQUAL * mean) ** 2
 
 
-@inner
+@uncounted
 def least(on, off, peak):
     """Return the height at which a touch begins, which exceeds the remainder of one that is over, with its noise."""
     return on if peak >= 0.0 else max(on, off - _REMAINDER * peak)
 
 
-@inner
+@uncounted
 def settle(time, moves, value, zeros, numbers, whole, clock):
     """Take the mean of the frames since the cells keep still as their new baseline."""
     if clock[STILL] == 0.0:
@@ -170,7 +170,7 @@ def settle(time, moves, value, zeros, numbers, whole, clock):
         clock[STILL], clock[SIDE] = 0.0, 0.0
 
 
-@inner
+@uncounted
 def fade(cells, count, passed, off, z, numbers, label):
     """Note the peak of each cell of an area; return whether the area is only what remains of a touch, and unmark it.
 
@@ -192,7 +192,7 @@ def fade(cells, count, passed, off, z, numbers, label):
     return fades and over
 
 
-@inner
+@uncounted
 def recover(passed, off, recovers, value, numbers, whole, clock):
     """Let baselines quickly follow what remains of touches that ended, until it is mostly below `off`."""
     baseline, z, peak, faded = numbers[BASELINE], numbers[Z], numbers[PEAK], numbers[FADED]

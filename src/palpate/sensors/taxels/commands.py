@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,12 +10,20 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.console.calibration import Calibration, CalibrationResult
-from palpate.console.options import Log, Output, Scalar
+from palpate.console.options import FileOption, Log, Output, Scalar
 from palpate.errors import InputError
+from palpate.files.logs import open_log
+from palpate.files.logs.topics import NONE
 from palpate.files.tables.table import read_table
-from palpate.files.units import FORCE_UNITS, to_si
+from palpate.files.units import FORCE_UNITS, PRESSURE_UNITS, to_si
 from palpate.sensors.taxels.calibrate import identify_intensity, identify_resistive, tells
 from palpate.sensors.taxels.intensity import Curve, Intensity
+from palpate.sensors.taxels.mat import identify_by_pressures, pressure_errors
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.section import SKIN, SkinSection
+from palpate.sensors.taxels.two_loggers import joined, loggers_offset
+from palpate.setup import Rig
+from palpate.setup.tables import RigAcceleration, RigOrientation
 
 _PLATEAU = 5  # readings alike at the lower end: that is where they stop
 
@@ -28,8 +36,11 @@ class CalibrateIntensity(Calibration):
 
     Args:
         log: CSV with the columns intensity and force (of the load cell, zero without load), and, where several cells
-            were pressed, row and column.
+            were pressed, row and column. With --force, time and intensity; with --pressures, a log of the skin.
         output: intensity.toml to write.
+        force: CSV with time and force by another logger: the offset between both clocks is found.
+        rig: TOML with the [skin] that --pressures are on.
+        pressures: on all of the skin [kPa], one for each frame of the log; 0 first.
         kind: polynomial (the paper's), two_range (a sensitive and a strong range, joined), monotone, or auto: the one
             that predicts unseen presses best; resistive: a taxel in a voltage divider.
         degree: of the polynomial.
@@ -42,6 +53,9 @@ class CalibrateIntensity(Calibration):
 
     log: Log
     output: Output
+    force: FileOption = None
+    rig: FileOption = None
+    pressures: Annotated[tuple[float, ...], arg(metavar="KPA", help_behavior_hint="")] = ()
     kind: Annotated[Literal["auto", "polynomial", "two_range", "monotone", "resistive"], arg(metavar="NAME")] = "auto"
     degree: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None
     bits: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None
@@ -58,7 +72,10 @@ class CalibrateIntensity(Calibration):
             NotIdentifiable: the presses do not determine a curve.
             OSError: an input cannot be read for its digest.
         """
-        force, intensity, cell = _presses(self.log, to_si(self.unit, FORCE_UNITS, where="--unit"))
+        if self.pressures or self.rig is not None:
+            return self._by_pressures()
+        unit = to_si(self.unit, FORCE_UNITS, where="--unit")
+        force, intensity, cell, clocks = _presses(self.log, self.force, unit)
         record = self.record(kind=self.kind, degree=self.degree, bits=self.bits, unit=self.unit)
         if self.kind == "resistive":
             found = _divider(force, intensity, self.scale, self.reference, record)
@@ -78,14 +95,46 @@ class CalibrateIntensity(Calibration):
         return CalibrationResult(
             [
                 ("presses", f"{len(force):,} rows{pressed}"),
-                ("curve", f"{curve.name}, {len(curve.parameters)} parameters, up to {curve.largest:.4g} N"),
-                ("residual", f"{curve.residual:.3g} counts rms"),
-                ("deviation", _deviation(curve)),
+                *clocks,
+                *_figures(curve),
                 *([("left out", found.provenance["left_out"])] if "left_out" in found.provenance else []),
             ],
             found,
             notes=found.notes,
         )
+
+    def _by_pressures(self) -> CalibrationResult:
+        """Return the `CalibrationResult` of one frame at each of several pressures."""
+        pressures, (frames, body) = PRESSURE_UNITS["kPa"] * np.array(self.pressures), _frames(self.log, self.stated)
+        if len(pressures) != len(frames):
+            raise InputError(
+                f"the log has {len(frames)} frames, and {len(pressures)} pressures are stated.",
+                where="--pressures",
+                hint="Write one for each frame, such as --pressures 0 10 20 30 40, with --rig for its [skin].",
+            )
+        stated = " ".join(f"{each:g}" for each in self.pressures)
+        record = self.record(kind=self.kind, degree=self.degree, pressures=stated)
+        found = identify_by_pressures(pressures, frames, body, kind=self.kind, degree=self.degree, provenance=record)
+        errors = pressure_errors(pressures, frames, body, kind=self.kind, degree=self.degree)
+        left = float(np.sqrt(np.nanmean(errors**2))) / PRESSURE_UNITS["kPa"]
+        return CalibrationResult(
+            [
+                ("frames", f"{len(frames)} of {body.named()}, up to {max(self.pressures):g} kPa"),
+                *_figures(found.curves[0]),
+                ("left out", f"{len(errors)} frames, each by the others: {left:.3g} kPa rms of a cell"),
+            ],
+            found,
+            notes=found.notes,
+        )
+
+
+def _figures(curve: Curve) -> list[tuple[str, str]]:
+    """Return (name, text) pairs on a curve."""
+    return [
+        ("curve", f"{curve.name}, {len(curve.parameters)} parameters, up to {curve.largest:.4g} N"),
+        ("residual", f"{curve.residual:.3g} counts rms"),
+        ("deviation", _deviation(curve)),
+    ]
 
 
 def _deviation(curve: Curve) -> str:
@@ -115,18 +164,37 @@ def _divider(
     return Intensity(curves, provenance=record, notes=(said,))
 
 
-def _presses(log: Path, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Read forces [N], readings and cells; None where the log has no row and column."""
-    table = read_table(log)
-    values, _ = table.numbers(["force", "intensity"])
+def _presses(
+    log: Path, other: Path | None, unit: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, list[tuple[str, str]]]:
+    """Read forces [N], readings, cells (None where the log has no row and column), and a line on two clocks."""
+    table, clocks = read_table(log), list[tuple[str, str]]()
+    if other is None:
+        force, intensity = table.numbers(["force", "intensity"])[0].T
+    else:
+        time, intensity = table.numbers(["time", "intensity"])[0].T
+        there, force = read_table(other).numbers(["time", "force"])[0].T
+        found = loggers_offset(time, intensity, there, force)
+        force = joined(time - found.offset, there, force)
+        added = f"{found.offset:+.4f} s (deviation {found.deviation:.4f}) added to the times of {other.name}"
+        clocks.append(("clocks", added))
     if not {"row", "column"} <= set(table.names):
-        return unit * values[:, 0], values[:, 1], None
+        return unit * force, intensity, None, clocks
     cells, _ = table.numbers(["row", "column"])
-    known = np.isfinite(cells).all(axis=1) & np.isfinite(values).all(axis=1)
+    known = np.isfinite(cells).all(axis=1) & np.isfinite(force) & np.isfinite(intensity)
     whole = cells[known].astype(np.int64)
     if (whole != cells[known]).any() or (whole < 0).any():
         raise InputError("row and column must be whole numbers from 0.", where=str(log))
-    return unit * values[known, 0], values[known, 1], whole
+    return unit * force[known], intensity[known], whole, clocks
+
+
+def _frames(log: Path, rig: Rig) -> tuple[np.ndarray, TaxelBody]:
+    """Return the frames of a log as they are, whatever its times are, and the body that a rig states."""
+    setup = replace(rig, orientation=RigOrientation(topic=NONE), acceleration=RigAcceleration()).resolve()
+    body, layout = setup.of(SkinSection).body, SKIN.layout(setup)
+    channel = replace(layout.arrays[0], scale=1.0, unit=None)
+    blocks = open_log(log, replace(layout, arrays=(channel,), time="", rate=1.0)).blocks()
+    return np.concatenate([body.readings(block) for block in blocks]), body
 
 
 def _shape(text: str | None) -> tuple[int, int] | None:

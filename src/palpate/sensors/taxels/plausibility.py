@@ -40,7 +40,7 @@ def unbelievable_touches(
     if roughness(loads, body, health) > SCATTERED:
         return (
             "no result to trust: cells that are pressed together are not neighbours on the map, so its order is not "
-            "that of the readings; correct the order of the cells in [skin]"
+            "that of the readings; correct rows and columns, or the order of the cells, in [skin]"
         )
     return ""
 

@@ -42,7 +42,7 @@ class RigSkin:
         count: number of readings in a frame, where no places are known yet.
         rows, columns: of the sheet; None: as in the map.
         order: "columns" where a sheet's numbers are recorded, or named, column by column; "rows": row by row.
-        bits: of a reading; 0: readings are floats.
+        bits: of a reading in counts; 0: readings are floats, as those in a unit of force or pressure.
         intensity: file of `palpate calibrate intensity`; None: intensities are taken for forces.
         cells: columns of a table with the readings, row by row for a sheet; or a field path: a pattern of columns
             ("S* [kPa]"), an array, a column of lists, or a field of messages ("sensors[0].values"). None: found by the
@@ -208,7 +208,9 @@ class SkinSection(SensorSection):
             InputError: as by `map` and `taxels`, the places are no body, or a masked cell does not exist.
             GeometryError: as by `taxels`.
         """
-        options: dict[str, Any] = {"bits": self.table.bits or None, "masked": self.table.masked}
+        counts = self.table.unit is None or self.table.electric  # a force or a pressure has no bits
+        options: dict[str, Any] = {"bits": self.table.bits if counts and self.table.bits else None}
+        options["masked"] = self.table.masked
         if self.table.sheet:
             return TaxelBody.sheet(self.map, **options)
         places = self.taxels

@@ -7,10 +7,9 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.sensors.taxels._kernels import AREA
 from palpate.sensors.taxels.model import TaxelBody
-from palpate.spatial.arguments import takes_arrays
 
-KEPT = 2048  # frames, evenly spread, that show which cells answer together
-SOME = 8  # of so many cells one is compared first
+KEPT = 512  # frames, evenly spread, that show which cells answer together: those of one touch are alike
+SOME = 4  # cells that are compared first
 LOST = 0.01  # of the frames missing
 REGULAR = 0.9  # of the steps that are whole multiples of the usual one, within
 NEAR = 0.25  # of it, where no frame is missing in steps of more than
@@ -21,7 +20,6 @@ ALIGNED = 0.7  # cells by which corners of a rectangle are off
 WEAKER = 0.9  # of the weakest of the other corners
 
 
-@takes_arrays
 class TaxelWatch:
     """Watch of a log's frames, block after block.
 
@@ -40,17 +38,10 @@ class TaxelWatch:
         self._kept, self._empty, self._stride, self._count = list[np.ndarray](), list[np.ndarray](), 1, 0
         self._ghosts: dict[str, float] = {}
 
-    def add(
-        self,
-        time: Float[np.ndarray, " n"],
-        raw: Float[np.ndarray, "n k"],
-        rows: Float[np.ndarray, "r width"],
-        counts: Int[np.ndarray, " n"],
-    ) -> None:
-        """Add the next frames at times (n,) [s], with the rows of their contacts and each one's number of rows.
+    def add(self, time: np.ndarray, raw: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> None:
+        """Add the next frames (n, k) at times (n,) [s], with the rows of their contacts and each one's number of rows.
 
-        Raises:
-            InputError: arrays of other shapes.
+        The estimator has checked them: to check again would take as long as the rest, for a block of 100 frames.
         """
         if not len(time):
             return
@@ -66,13 +57,13 @@ class TaxelWatch:
 
     def _keep(self, raw: Float[np.ndarray, "n k"], free: Bool[np.ndarray, " n"]) -> None:
         """Keep every few frames; in a longer log every second one of them stays."""
-        even = slice(-self._count % self._stride, None, self._stride)
+        self._count += len(raw)
+        while self._count > 2 * KEPT * self._stride:
+            self._kept, self._empty = _halved(self._kept), _halved(self._empty)
+            self._stride *= 2
+        even = slice((len(raw) - self._count) % self._stride, None, self._stride)
         self._kept.append(raw[even].copy())
         self._empty.append(free[even])
-        self._count += len(raw)
-        while sum(map(len, self._kept)) > 2 * KEPT:
-            self._kept, self._empty = [np.concatenate(self._kept)[::2]], [np.concatenate(self._empty)[::2]]
-            self._stride *= 2
 
     @property
     def loads(self) -> Float[np.ndarray, "n k"]:
@@ -121,11 +112,17 @@ class TaxelWatch:
         ]
 
 
+def _halved(parts: list[np.ndarray]) -> list[np.ndarray]:
+    """Return every second row of blocks that follow each other."""
+    return [np.concatenate(parts)[::2]] if parts else []
+
+
 def _repeats(raw: Float[np.ndarray, "n k"]) -> Bool[np.ndarray, " m"]:
     """Return whether each frame but the first equals the one before."""
-    same = (raw[1:, ::SOME] == raw[:-1, ::SOME]).all(axis=1)
+    some = raw[:, :: -(-raw.shape[1] // SOME)]
+    same = (some[1:] == some[:-1]).all(axis=1)
     which = np.flatnonzero(same)
-    same[which] = (raw[1:][which] == raw[:-1][which]).all(axis=1)
+    same[which] = (raw[which + 1] == raw[which]).all(axis=1)
     return same
 
 
