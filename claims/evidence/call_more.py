@@ -76,9 +76,9 @@ def _calibrations(rng: np.random.Generator) -> None:
     from palpate.sensors.force_torque.calibrate_imu import identify_payload_with_imu
     from palpate.sensors.marker_ring.calibrate_camera import fit_lens
     from palpate.sensors.taxels.calibrate import identify_resistive
-    from palpate.sensors.taxels.modules import ModuleLayout
     from palpate.sensors.taxels.mat import identify_by_pressures, pressure_errors
     from palpate.sensors.taxels.model import TaxelBody
+    from palpate.sensors.taxels.modules import ModuleLayout
     from palpate.sensors.taxels.poking.pokes import Pokes
     from palpate.sensors.taxels.poking.rigid_groups import fitted
     from palpate.sensors.taxels.poking.spacing import scale_in_places
