@@ -79,6 +79,8 @@ def _calibrations(rng: np.random.Generator) -> None:
     from palpate.sensors.taxels.mat import identify_by_pressures, pressure_errors
     from palpate.sensors.taxels.model import TaxelBody
     from palpate.sensors.taxels.modules import ModuleLayout
+    from palpate.sensors.taxels.poking.moved_modules import moved_far
+    from palpate.sensors.taxels.poking.numbering import found_numbering
     from palpate.sensors.taxels.poking.pokes import Pokes
     from palpate.sensors.taxels.poking.rigid_groups import fitted
     from palpate.sensors.taxels.poking.spacing import scale_in_places
@@ -119,7 +121,10 @@ def _calibrations(rng: np.random.Generator) -> None:
     poses = [Pose.from_rotation_vector(*each) for each in zip(turns, places, strict=True)]
     fit_lens([lens.project(pose.apply(board)) for pose in poses], (9, 6), 0.01, (640, 480))
     flat = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]])
-    scale_in_places(fitted(ModuleLayout(flat[:, :2], np.zeros(4, np.int64)), flat, None), flat)
+    one = ModuleLayout(flat[:, :2], np.zeros(4, np.int64))
+    scale_in_places(fitted(one, flat, None), flat)
+    moved_far(one, flat, flat)
+    found_numbering(one, flat, np.tile([0.0, 0.0, 1.0], (4, 1)))
     mesh = Mesh.from_arrays(flat, np.array([[0, 1, 2], [0, 2, 3]]))
     laid: dict[str, Any] = {"origin": (0.01, 0.01, 0.0), "heading": (1, 0, 0)}
     truth = map_skin(mesh, Sheet(3, 4, (0.01, 0.01), stretch=(1.05, 1.1)), **laid)

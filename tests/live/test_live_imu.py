@@ -177,6 +177,7 @@ def test_a_topic_of_ros_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     pytest.importorskip("cyclonedds", reason="ROS 2 is reached through cyclonedds")
     domain, patience = 101 + os.getpid() % 100, 60.0
     monkeypatch.setattr("palpate.live.imu_source._PATIENCE", patience)
+    monkeypatch.setattr("palpate.live.waiting_source.WAITS", patience)  # or it would be given without
     node, given = DdsNode(domain), Given((6,))
     assert node.open() == ""
     writer = node.writer("/imu", "sensor_msgs/Imu")
@@ -189,7 +190,6 @@ def test_a_topic_of_ros_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     batch, count, deadline = Batch((6,)), 0, time.monotonic() + patience
     given.give(np.array([10**9]), np.ones((1, 6)))
     while not count and time.monotonic() < deadline:
-        source._since = time.monotonic()  # or it would be given without
         for each in messages(np.array([0.9, 1.1]), np.array([[1.0, 2.0, 9.0], [3.0, 2.0, 9.0]])):
             writer.write(packed("sensor_msgs/Imu", each))
         count = source.receive(batch, 0.2)

@@ -15,7 +15,8 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion, skew
 from palpate.spatial.pose_track import sound_quaternions
 
-FEWEST, MEDIAN_LENGTH = 50, 1.5382  # samples at rest; median length of a normal 3-vector
+FEWEST = 50  # samples at rest
+LENGTHS = {0.5: 1.5382, 0.99: 3.3682}  # quantiles of the length of a normal 3-vector: readings have longer tails
 TILT, BIAS = np.radians(3.0), 0.5  # rad, m/s^2: most that the prior standard deviations may be
 LEAST = 1e-6  # m/s^2: deviation of numbers without noise
 LASTING, ROUNDS = 1.0, 10  # s of a rest that counts as one reading
@@ -80,5 +81,6 @@ def _at_rest(
 
 
 def _deviation(off: Float[np.ndarray, "n 3"]) -> float:
-    """Return the standard deviation [m/s^2] along each axis, by the median of the lengths."""
-    return max(float(np.median(np.linalg.norm(off, axis=1))) / MEDIAN_LENGTH, LEAST)
+    """Return the standard deviation [m/s^2] along each axis that explains most lengths, and the longest 1 % too."""
+    found = np.quantile(np.linalg.norm(off, axis=1), list(LENGTHS))
+    return max(float((found / list(LENGTHS.values())).max()), LEAST)
