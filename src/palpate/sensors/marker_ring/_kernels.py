@@ -23,7 +23,7 @@ from palpate.surfaces._vectors import solve_positive
 __all__ = ["MOST", "STATE", "frames", "shown"]
 
 MOST = 6  # contacts at once
-STATE = 8  # angle, force, width z, shear / force t, standard deviations of angle, force and depth, evidence
+STATE = 9  # angle, force, width z, shear / force t, deviations of angle, force and depth, evidence, shear's deviation
 _STEPS = 12  # of Gauss-Newton
 _TRIALS = 180  # angles at which an additional contact is tried
 _FAR = (3.0, 4.0)  # standard deviations of width and of shear: bounds of both
@@ -70,7 +70,7 @@ def _copy(one, other):
 
 
 @inner
-def _variances(state, count, markers, misfit, noise, variance):
+def _variances(state, count, markers, misfit, steep, noise, variance):
     """Write the variance of each displacement: that of the pixels, and the misfit of each contact's response."""
     parts, each = misfit.shape[1], 2 * len(markers) // len(misfit)
     for m in range(len(markers)):
@@ -81,7 +81,7 @@ def _variances(state, count, markers, misfit, noise, variance):
             for c in range(count):
                 turn = (markers[m] - state[c, 0]) / (2.0 * np.pi)
                 k = int((turn - np.floor(turn)) * parts) % parts
-                variance[i] += (state[c, 1] * misfit[ring + e, k]) ** 2
+                variance[i] += (state[c, 1] * misfit[ring + e, k]) ** 2 * (1.0 + (steep * state[c, 3]) ** 2)
 
 
 @inner
@@ -104,7 +104,7 @@ def _cost(displacement, used, variance, state, count, model, held, residual, jac
                 jacobian[i, 4 * c + 1] = value[i]
                 jacobian[i, 4 * c + 2] = force * by_z[i]
                 jacobian[i, 4 * c + 3] = force * shear[i]
-        cost += ((z - priors[2]) / priors[0]) ** 2 + ((t - held[c]) / priors[1]) ** 2
+        cost += ((z - priors[2]) / priors[0]) ** 2 + ((t - held[c, 0]) / held[c, 1]) ** 2
     for i in range(size):
         if used[i]:
             cost += residual[i] ** 2 / variance[i]
@@ -125,7 +125,7 @@ def _refine(problem, used, state, count, work):
     factor, trial = np.empty((size, size)), np.empty((len(state), STATE))
     _copy(state, trial)
     no_jacobian = np.empty((len(residual), 0))
-    _variances(state, count, markers, misfit, noise, variance)
+    _variances(state, count, markers, misfit, model[2][3], noise, variance)
     cost, damping = _cost(displacement, used, variance, state, count, model, held, residual, jacobian), 1e-4
     for turn in range(_STEPS):
         for a in range(size):
@@ -144,8 +144,9 @@ def _refine(problem, used, state, count, work):
         for c in range(count):
             for e in range(2):
                 a = 4 * c + 2 + e
-                gradient[a] -= (state[c, 2 + e] - (held[c] if e else priors[2])) / priors[e] ** 2
-                normal[a, a] += 1.0 / priors[e] ** 2
+                middle, wide = (held[c, 0], held[c, 1]) if e else (priors[2], priors[0])
+                gradient[a] -= (state[c, 2 + e] - middle) / wide**2
+                normal[a, a] += 1.0 / wide**2
         if turn == _STEPS - 1:
             break
         better, moved = False, 0.0
@@ -158,7 +159,8 @@ def _refine(problem, used, state, count, work):
                     trial[c, 0] = state[c, 0] + min(max(step[4 * c], -0.15), 0.15)
                     trial[c, 1] = max(state[c, 1] + step[4 * c + 1], 1e-3)
                     for e in range(2):
-                        middle, bound = 0.0 if e else priors[2], _FAR[e] * priors[e]
+                        middle, wide = (held[c, 0], held[c, 1]) if e else (priors[2], priors[0])
+                        bound = _FAR[e] * wide
                         moved_to = state[c, 2 + e] + step[4 * c + 2 + e]
                         trial[c, 2 + e] = min(max(moved_to, middle - bound), middle + bound)
                 found = _cost(displacement, used, variance, trial, count, model, held, residual, no_jacobian)
@@ -174,7 +176,7 @@ def _refine(problem, used, state, count, work):
             for k in range(4):
                 state[c, k] = trial[c, k]
         damping = max(0.1 * damping, 1e-7)
-        _variances(state, count, markers, misfit, noise, variance)
+        _variances(state, count, markers, misfit, model[2][3], noise, variance)
         cost = _cost(displacement, used, variance, state, count, model, held, residual, jacobian)
         if moved < 1.0:
             break
@@ -441,18 +443,22 @@ def _deviations(state, count, covariance, width, spread, shift):
     about `shift` [rad], and less if farther away.
     """
     for c in range(count):
-        force, z, at = state[c, 1], state[c, 2], 4 * c
+        force, z, t, at = state[c, 1], state[c, 2], state[c, 3], 4 * c
         deep, more = width[0] + z * width[1], force * width[1]
-        beside = spread[0] ** 2
+        near = 0.0
         for d in range(count):
             gap = _apart(state[c, 0], state[d, 0])
             if d != c and gap < 0.5 * np.pi:
-                beside += (shift * min(1.0, np.pi / 6.0 / gap)) ** 2
+                near += min(1.0, np.pi / 6.0 / gap) ** 2
+        beside = spread[0] ** 2 + (t * spread[2]) ** 2 + near * shift[0] ** 2
+        share = spread[1] ** 2 + (t * spread[3]) ** 2 + near * shift[1] ** 2
         of_force, of_both, of_width = covariance[at + 1, at + 1], covariance[at + 1, at + 2], covariance[at + 2, at + 2]
         state[c, 4] = np.sqrt(covariance[at, at] + beside)
-        state[c, 5] = np.sqrt(of_force + (spread[1] * force) ** 2)
+        state[c, 5] = np.sqrt(of_force + share * force**2)
         depth = deep * deep * of_force + 2.0 * deep * more * of_both + more * more * of_width
-        state[c, 6] = np.sqrt(max(depth, 0.0) + (spread[1] * force * deep) ** 2)
+        state[c, 6] = np.sqrt(max(depth, 0.0) + share * (force * deep) ** 2)
+        shear = t * t * of_force + 2.0 * t * force * covariance[at + 1, at + 3] + force**2 * covariance[at + 3, at + 3]
+        state[c, 8] = np.sqrt(max(shear, 0.0) + share * force**2)
 
 
 @inner
@@ -508,7 +514,7 @@ def _carried(state, count, skin, outer, width, found):
 
 
 @inner
-def _held(state, count, skin, outer, grip, held):
+def _held(state, count, skin, outer, grip, usual, held):
     """Write each contact's shear / force that its neighbours cause into `held`.
 
     Neighbours' dents tilt the skin under a contact, which presses along the skin's normal. They also move the skin
@@ -529,15 +535,15 @@ def _held(state, count, skin, outer, grip, held):
         along, slope = _dents(state, count, c, skin, moved)
         _skin(skin, 0.0, state[c, 0], moved)
         gives = state[c, 1] * moved[0, 3]
-        held[c] = slope / outer
-        if gives > 0.0:
-            held[c] += 0.5 * min(max(-along / gives, -grip), grip)
+        most = min(max(-along / gives, -grip), grip) if gives > 0.0 else 0.0
+        held[c, 0] = slope / outer + 0.5 * most
+        held[c, 1] = np.sqrt(usual**2 + most**2 / 12.0)
 
 
 @released(
     """
-    displacements n d, markers m, model (a d b, a d b, 3), misfit r q, noise d, settings 5, learned (2, 2, 2 s t
-    u, float, float, 3), states out n 6 8, counts out int64 n, left out 7 8, cost out n
+    displacements n d, markers m, model (a d b, a d b, 4), misfit r q, noise d, settings 6, learned (2, 4, 2 s t
+    u, float, float, float, 3), states out n 6 9, counts out int64 n, left out 7 9, cost out n
     """
 )
 def frames(displacements, markers, model, misfit, noise, settings, learned, states, counts, left, cost):
@@ -563,9 +569,9 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     work = (np.empty(size), np.empty((size, 4 * MOST)), np.empty((4 * MOST, 4 * MOST)), np.empty(size))
     state, used = np.zeros((MOST, STATE)), np.empty(size, dtype=np.bool_)
     _copy(left[:MOST], state)
-    count, here, held = int(left[MOST, 0]), np.empty(size), np.zeros(MOST)
+    count, here, held = int(left[MOST, 0]), np.empty(size), np.zeros((MOST, 2))
     covariance = np.empty((4 * MOST, 4 * MOST))
-    width, spread, skin, outer, grip, kinds = learned
+    width, spread, skin, outer, grip, usual, kinds = learned
     for n in range(len(displacements)):
         seen = 0
         for i in range(size):
@@ -577,17 +583,17 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
             continue
         for i in range(size):
             here[i] = displacements[n, i] if used[i] else 0.0
-        held[:] = 0.0
+        held[:, 0], held[:, 1] = 0.0, model[2][1]
         problem = (here, markers, model, misfit, noise, held)
         count, cost[n] = _found(problem, used, state, count, work, settings)
         if count > 1 and grip > 0.0:
             for _ in range(_ROUNDS):
-                _held(state, count, skin, outer, grip, held)
+                _held(state, count, skin, outer, grip, usual, held)
                 cost[n] = _refine(problem, used, state, count, work)
         _covariance(work[2], 4 * count, covariance)
         if kinds[0] > 0.0 and count == 1:
             _weighed(state, model[2][1], kinds, covariance)
-        _deviations(state, count, covariance, width, spread, settings[4])
+        _deviations(state, count, covariance, width, spread, settings[4:])
         seen = 0
         for i in range(size):
             seen += used[i]
@@ -605,8 +611,8 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
 
 @released(
     """
-    pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 3), r q, d, 5, (2, 2, 2 s t u,
-    float, float, 3)), states out n 6 8, counts out int64 n, left out 7 8, cost out n, many out int64 n
+    pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 4), r q, d, 6, (2, 4, 2 s t u,
+    float, float, float, 3)), states out n 6 9, counts out int64 n, left out 7 9, cost out n, many out int64 n
     """
 )
 def shown(pixels, ring, steps, known, states, counts, left, cost, many):

@@ -17,6 +17,7 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
 _TABLE = 720  # angles of the response's table
+_ROUGH = 0.8  # coefficient of friction of bodies, at most, where none is stated
 _NO_SHEAR = 1e-6  # standard deviation of shear / force where shear was not calibrated: none
 
 
@@ -45,6 +46,7 @@ class RingSettings:
     apart: float = 18.0
     dropped: int = 4
     shift: float = 0.5
+    lean: float = 0.05
     friction: float | None = None
     wide: float = 1.0
     reach: float = 0.008
@@ -67,13 +69,13 @@ class RingFound:
     """Contacts of n images.
 
     Attributes:
-        states: (n, most, 8) angle [rad], force [N], width (in standard deviations of the calibration's), shear / force,
+        states: (n, most, 9) angle [rad], force [N], width (in standard deviations of the calibration's), shear / force,
             standard deviations of angle [rad], force [N] and depth [m], and the rise of chi-square without the contact.
         counts: (n,) number of contacts; -1: fewer than half of the markers were seen.
         residual: (n,) root of chi-square over its degrees of freedom.
     """
 
-    states: Float[np.ndarray, "n most 8"]
+    states: Float[np.ndarray, "n most 9"]
     counts: Int[np.ndarray, " n"]
     residual: Float[np.ndarray, " n"]
 
@@ -106,15 +108,16 @@ class RingLocator:
         self.response, self.settings = response, settings or RingSettings()
         self.markers = np.array(markers, dtype=np.float64)
         set_, (middle, wide, usual) = self.settings, response.usual.tolist()
-        shear = (set_.friction or usual) if response.shears else _NO_SHEAR
-        self.grip = response.grip * min(1.0, shear / usual) if response.shears else 0.0
+        kinds = response.dragged.copy() if set_.friction is None and response.shears else np.zeros(3)
+        usual = (set_.friction or usual) if response.shears else _NO_SHEAR
+        shear = max(usual, kinds[2]) 
+        self.grip = (max(_ROUGH,response.grip) if set_.friction is None else response.grip * min(1.0, usual / response.usual[2])) if response.shears else 0.0
         table, slope = response.tables(self.markers, _TABLE)
-        model = (table, slope, np.array([set_.wide * wide, shear, middle]))
-        numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
+        model = (table, slope, np.array([set_.wide * wide, shear, middle, response.sheared[2]]))
+        numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift), set_.lean])
         moved = np.zeros((2, 3, 1, 1)) if skin is None else response.skin(*skin)
         outer, grip = (np.inf, 0.0) if skin is None else (skin[0], self.grip)
-        kinds = response.dragged.copy() if set_.friction is None and response.shears else np.zeros(3)
-        learned = (response.width.copy(), response.spread.copy(), moved, outer, grip, kinds)
+        learned = (response.width.copy(), np.concatenate([response.spread, response.sheared[:2]]), moved, outer, grip, usual, kinds)
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))
@@ -163,8 +166,8 @@ class RingLocator:
     def _room(self, count: int) -> RingFound:
         return RingFound(np.zeros((count, *self._left[1:].shape)), np.zeros(count, dtype=np.int64), np.zeros(count))
 
-    def depth(self, states: Float[np.ndarray, "*batch 8"]) -> Float[np.ndarray, "*batch"]:
-        """Return the depth (*batch,) [m] of contacts (*batch, 8) of `RingFound.states`.
+    def depth(self, states: Float[np.ndarray, "*batch 9"]) -> Float[np.ndarray, "*batch"]:
+        """Return the depth (*batch,) [m] of contacts (*batch, 9) of `RingFound.states`.
 
         Raises:
             InputError: states has another shape.
