@@ -54,6 +54,7 @@ class RingResponse(Value):
         grip: t up to which it was calibrated; 0: none is known.
         dragged: (3,) share of presses that were dragged, and standard deviations of t of the others and of those;
             share 0: all are of one kind.
+        carried: angle per newton of shear by which a contact carries the skin under it along [rad/N].
         sheared: (2,) standard deviations of angle [rad] and of force, as a share of it, that dragging by a shear as large
             as the force adds.
         left_out: (4,) rms error and expected error of the angle [rad], then of the force, as shares of it, on presses
@@ -72,6 +73,7 @@ class RingResponse(Value):
     grip: float = 0.0
     dragged: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     left_out: Float[np.ndarray, "4"] = field(default_factory=lambda: np.full(4, np.nan))
+    carried: float = 0.0
     sheared: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:

@@ -116,11 +116,13 @@ def _elastic_ring(seed: int) -> ForeignRing:
     """
     rng = np.random.default_rng([51, seed])
     thick, width, stiff = WALL * (1.0 + 0.03 * rng.standard_normal()), 0.03, 1.5e6 * (1.0 + 0.05 * rng.standard_normal())
-    radius, one = OUTER - thick / 2.0, np.eye(NODES)
-    order = np.fft.fftfreq(NODES, 1.0 / NODES)
-    order[NODES // 2] = 0.0  # a wave from node to node has no slope
-    slope = np.fft.ifft(1j * order[:, None] * np.fft.fft(one, axis=0), axis=0).real
-    stretch, bend = np.hstack([one, slope]) / radius, np.hstack([slope @ slope, -slope]) / radius**2
+    radius, one, order = OUTER - thick / 2.0, np.eye(NODES), np.fft.fftfreq(NODES, 1.0 / NODES)
+    between = np.exp(1j * np.pi * order / NODES)  # stretch between nodes: at nodes, a wave from node to node has none
+    shifted, sloped, slope, bent = (
+        np.fft.ifft(each[:, None] * np.fft.fft(one, axis=0), axis=0).real
+        for each in (between, 1j * order * between, 1j * order, -(order**2))
+    )
+    stretch, bend = np.hstack([shifted, sloped]) / radius, np.hstack([bent, -slope]) / radius**2
     first, second = rng.uniform(0.0, 2.0 * np.pi, 2)
     uneven = 1.0 + 0.06 * np.cos(_ROUND - first) + 0.03 * np.cos(2.0 * _ROUND - second)
     springs = np.concatenate([6.6e3 * (1.0 + 0.05 * rng.standard_normal()) * uneven, 3.6e3 * uneven])

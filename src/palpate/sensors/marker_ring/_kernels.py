@@ -436,7 +436,7 @@ def _weighed(state, usual, kinds, covariance):
 
 
 @inner
-def _deviations(state, count, covariance, width, spread, shift):
+def _deviations(state, count, covariance, width, spread, carry, shift):
     """Write standard deviations of angle, force and depth of each contact into `state`.
 
     A neighbour's dent turns the skin, so that responses do not quite add up: it shifts a contact 30 degrees away by
@@ -453,12 +453,13 @@ def _deviations(state, count, covariance, width, spread, shift):
         beside = spread[0] ** 2 + (t * spread[2]) ** 2 + near * shift[0] ** 2
         share = spread[1] ** 2 + (t * spread[3]) ** 2 + near * shift[1] ** 2
         of_force, of_both, of_width = covariance[at + 1, at + 1], covariance[at + 1, at + 2], covariance[at + 2, at + 2]
-        state[c, 4] = np.sqrt(covariance[at, at] + beside)
+        of_angle = covariance[at, at] + 2.0 * carry * (t * covariance[at, at + 1] + force * covariance[at, at + 3])
         state[c, 5] = np.sqrt(of_force + share * force**2)
         depth = deep * deep * of_force + 2.0 * deep * more * of_both + more * more * of_width
         state[c, 6] = np.sqrt(max(depth, 0.0) + share * (force * deep) ** 2)
         shear = t * t * of_force + 2.0 * t * force * covariance[at + 1, at + 3] + force**2 * covariance[at + 3, at + 3]
         state[c, 8] = np.sqrt(max(shear, 0.0) + share * force**2)
+        state[c, 4] = np.sqrt(max(of_angle + carry**2 * shear, 0.0) + beside)
 
 
 @inner
@@ -493,7 +494,7 @@ def _dents(state, count, which, skin, moved):
 
 
 @inner
-def _carried(state, count, skin, outer, width, found):
+def _carried(state, count, skin, outer, width, carry, found):
     """Write the contacts' angles, corrected for the motion of the skin by their neighbours' dents, into `found`.
 
     The response gives the pressed part of the skin, at its angle under one contact alone.
@@ -510,7 +511,7 @@ def _carried(state, count, skin, outer, width, found):
     for c in range(count):
         along, _ = _dents(state, count, c, skin, moved)
         depth = state[c, 1] * (width[0] + state[c, 2] * width[1])
-        found[c, 0] = state[c, 0] + along / (outer - depth)
+        found[c, 0] = state[c, 0] + along / (outer - depth) + carry * state[c, 1] * state[c, 3]
 
 
 @inner
@@ -543,7 +544,7 @@ def _held(state, count, skin, outer, grip, usual, held):
 @released(
     """
     displacements n d, markers m, model (a d b, a d b, 4), misfit r q, noise d, settings 6, learned (2, 4, 2 s t
-    u, float, float, float, 3), states out n 6 9, counts out int64 n, left out 7 9, cost out n
+    u, float, float, float, float, 3), states out n 6 9, counts out int64 n, left out 7 9, cost out n
     """
 )
 def frames(displacements, markers, model, misfit, noise, settings, learned, states, counts, left, cost):
@@ -571,7 +572,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     _copy(left[:MOST], state)
     count, here, held = int(left[MOST, 0]), np.empty(size), np.zeros((MOST, 2))
     covariance = np.empty((4 * MOST, 4 * MOST))
-    width, spread, skin, outer, grip, usual, kinds = learned
+    width, spread, skin, outer, grip, usual, carry, kinds = learned
     for n in range(len(displacements)):
         seen = 0
         for i in range(size):
@@ -593,7 +594,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         _covariance(work[2], 4 * count, covariance)
         if kinds[0] > 0.0 and count == 1:
             _weighed(state, model[2][1], kinds, covariance)
-        _deviations(state, count, covariance, width, spread, settings[4:])
+        _deviations(state, count, covariance, width, spread, carry, settings[4:])
         seen = 0
         for i in range(size):
             seen += used[i]
@@ -601,7 +602,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         cost[n] = np.sqrt(cost[n] / free)
         counts[n] = count
         _copy(state, states[n])
-        _carried(state, count, skin, outer, width, states[n])
+        _carried(state, count, skin, outer, width, carry, states[n])
         for c in range(count):
             turn = states[n, c, 0] / (2.0 * np.pi)
             states[n, c, 0] = 2.0 * np.pi * (turn - np.floor(turn))
@@ -612,7 +613,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
 @released(
     """
     pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 4), r q, d, 6, (2, 4, 2 s t u,
-    float, float, float, 3)), states out n 6 9, counts out int64 n, left out 7 9, cost out n, many out int64 n
+    float, float, float, float, 3)), states out n 6 9, counts out int64 n, left out 7 9, cost out n, many out int64 n
     """
 )
 def shown(pixels, ring, steps, known, states, counts, left, cost, many):

@@ -117,7 +117,7 @@ class RingLocator:
         numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift), set_.lean])
         moved = np.zeros((2, 3, 1, 1)) if skin is None else response.skin(*skin)
         outer, grip = (np.inf, 0.0) if skin is None else (skin[0], self.grip)
-        learned = (response.width.copy(), np.concatenate([response.spread, response.sheared[:2]]), moved, outer, grip, usual, kinds)
+        learned = (response.width.copy(), np.concatenate([response.spread, response.sheared[:2]]), moved, outer, grip, usual, response.carried, kinds)
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))

@@ -23,6 +23,7 @@ _PLAIN = 0.02  # of the force: assumed accuracy of a shear gauge next to a ring;
 _TURNS = 200  # of expectation and maximisation
 _STEEPEST = 2.0  # shear / force: that of silicone on anything is below
 _ASTRAY, _WRONG = 0.35, 0.5  # rad, share of force: larger errors on omitted presses mean a wrong truth
+_STEP = 1e-4  # rad, of a numerical derivative
 _SHEAR = 0.15  # usual shear / force where none was calibrated
 _NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the likeliest begins with: of a new kind,
 _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
@@ -142,12 +143,46 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
     else:
         start, width = _rescaled(presses, before)
         usual, grip, dragged = before.usual, before.grip, before.dragged
-    each = zip(presses.by_ring(), np.split(start, presses.rings, axis=1), strict=True)
-    found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
-    coefficients = np.concatenate(found, axis=1)
+    carried, coefficients = _carried(presses, start, width, before)
     largest = np.array([presses.depth.max(), presses.force.max()])
     nothing = np.zeros((2 * presses.rings, PARTS))
-    return RingResponse(coefficients, width, nothing, np.zeros(2), largest, usual, grip, dragged)
+    return RingResponse(coefficients, width, nothing, np.zeros(2), largest, usual, grip, dragged, carried=carried)
+
+
+def _carried(
+    presses: RingPresses, start: np.ndarray, width: np.ndarray, before: RingResponse | None
+) -> tuple[float, Float[np.ndarray, "b e k m"]]:
+    """Return `carried` and the coefficients of a `RingResponse`.
+
+    A response is that of the skin which is pressed, and shear carries it along: by an angle per newton that is found
+    from what the fit leaves of dragged presses. The correction is linear in the error, so that two give the answer.
+    """
+
+    def fitted(carried: float) -> tuple[np.ndarray, float]:
+        here = _pressed(presses, carried)
+        each = zip(here.by_ring(), np.split(start, here.rings, axis=1), strict=True)
+        found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
+        coefficients = np.concatenate(found, axis=1)
+        terms = _terms(here, width, len(coefficients))
+        ahead, behind = (
+            _predicted(replace(here, angle=here.angle + e), coefficients, terms) for e in (-_STEP, _STEP)
+        )
+        turned = (ahead - behind) / (2.0 * _STEP) * np.nan_to_num(here.shear)[:, None, None]
+        left = np.nan_to_num(here.displacements - 0.5 * (ahead + behind))
+        return coefficients, float((turned * left).sum() / max(float((turned**2).sum()), 1e-300))
+
+    if before is not None or len(start) < 4:
+        carried = 0.0 if before is None else before.carried
+        return carried, fitted(carried)[0]
+    first = fitted(0.0)[1]
+    second = fitted(first)[1]
+    carried = first * first / (first - second)
+    return carried, fitted(carried)[0]
+
+
+def _pressed(presses: RingPresses, carried: float) -> RingPresses:
+    """Return the presses at the angles of the skin that they press."""
+    return replace(presses, angle=presses.angle - carried * np.nan_to_num(presses.shear))
 
 
 def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Float[np.ndarray, "3"], float]:
@@ -334,7 +369,7 @@ def _misfit(
     usual = _rms(np.concatenate(steep).tolist())
     for fit, part, share in zip(fits, parts, steep, strict=True):
         for k, mask in enumerate((share <= usual, share > usual)):
-            _add_misfit(fit, part.picked(mask), square[k], number[k])
+            _add_misfit(fit, _pressed(part.picked(mask), fit.carried), square[k], number[k])
     misfit = np.sqrt(np.maximum(square[0], 0.0) / np.maximum(number[0], 1e-30))
     more = square[1].sum() / max(float((number[1] * misfit**2).sum()), 1e-30) - 1.0
     dragged = np.concatenate([share[share > usual] for share in steep])
