@@ -55,8 +55,8 @@ class RingResponse(Value):
         dragged: (3,) share of presses that were dragged, and standard deviations of t of the others and of those;
             share 0: all are of one kind.
         carried: angle per newton of shear by which a contact carries the skin under it along [rad/N].
-        sheared: (2,) standard deviations of angle [rad] and of force, as a share of it, that dragging by a shear as large
-            as the force adds.
+        sheared: (4,) what a shear as large as the force adds: standard deviations of angle [rad], and of force and shear
+            as shares of the force, and the misfit's, as a multiple of it.
         left_out: (4,) rms error and expected error of the angle [rad], then of the force, as shares of it, on presses
             left out of the fit; NaN: not known.
 
@@ -74,7 +74,7 @@ class RingResponse(Value):
     dragged: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     left_out: Float[np.ndarray, "4"] = field(default_factory=lambda: np.full(4, np.nan))
     carried: float = 0.0
-    sheared: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
+    sheared: Float[np.ndarray, "4"] = field(default_factory=lambda: np.zeros(4))
 
     def __post_init__(self) -> None:
         shape = self.coefficients.shape
@@ -100,7 +100,7 @@ class RingResponse(Value):
                 f"last, not {self.dragged}."
             )
         tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,), "usual": (3,)}
-        for name, tail in (tails | {"dragged": (3,), "left_out": (4,), "sheared": (3,)}).items():
+        for name, tail in (tails | {"dragged": (3,), "left_out": (4,), "sheared": (4,)}).items():
             object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
 
     @property

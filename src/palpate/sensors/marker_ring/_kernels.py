@@ -458,7 +458,7 @@ def _deviations(state, count, covariance, width, spread, carry, shift):
         depth = deep * deep * of_force + 2.0 * deep * more * of_both + more * more * of_width
         state[c, 6] = np.sqrt(max(depth, 0.0) + share * (force * deep) ** 2)
         shear = t * t * of_force + 2.0 * t * force * covariance[at + 1, at + 3] + force**2 * covariance[at + 3, at + 3]
-        state[c, 8] = np.sqrt(max(shear, 0.0) + share * force**2)
+        state[c, 8] = np.sqrt(max(shear, 0.0) + (share + (t * spread[4]) ** 2) * force**2)
         state[c, 4] = np.sqrt(max(of_angle + carry**2 * shear, 0.0) + beside)
 
 
@@ -479,17 +479,15 @@ def _skin(skin, delta, phi, moved):
 
 @inner
 def _dents(state, count, which, skin, moved):
-    """Return the skin's motion under a contact by its neighbours' dents: along rising angles [m], and slope [m/rad].
-
-    Motion by shear is not included: the markers determine it too poorly.
-    """
+    """Return the skin's motion under a contact by its neighbours: along rising angles [m], and slope [m/rad]."""
     along = slope = 0.0
     for d in range(count):
         if d != which:
             _skin(skin, state[which, 0] - state[d, 0], state[d, 0], moved)
-            force, z = state[d, 1], state[d, 2]
-            along += force * (moved[0, 0] + z * (moved[0, 1] + z * moved[0, 2]))
-            slope += force * (moved[1, 0] + z * (moved[1, 1] + z * moved[1, 2]))
+            for q in range(skin.shape[1]):
+                weight = state[d, 1] * (state[d, 3] if q == 3 else state[d, 2] ** q)
+                along += weight * moved[0, q]
+                slope += weight * moved[1, q]
     return along, slope
 
 
@@ -538,12 +536,12 @@ def _held(state, count, skin, outer, grip, usual, held):
         gives = state[c, 1] * moved[0, 3]
         most = min(max(-along / gives, -grip), grip) if gives > 0.0 else 0.0
         held[c, 0] = slope / outer + 0.5 * most
-        held[c, 1] = np.sqrt(usual**2 + most**2 / 12.0)
+        held[c, 1] = np.sqrt(usual**2 + (0.5 * most) ** 2)
 
 
 @released(
     """
-    displacements n d, markers m, model (a d b, a d b, 4), misfit r q, noise d, settings 6, learned (2, 4, 2 s t
+    displacements n d, markers m, model (a d b, a d b, 4), misfit r q, noise d, settings 6, learned (2, 5, 2 s t
     u, float, float, float, float, 3), states out n 6 9, counts out int64 n, left out 7 9, cost out n
     """
 )
@@ -612,7 +610,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
 
 @released(
     """
-    pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 4), r q, d, 6, (2, 4, 2 s t u,
+    pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 4), r q, d, 6, (2, 5, 2 s t u,
     float, float, float, float, 3)), states out n 6 9, counts out int64 n, left out 7 9, cost out n, many out int64 n
     """
 )

@@ -113,11 +113,11 @@ class RingLocator:
         shear = max(usual, kinds[2]) 
         self.grip = (max(_ROUGH,response.grip) if set_.friction is None else response.grip * min(1.0, usual / response.usual[2])) if response.shears else 0.0
         table, slope = response.tables(self.markers, _TABLE)
-        model = (table, slope, np.array([set_.wide * wide, shear, middle, response.sheared[2]]))
+        model = (table, slope, np.array([set_.wide * wide, shear, middle, response.sheared[3]]))
         numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift), set_.lean])
         moved = np.zeros((2, 3, 1, 1)) if skin is None else response.skin(*skin)
         outer, grip = (np.inf, 0.0) if skin is None else (skin[0], self.grip)
-        learned = (response.width.copy(), np.concatenate([response.spread, response.sheared[:2]]), moved, outer, grip, usual, response.carried, kinds)
+        learned = (response.width.copy(), np.concatenate([response.spread, response.sheared[:3]]), moved, outer, grip, usual, response.carried, kinds)
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))

@@ -343,17 +343,17 @@ def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResp
     misfit, sheared = _misfit(fits, parts, 2 * presses.rings)
     judged = [replace(fit, misfit=misfit, sheared=sheared) for fit in fits]
     every = np.concatenate([_errors(fit, part) for fit, part in zip(judged, parts, strict=True)])
-    steep, force = np.abs(every[:, 5]), every[:, 4]
+    steep, force = np.abs(every[:, 7]), every[:, 6]
     plain = steep <= _rms(steep.tolist() or [0.0])
-    spread, expected = np.zeros(2), np.full(4, np.nan)
-    for e, scale in enumerate((np.ones(len(every)), force)):
-        off, known = np.abs(every[:, e] / scale), every[:, 2 + e] / scale
-        spread[e] = _beside(off[plain], known[plain], 1.0)
+    spread, expected = np.zeros(3), np.full(6, np.nan)
+    for e, scale in enumerate((np.ones(len(every)), force, force)):
+        off, known = np.abs(every[:, 2 * e] / scale), every[:, 2 * e + 1] / scale
+        spread[e] = _beside(off[plain], known[plain], 1.0) if e < 2 else spread[1]
         known = np.hypot(known, spread[e])
         sheared[e] = _beside(off[~plain], known[~plain], steep[~plain])
         if 2 * len(every) >= len(presses):  # else NaN: most are not found
             expected[2 * e : 2 * e + 2] = _rms(off.tolist()), _rms(np.hypot(known, sheared[e] * steep).tolist())
-    return {"misfit": misfit, "spread": spread, "sheared": sheared, "left_out": expected}
+    return {"misfit": misfit, "spread": spread[:2], "sheared": sheared, "left_out": expected[:4]}
 
 
 def _rms(values: Sequence[float]) -> float:
@@ -362,7 +362,7 @@ def _rms(values: Sequence[float]) -> float:
 
 def _misfit(
     fits: Sequence[RingResponse], parts: Sequence[RingPresses], rows: int
-) -> tuple[Float[np.ndarray, "rows parts"], Float[np.ndarray, "3"]]:
+) -> tuple[Float[np.ndarray, "rows parts"], Float[np.ndarray, "4"]]:
     """Return `misfit` by presses of little shear, and `sheared` with what the others have in addition."""
     square, number = np.zeros((2, 2, rows, PARTS))  # presses of little shear, and the others
     steep = [np.abs(np.nan_to_num(part.shear / part.force)) for part in parts]
@@ -373,7 +373,7 @@ def _misfit(
     misfit = np.sqrt(np.maximum(square[0], 0.0) / np.maximum(number[0], 1e-30))
     more = square[1].sum() / max(float((number[1] * misfit**2).sum()), 1e-30) - 1.0
     dragged = np.concatenate([share[share > usual] for share in steep])
-    return misfit, np.array([0.0, 0.0, np.sqrt(max(more, 0.0)) / _rms(dragged.tolist()) if len(dragged) else 0.0])
+    return misfit, np.array([0.0, 0.0, 0.0, np.sqrt(max(more, 0.0)) / _rms(dragged.tolist()) if len(dragged) else 0.0])
 
 
 def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number: np.ndarray) -> None:
@@ -389,8 +389,8 @@ def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number
         number[row] += np.bincount(where[seen], np.broadcast_to(part.force[:, None] ** 2, where.shape)[seen], PARTS)
 
 
-def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 6"]:
-    """Return errors of angle [rad] and force [N], their standard deviations, the force, and found shear / force."""
+def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 8"]:
+    """Return errors and deviations of angle [rad], force and shear [N] in turns, the force, and found shear / force."""
     locator = RingLocator(fit, part.markers, part.noise, RingSettings())
     rows = list[list[float]]()
     for k in range(len(part)):
@@ -398,10 +398,10 @@ def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 6"]:
         found = locator.run(part.displacements[k : k + 1])
         if found.counts[0] != 1:
             continue
-        angle, force, _, t, angle_sd, force_sd = found.states[0, 0, :6]
-        off = float(turned(np.asarray(angle - part.angle[k])))
-        rows.append([off, force - part.force[k], angle_sd, force_sd, part.force[k], t])
-    return np.array(rows).reshape(-1, 6)
+        angle, force, _, t, angle_sd, force_sd, _, _, shear_sd = found.states[0, 0]
+        off, wrong = float(turned(np.asarray(angle - part.angle[k]))), force * t - np.nan_to_num(part.shear[k])
+        rows.append([off, angle_sd, force - part.force[k], force_sd, wrong, shear_sd, part.force[k], t])
+    return np.array(rows).reshape(-1, 8)
 
 
 def _beside(off: np.ndarray, known: np.ndarray, scale: np.ndarray | float) -> float:
