@@ -87,7 +87,9 @@ class RingResponse(Value):
             raise InputError(
                 f"misfit must have {shape[1]} rows, the second length of coefficients, not {len(self.misfit)}."
             )
-        if not (self.width > 0).all() or not all((each >= 0).all() for each in (self.misfit, self.spread, self.sheared)):
+        if not (self.width > 0).all() or not all(
+            (each >= 0).all() for each in (self.misfit, self.spread, self.sheared)
+        ):
             raise InputError("width must be positive, and misfit, spread and sheared 0 or more.")
         if not (self.usual[1:] > 0).all() or not self.grip >= 0:
             raise InputError(

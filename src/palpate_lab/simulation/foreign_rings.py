@@ -84,7 +84,9 @@ class ForeignRing:
         _foreign_rings.press(compliance, _ROUND[near], rows[own], stages, law, normal, loads, moved)
         tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
         force = loads[:, :1] * normal + loads[:, 1:] * tangent
-        found = [_centre(_ROUND[near[own == k]], loads[own == k, 0], force[own == k], moved[own == k]) for k in set(own)]
+        found = [
+            _centre(_ROUND[near[own == k]], loads[own == k, 0], force[own == k], moved[own == k]) for k in set(own)
+        ]
         return PressedIn(*np.array(found).T, (self.inside[:, both] @ force.ravel()).reshape(-1, 2))
 
 
@@ -115,7 +117,11 @@ def _elastic_ring(seed: int) -> ForeignRing:
     v (1 + h / R) - w' h / R.
     """
     rng = np.random.default_rng([51, seed])
-    thick, width, stiff = WALL * (1.0 + 0.03 * rng.standard_normal()), 0.03, 1.5e6 * (1.0 + 0.05 * rng.standard_normal())
+    thick, width, stiff = (
+        WALL * (1.0 + 0.03 * rng.standard_normal()),
+        0.03,
+        1.5e6 * (1.0 + 0.05 * rng.standard_normal()),
+    )
     radius, one, order = OUTER - thick / 2.0, np.eye(NODES), np.fft.fftfreq(NODES, 1.0 / NODES)
     between = np.exp(1j * np.pi * order / NODES)  # stretch between nodes: at nodes, a wave from node to node has none
     shifted, sloped, slope, bent = (

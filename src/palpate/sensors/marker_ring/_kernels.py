@@ -6,9 +6,9 @@ Minimised over the contacts c of an image, each with (phi, F, z, t), see `palpat
     + sum over c of ((z - m) / Z)^2 + ((t - h) / T)^2
 
 by Gauss-Newton steps that are shortened until the sum decreases. var_i is the variance of the pixels' noise and of the
-response's misfit; m, Z and T are from the calibration; h is the shear of a contact that its neighbours cause, see
-`_held`. It is 0 during the search for contacts, and for a single one, whose t is then corrected if the presses of the
-calibration were of two kinds, see `_told`.
+response's misfit; m and Z are from the calibration; h is the shear of a contact that its neighbours cause, T its
+deviation, see `_held`. During the search for contacts, and for a single one, h is 0 and T that of dragged presses; t is
+then corrected if the presses of the calibration were of two kinds, see `_told`.
 """
 
 # pyright: basic
@@ -27,6 +27,7 @@ STATE = 9  # angle, force, width z, shear / force t, deviations of angle, force 
 _STEPS = 12  # of Gauss-Newton
 _TRIALS = 180  # angles at which an additional contact is tried
 _FAR = (3.0, 4.0)  # standard deviations of width and of shear: bounds of both
+_BESIDE = 0.02  # share of the force: its deviation by a neighbour 30 degrees away, and the shear's
 _ROUNDS = 2  # of computing the shears by neighbours and fitting again
 _FITS = 12.0  # squared standard deviations of a marker: if all lie below, no contact is missing
 
@@ -71,7 +72,10 @@ def _copy(one, other):
 
 @inner
 def _variances(state, count, markers, misfit, steep, noise, variance):
-    """Write the variance of each displacement: that of the pixels, and the misfit of each contact's response."""
+    """Write the variance of each displacement: that of the pixels, and the misfit of each contact's response.
+
+    A shear of t times the force adds `steep` t times the misfit.
+    """
     parts, each = misfit.shape[1], 2 * len(markers) // len(misfit)
     for m in range(len(markers)):
         ring = 2 * (m // each)
@@ -437,21 +441,20 @@ def _weighed(state, usual, kinds, covariance):
 
 @inner
 def _deviations(state, count, covariance, width, spread, carry, shift):
-    """Write standard deviations of angle, force and depth of each contact into `state`.
+    """Write standard deviations of angle, force, depth and shear of each contact into `state`.
 
     A neighbour's dent turns the skin, so that responses do not quite add up: it shifts a contact 30 degrees away by
-    about `shift` [rad], and less if farther away.
+    about `shift` [rad], and less if farther away. `spread` is that of a `RingResponse`, then its `sheared`.
     """
     for c in range(count):
-        force, z, t, at = state[c, 1], state[c, 2], state[c, 3], 4 * c
+        force, z, t, at, near = state[c, 1], state[c, 2], state[c, 3], 4 * c, 0.0
         deep, more = width[0] + z * width[1], force * width[1]
-        near = 0.0
         for d in range(count):
             gap = _apart(state[c, 0], state[d, 0])
             if d != c and gap < 0.5 * np.pi:
                 near += min(1.0, np.pi / 6.0 / gap) ** 2
-        beside = spread[0] ** 2 + (t * spread[2]) ** 2 + near * shift[0] ** 2
-        share = spread[1] ** 2 + (t * spread[3]) ** 2 + near * shift[1] ** 2
+        beside = spread[0] ** 2 + (t * spread[2]) ** 2 + near * shift**2
+        share = spread[1] ** 2 + (t * spread[3]) ** 2 + near * _BESIDE**2
         of_force, of_both, of_width = covariance[at + 1, at + 1], covariance[at + 1, at + 2], covariance[at + 2, at + 2]
         of_angle = covariance[at, at] + 2.0 * carry * (t * covariance[at, at + 1] + force * covariance[at, at + 3])
         state[c, 5] = np.sqrt(of_force + share * force**2)
@@ -493,9 +496,10 @@ def _dents(state, count, which, skin, moved):
 
 @inner
 def _carried(state, count, skin, outer, width, carry, found):
-    """Write the contacts' angles, corrected for the motion of the skin by their neighbours' dents, into `found`.
+    """Write the contacts' angles, corrected for the motion of the skin under them, into `found`.
 
-    The response gives the pressed part of the skin, at its angle under one contact alone.
+    The response gives the pressed part of the skin, at its angle where nothing moves it along: its own shear does, and
+    neighbours do.
 
     Args:
         state: contacts.
@@ -503,6 +507,7 @@ def _carried(state, count, skin, outer, width, carry, found):
         skin: (2, b, 2 K + 1, 2 M + 1) [m/N] of `RingResponse.skin`.
         outer: outer radius [m].
         width: (2,) of a `RingResponse`.
+        carry: `carried` of a `RingResponse`.
         found: (n, STATE), its first column is written.
     """
     moved = np.empty(skin.shape[:2])
@@ -516,10 +521,10 @@ def _carried(state, count, skin, outer, width, carry, found):
 def _held(state, count, skin, outer, grip, usual, held):
     """Write each contact's shear / force that its neighbours cause into `held`.
 
-    Neighbours' dents tilt the skin under a contact, which presses along the skin's normal. They also move the skin
-    along, and friction resists: at least not at all, at most until the skin does not move, or up to `grip` of the
-    force. The true value is not known, so the middle is used. Markers determine the shears of near contacts poorly: two
-    that pull at each other look much like two that press harder.
+    Neighbours tilt the skin under a contact, which presses along the skin's normal. They also move the skin along, and
+    friction resists: at least not at all, at most until the skin does not move, or up to `grip` of the force. The true
+    value is not known: the middle is expected, and a deviation reaches both ends. Markers determine the shears of near
+    contacts poorly: two that pull at each other look much like two that press harder.
 
     Args:
         state: contacts.
@@ -527,7 +532,8 @@ def _held(state, count, skin, outer, grip, usual, held):
         skin: see `_carried`, with the motion by shear.
         outer: outer radius [m].
         grip: largest shear / force, see `RingLocator`.
-        held: (MOST,), written.
+        usual: deviation of shear / force without neighbours.
+        held: (MOST, 2), written: mean and standard deviation.
     """
     moved = np.empty(skin.shape[:2])
     for c in range(count):
@@ -541,7 +547,7 @@ def _held(state, count, skin, outer, grip, usual, held):
 
 @released(
     """
-    displacements n d, markers m, model (a d b, a d b, 4), misfit r q, noise d, settings 6, learned (2, 5, 2 s t
+    displacements n d, markers m, model (a d b, a d b, 4), misfit r q, noise d, settings 5, learned (2, 5, 2 s t
     u, float, float, float, float, 3), states out n 6 9, counts out int64 n, left out 7 9, cost out n
     """
 )
@@ -551,14 +557,15 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     Args:
         displacements: (n, 2 m) [m] outwards and along rising angles, marker by marker; NaN: not seen.
         markers: (m,) [rad] angles at rest, ring by ring, the same number in each.
-        model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (3,) standard deviations of z and t, and z's
-            mean.
+        model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (4,) standard deviations of z and t, z's
+            mean, and the misfit's multiple by shear.
         misfit: (2 r, B) [m/N] of r rings.
         noise: (2 m,) [m^2] variances from the pixels.
         settings: (5,) on and off in standard deviations, least angle between contacts [rad], number of markers that may
             be omitted, and shift of a contact by a neighbour [rad].
-        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, the outer radius [m], its grip (0:
-            neighbours cause no shear), and its kinds of contacts, see `_told` (a share of 0: one kind).
+        learned: width (2,) of a `RingResponse`, its spread with the first three of `sheared` (5,), its `skin`, the
+            outer radius [m], grip (0: neighbours cause no shear), the usual deviation of shear / force, its `carried`,
+            and its kinds of contacts, see `_told` (a share of 0: one kind).
         states: (n, MOST, STATE), written, like all that follow.
         counts: (n,) number of contacts; -1: fewer than half of the markers are seen.
         left: (MOST + 1, STATE) contacts of the last image, their count in the last row's first place; changed.
@@ -592,7 +599,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         _covariance(work[2], 4 * count, covariance)
         if kinds[0] > 0.0 and count == 1:
             _weighed(state, model[2][1], kinds, covariance)
-        _deviations(state, count, covariance, width, spread, carry, settings[4:])
+        _deviations(state, count, covariance, width, spread, carry, settings[4])
         seen = 0
         for i in range(size):
             seen += used[i]
@@ -610,7 +617,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
 
 @released(
     """
-    pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 4), r q, d, 6, (2, 5, 2 s t u,
+    pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 4), r q, d, 5, (2, 5, 2 s t u,
     float, float, float, float, 3)), states out n 6 9, counts out int64 n, left out 7 9, cost out n, many out int64 n
     """
 )

@@ -164,9 +164,7 @@ def _carried(
         found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
         coefficients = np.concatenate(found, axis=1)
         terms = _terms(here, width, len(coefficients))
-        ahead, behind = (
-            _predicted(replace(here, angle=here.angle + e), coefficients, terms) for e in (-_STEP, _STEP)
-        )
+        ahead, behind = (_predicted(replace(here, angle=here.angle + e), coefficients, terms) for e in (-_STEP, _STEP))
         turned = (ahead - behind) / (2.0 * _STEP) * np.nan_to_num(here.shear)[:, None, None]
         left = np.nan_to_num(here.displacements - 0.5 * (ahead + behind))
         return coefficients, float((turned * left).sum() / max(float((turned**2).sum()), 1e-300))
