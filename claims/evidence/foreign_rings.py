@@ -26,6 +26,7 @@ KINDS = {  # angle [deg] and force [N] that are wanted
     "one dragged": (0.4, 0.05),
     "two 30 degrees apart": (None, 0.1),
 }
+WHAT = ("angle [deg]", "force [N]", "shear [N]")
 Errors = Float[np.ndarray, "n 6"]  # angle [rad], force and shear [N], each with its deviation
 
 
@@ -39,32 +40,22 @@ def rows(small: bool) -> Iterator[Row]:
             right = np.mean([each for unit in tried for _, each in unit])
             off = np.abs(errors[:, ::2]).mean(axis=0) * (180.0 / np.pi, 1.0, 1.0)
             single = single or off[0]
-            bounds = (2.0 * single if most is None else most, newtons)
-            for what, unit, error, deviation, bound in zip(
-                ("angle", "force", "shear"),
-                ("deg", "N", "N"),
-                errors.T[::2],
-                errors.T[1::2],
-                (*bounds, None),
-                strict=True,
-            ):
-                yield _row(f"{name}, {kind}: {what} [{unit}]", error, deviation, bound)
+            bounds = (2.0 * single if most is None else most, newtons, None)
+            for k, (what, bound) in enumerate(zip(WHAT, bounds, strict=True)):
+                yield _row(f"{name}, {kind}: {what}", *errors.T[2 * k : 2 * k + 2], bound, off[k])
             number = f"{name}, {kind}: number right, {sum(map(len, tried))} frames"
             yield Row(number, ">= 99 %", f"{right:.1%}", right >= 0.99)
 
 
-def _row(what: str, error: np.ndarray, deviation: np.ndarray, bound: float | None) -> Row:
-    scale = 180.0 / np.pi if "deg" in what else 1.0
-    off, held = scale * float(np.abs(error).mean()), float(np.mean(np.abs(error) <= 1.96 * deviation))
-    target = "intervals hold 90 to 97 %" if bound is None else f"<= {bound:.2g}, intervals hold 90 to 97 %"
-    met = (bound is None or off <= bound) and 0.9 <= held <= 0.97
-    return Row(what, target, f"{off:.3f}, intervals hold {held:.1%}", met)
+def _row(what: str, error: np.ndarray, deviation: np.ndarray, bound: float | None, off: float) -> Row:
+    held = float(np.mean(np.abs(error) <= 1.96 * deviation))
+    target = f"<= {bound:.2g}, " * (bound is not None) + "intervals hold 90 to 97 %"
+    return Row(what, target, f"{off:.3f}, {held:.1%}", (bound is None or off <= bound) and 0.9 <= held <= 0.97)
 
 
 @cache
 def _unit(name: str, seed: int) -> tuple[ForeignRing, RingLocator]:
-    """Return a unit, and what finds contacts on it by its calibration: 240 presses, of which a quarter of the angles
-    are dragged from 6 mm on."""
+    """Return a unit, and what finds contacts on it by 240 presses, of which every fourth angle's deep ones are dragged."""
     ring, rng = FOREIGN[name](seed), np.random.default_rng([51, seed])
     done, depths = list[PressedIn](), list[float]()
     for k in range(24):
