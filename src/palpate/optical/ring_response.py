@@ -55,7 +55,7 @@ class RingResponse(Value):
         dragged: (3,) share of presses that were dragged, and standard deviations of t of the others and of those;
             share 0: all are of one kind.
         carried: angle per newton of shear by which a contact carries the skin under it along [rad/N].
-        sheared: (4,) what a shear as large as the force adds: standard deviations of angle [rad], of force and of shear,
+        sheared: (4,) what a shear as large as the force adds: standard deviations of angle [rad], of force and shear,
             as shares of the force, and a multiple of the misfit.
         left_out: (4,) rms error and expected error of the angle [rad], then of the force, as shares of it, on presses
             left out of the fit; NaN: not known.

@@ -87,7 +87,8 @@ class ForeignRing:
         found = [
             _centre(_ROUND[near[own == k]], loads[own == k, 0], force[own == k], moved[own == k]) for k in set(own)
         ]
-        return PressedIn(*np.array(found).T, (self.inside[:, both] @ force.ravel()).reshape(-1, 2))
+        angle, push, shear = np.array(found).T
+        return PressedIn(angle, push, shear, (self.inside[:, both] @ force.ravel()).reshape(-1, 2))
 
 
 def _near(bodies: Float[np.ndarray, "k 4"]) -> tuple[np.ndarray, np.ndarray]:
