@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["FOREIGN", "MARKERS", "OUTER", "ForeignRing", "PressedIn", "Pressing"]
-
 NODES, STEPS = 720, 6  # round the ring; of pressing in, and of dragging
 MARKERS: Float[np.ndarray, " m"] = 2.0 * np.pi * np.arange(24) / 24  # rad
 OUTER, WALL, DEEP = 0.055, 0.004, 0.008  # m: outer radius, wall of the elastic ring, depth of a half-space's markers
