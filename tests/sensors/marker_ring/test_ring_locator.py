@@ -168,23 +168,27 @@ def test_a_shear_of_two_kinds_is_told_as_its_posterior_summed_up(
     assert (np.abs(told[:2] - mean[:2]) < 0.03 * wide).all()
     assert abs(told[3] - mean[3]) < 0.005
     np.testing.assert_allclose(told[4:6], np.sqrt(variance[:2]), rtol=0.02)
-    assert abs(told[3] - plain[3]) > 0.004  # the kinds make a difference
+    assert slide or abs(told[3] - plain[3]) > 0.004  # the kinds make a difference
 
 
-def test_kinds_are_for_single_contacts_of_the_calibration_s_friction(response: RingResponse) -> None:
-    """Not where another friction is stated; the search for several begins with the wide one."""
-    rng, one = np.random.default_rng(8), replace(response, dragged=np.zeros(3))
-    frames = [
-        moved(barrel().press([tip(at, 0.006) for at in angles]), rng) for angles in ([0.3], [0.3, 1.1], [1.0, 2.0, 4.0])
-    ]
-    for frame, friction, same in zip(
-        [frames[0], *frames], (0.1, None, None, None), (True, False, True, True), strict=True
-    ):
+def test_kinds_are_those_of_the_calibration_s_friction(response: RingResponse) -> None:
+    """Not where another friction is stated."""
+    frame, one = (
+        moved(barrel().press([tip(0.3, 0.006)]), np.random.default_rng(8)),
+        replace(response, dragged=np.zeros(3)),
+    )
+    for friction, same in ((0.1, True), (None, False)):
         pair = [
             RingLocator(each, MARKERS, NOISE, RingSettings(friction=friction), SKIN).run(frame[None]).states
             for each in (response, one)
         ]
         assert np.array_equal(*pair) == same
+
+
+def test_a_dragged_contact_is_one(response: RingResponse) -> None:
+    """At twice the calibration's friction: the search takes dragged contacts for usual."""
+    frames = [moved(barrel().press([tip(angle, 0.005, 0.015, 0.003)], 0.8)) for angle in (0.2, 2.2, 4.2)]
+    assert _located(response, np.stack(frames)).counts.tolist() == [1, 1, 1]
 
 
 def _dents(response: RingResponse, states: np.ndarray) -> np.ndarray:

@@ -253,17 +253,8 @@ class RingEstimator(ContactEstimator):
         covariance = [sideways * a * b for a in along for b in along]
         covariance[8] += _HEIGHT**2
         status = float(Status.IMPLAUSIBLE if off > _UNBELIEVABLE else Status.CONTACT)
-        said = [
-            angle,
-            depth,
-            width,
-            shear if shears else nan,
-            angle_sd,
-            force_sd,
-            depth_sd,
-            shear_sd if shears else nan,
-            seen,
-        ]
+        unsure = (angle_sd, force_sd, depth_sd, shear_sd if shears else nan)
+        said = [angle, depth, width, shear if shears else nan, *unsure, seen]
         push = [-force * a + shear * b for a, b in zip(out, along, strict=True)]
         place = [radius * a for a in out]
         return [*place, *out, *push, nan, *covariance, off, 1.0, status, *said, 0.0]  # in the order of ROW, features

@@ -155,7 +155,7 @@ def _carried(
     """Return `carried` and the coefficients of a `RingResponse`.
 
     A response is that of the skin which is pressed, and shear carries it along: by an angle per newton that is found
-    from what the fit leaves of dragged presses. The correction is linear in the error, so that two give the answer.
+    from what the fit leaves of dragged presses. The correction is linear in the error: two steps give its limit.
     """
 
     def fitted(carried: float) -> tuple[np.ndarray, float]:
@@ -173,9 +173,8 @@ def _carried(
         carried = 0.0 if before is None else before.carried
         return carried, fitted(carried)[0]
     first = fitted(0.0)[1]
-    second = fitted(first)[1]
-    carried = first * first / (first - second)
-    return carried, fitted(carried)[0]
+    carried = first / (1.0 - np.clip(fitted(first)[1] / first, 0.0, 0.9)) if first else 0.0
+    return float(carried), fitted(carried)[0]
 
 
 def _pressed(presses: RingPresses, carried: float) -> RingPresses:
