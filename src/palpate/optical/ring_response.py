@@ -54,6 +54,9 @@ class RingResponse(Value):
         grip: t up to which it was calibrated; 0: none is known.
         dragged: (3,) share of presses that were dragged, and standard deviations of t of the others and of those;
             share 0: all are of one kind.
+        carried: angle per newton of shear by which a contact carries the skin under it along [rad/N].
+        sheared: (4,) what a shear as large as the force adds: standard deviations of angle [rad], of force and shear,
+            as shares of the force, and a multiple of the misfit.
         left_out: (4,) rms error and expected error of the angle [rad], then of the force, as shares of it, on presses
             left out of the fit; NaN: not known.
 
@@ -70,6 +73,8 @@ class RingResponse(Value):
     grip: float = 0.0
     dragged: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     left_out: Float[np.ndarray, "4"] = field(default_factory=lambda: np.full(4, np.nan))
+    carried: float = 0.0
+    sheared: Float[np.ndarray, "4"] = field(default_factory=lambda: np.zeros(4))
 
     def __post_init__(self) -> None:
         shape = self.coefficients.shape
@@ -82,8 +87,10 @@ class RingResponse(Value):
             raise InputError(
                 f"misfit must have {shape[1]} rows, the second length of coefficients, not {len(self.misfit)}."
             )
-        if not (self.width > 0).all() or not (self.misfit >= 0).all() or not (self.spread >= 0).all():
-            raise InputError("width must be positive, and misfit and spread 0 or more.")
+        if not (self.width > 0).all() or not all(
+            (each >= 0).all() for each in (self.misfit, self.spread, self.sheared)
+        ):
+            raise InputError("width must be positive, and misfit, spread and sheared 0 or more.")
         if not (self.usual[1:] > 0).all() or not self.grip >= 0:
             raise InputError(
                 f"usual[1:], standard deviations, must be positive, not {self.usual[1:]}, and grip 0 or more, not "
@@ -95,7 +102,7 @@ class RingResponse(Value):
                 f"last, not {self.dragged}."
             )
         tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,), "usual": (3,)}
-        for name, tail in (tails | {"dragged": (3,), "left_out": (4,)}).items():
+        for name, tail in (tails | {"dragged": (3,), "left_out": (4,), "sheared": (4,)}).items():
             object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
 
     @property

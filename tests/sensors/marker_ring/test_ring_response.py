@@ -131,12 +131,23 @@ def test_a_calibration_finds_its_dragged_presses() -> None:
     assert response.dragged[2] == pytest.approx(response.grip, rel=0.4)
 
 
+def test_skin_that_shear_carries_along_is_found() -> None:
+    """Angles that are turned by 0.01 rad/N of shear raise what is found by that; the rest stays."""
+    response, made = calibrated()
+    more = fit_response(replace(made, angle=made.angle + 0.01 * made.shear))
+    assert response.carried > 0.01
+    assert more.carried == pytest.approx(response.carried + 0.01, rel=0.02)
+    np.testing.assert_allclose(
+        more.coefficients, response.coefficients, atol=0.02 * np.abs(response.coefficients).max()
+    )
+
+
 def test_another_unit_is_touched_as_the_first() -> None:
     """Two dozen presses that are not dragged tell nothing of friction."""
     before, made = calibrated()
     some = np.arange(len(made)) % 6 < 2
     after = fit_response(made.picked(some), before)
-    assert after.grip == before.grip
+    assert (after.grip, after.carried) == (before.grip, before.carried)
     np.testing.assert_array_equal(after.usual, before.usual)
     np.testing.assert_array_equal(after.dragged, before.dragged)
 

@@ -6,9 +6,9 @@ Minimised over the contacts c of an image, each with (phi, F, z, t), see `palpat
     + sum over c of ((z - m) / Z)^2 + ((t - h) / T)^2
 
 by Gauss-Newton steps that are shortened until the sum decreases. var_i is the variance of the pixels' noise and of the
-response's misfit; m, Z and T are from the calibration; h is the shear of a contact that its neighbours cause, see
-`_held`. It is 0 during the search for contacts, and for a single one, whose t is then corrected if the presses of the
-calibration were of two kinds, see `_told`.
+response's misfit; m and Z are from the calibration; h is the shear of a contact that its neighbours cause, T its
+deviation, see `_held`. During the search for contacts, and for a single one, h is 0 and T that of dragged presses; t is
+then corrected if the presses of the calibration were of two kinds, see `_told`.
 """
 
 # pyright: basic
@@ -21,10 +21,11 @@ from palpate.surfaces._jit import inner, released
 from palpate.surfaces._vectors import solve_positive
 
 MOST = 6  # contacts at once
-STATE = 8  # angle, force, width z, shear / force t, standard deviations of angle, force and depth, evidence
+STATE = 9  # angle, force, width z, shear / force t, deviations of angle, force and depth, evidence, shear's deviation
 _STEPS = 12  # of Gauss-Newton
 _TRIALS = 180  # angles at which an additional contact is tried
 _FAR = (3.0, 4.0)  # standard deviations of width and of shear: bounds of both
+_BESIDE = 0.02  # share of the force: its deviation by a neighbour 30 degrees away, and the shear's
 _ROUNDS = 2  # of computing the shears by neighbours and fitting again
 _FITS = 12.0  # squared standard deviations of a marker: if all lie below, no contact is missing
 
@@ -68,8 +69,11 @@ def _copy(one, other):
 
 
 @inner
-def _variances(state, count, markers, misfit, noise, variance):
-    """Write the variance of each displacement: that of the pixels, and the misfit of each contact's response."""
+def _variances(state, count, markers, misfit, steep, noise, variance):
+    """Write the variance of each displacement: that of the pixels, and the misfit of each contact's response.
+
+    A shear of t times the force adds `steep` t times the misfit.
+    """
     parts, each = misfit.shape[1], 2 * len(markers) // len(misfit)
     for m in range(len(markers)):
         ring = 2 * (m // each)
@@ -79,7 +83,7 @@ def _variances(state, count, markers, misfit, noise, variance):
             for c in range(count):
                 turn = (markers[m] - state[c, 0]) / (2.0 * np.pi)
                 k = int((turn - np.floor(turn)) * parts) % parts
-                variance[i] += (state[c, 1] * misfit[ring + e, k]) ** 2
+                variance[i] += (state[c, 1] * misfit[ring + e, k]) ** 2 * (1.0 + (steep * state[c, 3]) ** 2)
 
 
 @inner
@@ -102,7 +106,7 @@ def _cost(displacement, used, variance, state, count, model, held, residual, jac
                 jacobian[i, 4 * c + 1] = value[i]
                 jacobian[i, 4 * c + 2] = force * by_z[i]
                 jacobian[i, 4 * c + 3] = force * shear[i]
-        cost += ((z - priors[2]) / priors[0]) ** 2 + ((t - held[c]) / priors[1]) ** 2
+        cost += ((z - priors[2]) / priors[0]) ** 2 + ((t - held[c, 0]) / held[c, 1]) ** 2
     for i in range(size):
         if used[i]:
             cost += residual[i] ** 2 / variance[i]
@@ -123,7 +127,7 @@ def _refine(problem, used, state, count, work):
     factor, trial = np.empty((size, size)), np.empty((len(state), STATE))
     _copy(state, trial)
     no_jacobian = np.empty((len(residual), 0))
-    _variances(state, count, markers, misfit, noise, variance)
+    _variances(state, count, markers, misfit, model[2][3], noise, variance)
     cost, damping = _cost(displacement, used, variance, state, count, model, held, residual, jacobian), 1e-4
     for turn in range(_STEPS):
         for a in range(size):
@@ -142,8 +146,9 @@ def _refine(problem, used, state, count, work):
         for c in range(count):
             for e in range(2):
                 a = 4 * c + 2 + e
-                gradient[a] -= (state[c, 2 + e] - (held[c] if e else priors[2])) / priors[e] ** 2
-                normal[a, a] += 1.0 / priors[e] ** 2
+                middle, wide = (held[c, 0], held[c, 1]) if e else (priors[2], priors[0])
+                gradient[a] -= (state[c, 2 + e] - middle) / wide**2
+                normal[a, a] += 1.0 / wide**2
         if turn == _STEPS - 1:
             break
         better, moved = False, 0.0
@@ -156,7 +161,8 @@ def _refine(problem, used, state, count, work):
                     trial[c, 0] = state[c, 0] + min(max(step[4 * c], -0.15), 0.15)
                     trial[c, 1] = max(state[c, 1] + step[4 * c + 1], 1e-3)
                     for e in range(2):
-                        middle, bound = 0.0 if e else priors[2], _FAR[e] * priors[e]
+                        middle, wide = (held[c, 0], held[c, 1]) if e else (priors[2], priors[0])
+                        bound = _FAR[e] * wide
                         moved_to = state[c, 2 + e] + step[4 * c + 2 + e]
                         trial[c, 2 + e] = min(max(moved_to, middle - bound), middle + bound)
                 found = _cost(displacement, used, variance, trial, count, model, held, residual, no_jacobian)
@@ -172,7 +178,7 @@ def _refine(problem, used, state, count, work):
             for k in range(4):
                 state[c, k] = trial[c, k]
         damping = max(0.1 * damping, 1e-7)
-        _variances(state, count, markers, misfit, noise, variance)
+        _variances(state, count, markers, misfit, model[2][3], noise, variance)
         cost = _cost(displacement, used, variance, state, count, model, held, residual, jacobian)
         if moved < 1.0:
             break
@@ -432,25 +438,29 @@ def _weighed(state, usual, kinds, covariance):
 
 
 @inner
-def _deviations(state, count, covariance, width, spread, shift):
-    """Write standard deviations of angle, force and depth of each contact into `state`.
+def _deviations(state, count, covariance, width, spread, carry, shift):
+    """Write standard deviations of angle, force, depth and shear of each contact into `state`.
 
     A neighbour's dent turns the skin, so that responses do not quite add up: it shifts a contact 30 degrees away by
-    about `shift` [rad], and less if farther away.
+    about `shift` [rad], and less if farther away. `spread` is that of a `RingResponse`, then its `sheared`.
     """
     for c in range(count):
-        force, z, at = state[c, 1], state[c, 2], 4 * c
+        force, z, t, at, near = state[c, 1], state[c, 2], state[c, 3], 4 * c, 0.0
         deep, more = width[0] + z * width[1], force * width[1]
-        beside = spread[0] ** 2
         for d in range(count):
             gap = _apart(state[c, 0], state[d, 0])
             if d != c and gap < 0.5 * np.pi:
-                beside += (shift * min(1.0, np.pi / 6.0 / gap)) ** 2
+                near += min(1.0, np.pi / 6.0 / gap) ** 2
+        beside = spread[0] ** 2 + (t * spread[2]) ** 2 + near * shift**2
+        share = spread[1] ** 2 + (t * spread[3]) ** 2 + near * _BESIDE**2
         of_force, of_both, of_width = covariance[at + 1, at + 1], covariance[at + 1, at + 2], covariance[at + 2, at + 2]
-        state[c, 4] = np.sqrt(covariance[at, at] + beside)
-        state[c, 5] = np.sqrt(of_force + (spread[1] * force) ** 2)
+        of_angle = covariance[at, at] + 2.0 * carry * (t * covariance[at, at + 1] + force * covariance[at, at + 3])
+        state[c, 5] = np.sqrt(of_force + share * force**2)
         depth = deep * deep * of_force + 2.0 * deep * more * of_both + more * more * of_width
-        state[c, 6] = np.sqrt(max(depth, 0.0) + (spread[1] * force * deep) ** 2)
+        state[c, 6] = np.sqrt(max(depth, 0.0) + share * (force * deep) ** 2)
+        shear = t * t * of_force + 2.0 * t * force * covariance[at + 1, at + 3] + force**2 * covariance[at + 3, at + 3]
+        state[c, 8] = np.sqrt(max(shear, 0.0) + (share + (t * spread[4]) ** 2) * force**2)
+        state[c, 4] = np.sqrt(max(of_angle + carry**2 * shear, 0.0) + beside)
 
 
 @inner
@@ -470,25 +480,24 @@ def _skin(skin, delta, phi, moved):
 
 @inner
 def _dents(state, count, which, skin, moved):
-    """Return the skin's motion under a contact by its neighbours' dents: along rising angles [m], and slope [m/rad].
-
-    Motion by shear is not included: the markers determine it too poorly.
-    """
+    """Return the skin's motion under a contact by its neighbours: along rising angles [m], and slope [m/rad]."""
     along = slope = 0.0
     for d in range(count):
         if d != which:
             _skin(skin, state[which, 0] - state[d, 0], state[d, 0], moved)
-            force, z = state[d, 1], state[d, 2]
-            along += force * (moved[0, 0] + z * (moved[0, 1] + z * moved[0, 2]))
-            slope += force * (moved[1, 0] + z * (moved[1, 1] + z * moved[1, 2]))
+            for q in range(skin.shape[1]):
+                weight = state[d, 1] * (state[d, 3] if q == 3 else state[d, 2] ** q)
+                along += weight * moved[0, q]
+                slope += weight * moved[1, q]
     return along, slope
 
 
 @inner
-def _carried(state, count, skin, outer, width, found):
-    """Write the contacts' angles, corrected for the motion of the skin by their neighbours' dents, into `found`.
+def _carried(state, count, skin, outer, width, carry, found):
+    """Write the contacts' angles, corrected for the motion of the skin under them, into `found`.
 
-    The response gives the pressed part of the skin, at its angle under one contact alone.
+    The response gives the pressed part of the skin, at its angle where nothing moves it along: its own shear does, and
+    neighbours do.
 
     Args:
         state: contacts.
@@ -496,23 +505,24 @@ def _carried(state, count, skin, outer, width, found):
         skin: (2, b, 2 K + 1, 2 M + 1) [m/N] of `RingResponse.skin`.
         outer: outer radius [m].
         width: (2,) of a `RingResponse`.
+        carry: `carried` of a `RingResponse`.
         found: (n, STATE), its first column is written.
     """
     moved = np.empty(skin.shape[:2])
     for c in range(count):
         along, _ = _dents(state, count, c, skin, moved)
         depth = state[c, 1] * (width[0] + state[c, 2] * width[1])
-        found[c, 0] = state[c, 0] + along / (outer - depth)
+        found[c, 0] = state[c, 0] + along / (outer - depth) + carry * state[c, 1] * state[c, 3]
 
 
 @inner
-def _held(state, count, skin, outer, grip, held):
+def _held(state, count, skin, outer, grip, usual, held):
     """Write each contact's shear / force that its neighbours cause into `held`.
 
-    Neighbours' dents tilt the skin under a contact, which presses along the skin's normal. They also move the skin
-    along, and friction resists: at least not at all, at most until the skin does not move, or up to `grip` of the
-    force. The true value is not known, so the middle is used. Markers determine the shears of near contacts poorly: two
-    that pull at each other look much like two that press harder.
+    Neighbours tilt the skin under a contact, which presses along the skin's normal. They also move the skin along, and
+    friction resists: at least not at all, at most until the skin does not move, or up to `grip` of the force. The true
+    value is not known: the middle is expected, and a deviation reaches both ends. Markers determine the shears of near
+    contacts poorly: two that pull at each other look much like two that press harder.
 
     Args:
         state: contacts.
@@ -520,22 +530,23 @@ def _held(state, count, skin, outer, grip, held):
         skin: see `_carried`, with the motion by shear.
         outer: outer radius [m].
         grip: largest shear / force, see `RingLocator`.
-        held: (MOST,), written.
+        usual: deviation of shear / force without neighbours.
+        held: (MOST, 2), written: mean and standard deviation.
     """
     moved = np.empty(skin.shape[:2])
     for c in range(count):
         along, slope = _dents(state, count, c, skin, moved)
         _skin(skin, 0.0, state[c, 0], moved)
         gives = state[c, 1] * moved[0, 3]
-        held[c] = slope / outer
-        if gives > 0.0:
-            held[c] += 0.5 * min(max(-along / gives, -grip), grip)
+        most = min(max(-along / gives, -grip), grip) if gives > 0.0 else 0.0
+        held[c, 0] = slope / outer + 0.5 * most
+        held[c, 1] = np.sqrt(usual**2 + (0.5 * most) ** 2)
 
 
 @released(
     """
-    displacements n d, markers m, model (a d b, a d b, 3), misfit r q, noise d, settings 5, learned (2, 2, 2 s t
-    u, float, float, 3), states out n 6 8, counts out int64 n, left out 7 8, cost out n
+    displacements n d, markers m, model (a d b, a d b, 4), misfit r q, noise d, settings 5, learned (2, 5, 2 s t
+    u, float, float, float, float, 3), states out n 6 9, counts out int64 n, left out 7 9, cost out n
     """
 )
 def frames(displacements, markers, model, misfit, noise, settings, learned, states, counts, left, cost):
@@ -544,14 +555,15 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     Args:
         displacements: (n, 2 m) [m] outwards and along rising angles, marker by marker; NaN: not seen.
         markers: (m,) [rad] angles at rest, ring by ring, the same number in each.
-        model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (3,) standard deviations of z and t, and z's
-            mean.
+        model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (4,) standard deviations of z and t, z's
+            mean, and the misfit's multiple by shear.
         misfit: (2 r, B) [m/N] of r rings.
         noise: (2 m,) [m^2] variances from the pixels.
         settings: (5,) on and off in standard deviations, least angle between contacts [rad], number of markers that may
             be omitted, and shift of a contact by a neighbour [rad].
-        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, the outer radius [m], its grip (0:
-            neighbours cause no shear), and its kinds of contacts, see `_told` (a share of 0: one kind).
+        learned: width (2,) of a `RingResponse`, its spread with the first three of `sheared` (5,), its `skin`, the
+            outer radius [m], grip (0: neighbours cause no shear), the usual deviation of shear / force, its `carried`,
+            and its kinds of contacts, see `_told` (a share of 0: one kind).
         states: (n, MOST, STATE), written, like all that follow.
         counts: (n,) number of contacts; -1: fewer than half of the markers are seen.
         left: (MOST + 1, STATE) contacts of the last image, their count in the last row's first place; changed.
@@ -561,9 +573,9 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     work = (np.empty(size), np.empty((size, 4 * MOST)), np.empty((4 * MOST, 4 * MOST)), np.empty(size))
     state, used = np.zeros((MOST, STATE)), np.empty(size, dtype=np.bool_)
     _copy(left[:MOST], state)
-    count, here, held = int(left[MOST, 0]), np.empty(size), np.zeros(MOST)
+    count, here, held = int(left[MOST, 0]), np.empty(size), np.zeros((MOST, 2))
     covariance = np.empty((4 * MOST, 4 * MOST))
-    width, spread, skin, outer, grip, kinds = learned
+    width, spread, skin, outer, grip, usual, carry, kinds = learned
     for n in range(len(displacements)):
         seen = 0
         for i in range(size):
@@ -575,17 +587,17 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
             continue
         for i in range(size):
             here[i] = displacements[n, i] if used[i] else 0.0
-        held[:] = 0.0
+        held[:, 0], held[:, 1] = 0.0, model[2][1]
         problem = (here, markers, model, misfit, noise, held)
         count, cost[n] = _found(problem, used, state, count, work, settings)
         if count > 1 and grip > 0.0:
             for _ in range(_ROUNDS):
-                _held(state, count, skin, outer, grip, held)
+                _held(state, count, skin, outer, grip, usual, held)
                 cost[n] = _refine(problem, used, state, count, work)
         _covariance(work[2], 4 * count, covariance)
         if kinds[0] > 0.0 and count == 1:
             _weighed(state, model[2][1], kinds, covariance)
-        _deviations(state, count, covariance, width, spread, settings[4])
+        _deviations(state, count, covariance, width, spread, carry, settings[4])
         seen = 0
         for i in range(size):
             seen += used[i]
@@ -593,7 +605,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         cost[n] = np.sqrt(cost[n] / free)
         counts[n] = count
         _copy(state, states[n])
-        _carried(state, count, skin, outer, width, states[n])
+        _carried(state, count, skin, outer, width, carry, states[n])
         for c in range(count):
             turn = states[n, c, 0] / (2.0 * np.pi)
             states[n, c, 0] = 2.0 * np.pi * (turn - np.floor(turn))
@@ -603,8 +615,8 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
 
 @released(
     """
-    pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 3), r q, d, 5, (2, 2, 2 s t u,
-    float, float, 3)), states out n 6 8, counts out int64 n, left out 7 8, cost out n, many out int64 n
+    pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 4), r q, d, 5, (2, 5, 2 s t u,
+    float, float, float, float, 3)), states out n 6 9, counts out int64 n, left out 7 9, cost out n, many out int64 n
     """
 )
 def shown(pixels, ring, steps, known, states, counts, left, cost, many):

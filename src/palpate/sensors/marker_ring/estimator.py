@@ -23,7 +23,7 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.pose import Pose
 
 UINT8 = np.dtype(np.uint8)
-FEATURES = ("angle", "depth", "width", "shear", "angle_sd", "force_sd", "depth_sd", "markers")
+FEATURES = ("angle", "depth", "width", "shear", "angle_sd", "force_sd", "depth_sd", "shear_sd", "markers")
 _SEEN = ROW.length + len(FEATURES) - 1  # the column of the number of markers seen
 _UNBELIEVABLE = 4.0  # root of chi-square over its degrees of freedom above which contacts are implausible
 _HEIGHT = 2e-3  # m: standard deviation along the barrel's axis, where contacts are placed at the ring's height
@@ -40,7 +40,7 @@ class RingEstimator(ContactEstimator):
 
     Features: `angle` [rad] about the ring's axis; `depth` [m] of the indenter's foremost point; `width` [m], half of
     the dent's width at half of its depth; `shear` [N] along rising angles, NaN where it was not calibrated; `angle_sd`
-    [rad], `force_sd` [N], `depth_sd` [m] standard deviations; `markers`, the number of markers seen.
+    [rad], `force_sd` [N], `depth_sd` [m], `shear_sd` [N] standard deviations; `markers`, the number of markers seen.
 
     Args:
         ring: calibrated ring.
@@ -240,20 +240,21 @@ class RingEstimator(ContactEstimator):
         """Return a contact's row without its identity, as plain numbers, which are faster than small arrays.
 
         Args:
-            state: (8,) of `RingFound.states`.
+            state: (9,) of `RingFound.states`.
             more: cosine and sine of the angle, depth [m], width [m].
             off: residual of the image.
             seen: number of markers seen.
         """
         c, s, depth, width = more
-        angle, force, _, t, angle_sd, force_sd, depth_sd, _ = state
+        angle, force, _, t, angle_sd, force_sd, depth_sd, _, shear_sd = state
         radius, shears = self.ring.radius, self.ring.response.shears
         shear, off_side = force * t if shears else 0.0, radius * angle_sd
         out, along, sideways = (c, s, 0.0), (-s, c, 0.0), off_side * off_side
         covariance = [sideways * a * b for a in along for b in along]
         covariance[8] += _HEIGHT**2
         status = float(Status.IMPLAUSIBLE if off > _UNBELIEVABLE else Status.CONTACT)
-        said = [angle, depth, width, shear if shears else nan, angle_sd, force_sd, depth_sd, seen]
+        unsure = (angle_sd, force_sd, depth_sd, shear_sd if shears else nan)
+        said = [angle, depth, width, shear if shears else nan, *unsure, seen]
         push = [-force * a + shear * b for a, b in zip(out, along, strict=True)]
         place = [radius * a for a in out]
         return [*place, *out, *push, nan, *covariance, off, 1.0, status, *said, 0.0]  # in the order of ROW, features

@@ -141,6 +141,12 @@ MARKER_RING = Model(
                 "dragged": Key(
                     "share of dragged presses, deviations of shear / force of plain and of dragged; 0: one kind"
                 ),
+                "carried": Key("rad/N of shear, by which the skin under a contact is carried along"),
+                "sheared": Key(
+                    "rad, shares of the force, a multiple: what a shear as large as the force adds to deviations of "
+                    "angle, force and shear, and to the misfit",
+                    least=0.0,
+                ),
                 "left_out": Key(
                     "rad, then shares of the force: rms error on presses that were left out, and the expected one",
                     unknown=True,

@@ -17,6 +17,7 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
 _TABLE = 720  # angles of the response's table
+_ROUGH = 0.8  # coefficient of friction of bodies, at most, where none is stated
 _NO_SHEAR = 1e-6  # standard deviation of shear / force where shear was not calibrated: none
 
 
@@ -30,7 +31,8 @@ class RingSettings:
         apart: least angle between two contacts [deg].
         dropped: number of markers of an image that may be omitted.
         shift: standard deviation of the shift of a contact by a neighbour 30 degrees away [deg].
-        friction: standard deviation of shear / force; None: that of the calibration.
+        friction: standard deviation of shear / force; None: that of the calibration, and neighbours cause shears up to
+            0.8 of the force.
         wide: standard deviation of a contact's width, in those of the calibration's widths.
         reach: distance by which a contact may move between images and keep its identity [m].
         speed: at which a contact may move in addition [m/s].
@@ -67,13 +69,14 @@ class RingFound:
     """Contacts of n images.
 
     Attributes:
-        states: (n, most, 8) angle [rad], force [N], width (in standard deviations of the calibration's), shear / force,
-            standard deviations of angle [rad], force [N] and depth [m], and the rise of chi-square without the contact.
+        states: (n, most, 9) angle [rad], force [N], width (in standard deviations of the calibration's), shear / force,
+            standard deviations of angle [rad], force [N] and depth [m], the rise of chi-square without the contact, and
+            the standard deviation of shear [N].
         counts: (n,) number of contacts; -1: fewer than half of the markers were seen.
         residual: (n,) root of chi-square over its degrees of freedom.
     """
 
-    states: Float[np.ndarray, "n most 8"]
+    states: Float[np.ndarray, "n most 9"]
     counts: Int[np.ndarray, " n"]
     residual: Float[np.ndarray, " n"]
 
@@ -105,16 +108,22 @@ class RingLocator:
 
         self.response, self.settings = response, settings or RingSettings()
         self.markers = np.array(markers, dtype=np.float64)
-        set_, (middle, wide, usual) = self.settings, response.usual.tolist()
-        shear = (set_.friction or usual) if response.shears else _NO_SHEAR
-        self.grip = response.grip * min(1.0, shear / usual) if response.shears else 0.0
+        set_, (middle, wide, usual), kinds = self.settings, response.usual.tolist(), np.zeros(3)
+        self.grip = max(response.grip, _ROUGH) if response.grip else 0.0
+        if not response.shears:
+            usual, self.grip = _NO_SHEAR, 0.0
+        elif set_.friction is None:
+            kinds = response.dragged.copy()
+        else:
+            self.grip = response.grip * min(1.0, set_.friction / usual)
+            usual = set_.friction
         table, slope = response.tables(self.markers, _TABLE)
-        model = (table, slope, np.array([set_.wide * wide, shear, middle]))
+        model = (table, slope, np.array([set_.wide * wide, max(usual, kinds[2]), middle, response.sheared[3]]))
         numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
         moved = np.zeros((2, 3, 1, 1)) if skin is None else response.skin(*skin)
         outer, grip = (np.inf, 0.0) if skin is None else (skin[0], self.grip)
-        kinds = response.dragged.copy() if set_.friction is None and response.shears else np.zeros(3)
-        learned = (response.width.copy(), response.spread.copy(), moved, outer, grip, kinds)
+        spread = np.concatenate([response.spread, response.sheared[:3]])
+        learned = (response.width.copy(), spread, moved, outer, grip, usual, response.carried, kinds)
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))
@@ -163,8 +172,8 @@ class RingLocator:
     def _room(self, count: int) -> RingFound:
         return RingFound(np.zeros((count, *self._left[1:].shape)), np.zeros(count, dtype=np.int64), np.zeros(count))
 
-    def depth(self, states: Float[np.ndarray, "*batch 8"]) -> Float[np.ndarray, "*batch"]:
-        """Return the depth (*batch,) [m] of contacts (*batch, 8) of `RingFound.states`.
+    def depth(self, states: Float[np.ndarray, "*batch 9"]) -> Float[np.ndarray, "*batch"]:
+        """Return the depth (*batch,) [m] of contacts (*batch, 9) of `RingFound.states`.
 
         Raises:
             InputError: states has another shape.

@@ -23,6 +23,7 @@ _PLAIN = 0.02  # of the force: assumed accuracy of a shear gauge next to a ring;
 _TURNS = 200  # of expectation and maximisation
 _STEEPEST = 2.0  # shear / force: that of silicone on anything is below
 _ASTRAY, _WRONG = 0.35, 0.5  # rad, share of force: larger errors on omitted presses mean a wrong truth
+_STEP = 1e-4  # rad, of a numerical derivative
 _SHEAR = 0.15  # usual shear / force where none was calibrated
 _NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the likeliest begins with: of a new kind,
 _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
@@ -142,12 +143,43 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
     else:
         start, width = _rescaled(presses, before)
         usual, grip, dragged = before.usual, before.grip, before.dragged
-    each = zip(presses.by_ring(), np.split(start, presses.rings, axis=1), strict=True)
-    found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
-    coefficients = np.concatenate(found, axis=1)
+    carried, coefficients = _carried(presses, start, width, before)
     largest = np.array([presses.depth.max(), presses.force.max()])
     nothing = np.zeros((2 * presses.rings, PARTS))
-    return RingResponse(coefficients, width, nothing, np.zeros(2), largest, usual, grip, dragged)
+    return RingResponse(coefficients, width, nothing, np.zeros(2), largest, usual, grip, dragged, carried=carried)
+
+
+def _carried(
+    presses: RingPresses, start: np.ndarray, width: np.ndarray, before: RingResponse | None
+) -> tuple[float, Float[np.ndarray, "b e k m"]]:
+    """Return `carried` and the coefficients of a `RingResponse`.
+
+    A response is that of the skin which is pressed, and shear carries it along: by an angle per newton that is found
+    from what the fit leaves of dragged presses. The correction is linear in the error: two steps give its limit.
+    """
+
+    def fitted(carried: float) -> tuple[np.ndarray, float]:
+        here = _pressed(presses, carried)
+        each = zip(here.by_ring(), np.split(start, here.rings, axis=1), strict=True)
+        found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
+        coefficients = np.concatenate(found, axis=1)
+        terms = _terms(here, width, len(coefficients))
+        ahead, behind = (_predicted(replace(here, angle=here.angle + e), coefficients, terms) for e in (-_STEP, _STEP))
+        turned = (ahead - behind) / (2.0 * _STEP) * np.nan_to_num(here.shear)[:, None, None]
+        left = np.nan_to_num(here.displacements - 0.5 * (ahead + behind))
+        return coefficients, float((turned * left).sum() / max(float((turned**2).sum()), 1e-300))
+
+    if before is not None or len(start) < 4:
+        carried = 0.0 if before is None else before.carried
+        return carried, fitted(carried)[0]
+    first = fitted(0.0)[1]
+    carried = first / (1.0 - np.clip(fitted(first)[1] / first, 0.0, 0.9)) if first else 0.0
+    return float(carried), fitted(carried)[0]
+
+
+def _pressed(presses: RingPresses, carried: float) -> RingPresses:
+    """Return the presses at the angles of the skin that they press."""
+    return replace(presses, angle=presses.angle - carried * np.nan_to_num(presses.shear))
 
 
 def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Float[np.ndarray, "3"], float]:
@@ -305,21 +337,40 @@ def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResp
     folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
     fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
     parts = [presses.picked(folds == fold) for fold in (0, 1)]
-    square, number = np.zeros((2, 2 * presses.rings, PARTS))
-    for fit, part in zip(fits, parts, strict=True):
-        _add_misfit(fit, part, square, number)
-    misfit = np.sqrt(np.maximum(square, 0.0) / np.maximum(number, 1e-30))
-    every = np.concatenate([_errors(replace(fit, misfit=misfit), part) for fit, part in zip(fits, parts, strict=True)])
-    spread, shares = _beside(every), np.stack([np.ones(len(every)), every[:, 4]])
-    found: Float[np.ndarray, "4"] = np.full(4, np.nan)
-    for e in range(2 if 2 * len(every) >= len(presses) else 0):  # else NaN: most are not found
-        off, stated = (every[:, [e, 2 + e]] / shares[e][:, None]).T.tolist()
-        found[2 * e : 2 * e + 2] = _rms(off), np.hypot(_rms(stated), spread[e])
-    return {"misfit": misfit, "spread": spread, "left_out": found}
+    misfit, sheared = _misfit(fits, parts, 2 * presses.rings)
+    judged = [replace(fit, misfit=misfit, sheared=sheared) for fit in fits]
+    every = np.concatenate([_errors(fit, part) for fit, part in zip(judged, parts, strict=True)])
+    steep, force = np.abs(every[:, 7]), every[:, 6]
+    plain = steep <= _rms(steep.tolist() or [0.0])
+    spread, expected = np.zeros(3), np.full(6, np.nan)
+    for e, scale in enumerate((np.ones(len(every)), force, force)):
+        off, known = np.abs(every[:, 2 * e] / scale), every[:, 2 * e + 1] / scale
+        spread[e] = _beside(off[plain], known[plain], 1.0) if e < 2 else spread[1]
+        known = np.hypot(known, spread[e])
+        sheared[e] = _beside(off[~plain], known[~plain], steep[~plain])
+        if 2 * len(every) >= len(presses):  # else NaN: most are not found
+            expected[2 * e : 2 * e + 2] = _rms(off.tolist()), _rms(np.hypot(known, sheared[e] * steep).tolist())
+    return {"misfit": misfit, "spread": spread[:2], "sheared": sheared, "left_out": expected[:4]}
 
 
 def _rms(values: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _misfit(
+    fits: Sequence[RingResponse], parts: Sequence[RingPresses], rows: int
+) -> tuple[Float[np.ndarray, "rows parts"], Float[np.ndarray, "4"]]:
+    """Return `misfit` by presses of little shear, and `sheared` with what the others have in addition."""
+    square, number = np.zeros((2, 2, rows, PARTS))  # presses of little shear, and the others
+    steep = [np.abs(np.nan_to_num(part.shear / part.force)) for part in parts]
+    usual = _rms(np.concatenate(steep).tolist())
+    for fit, part, share in zip(fits, parts, steep, strict=True):
+        for k, mask in enumerate((share <= usual, share > usual)):
+            _add_misfit(fit, _pressed(part.picked(mask), fit.carried), square[k], number[k])
+    misfit = np.sqrt(np.maximum(square[0], 0.0) / np.maximum(number[0], 1e-30))
+    more = square[1].sum() / max(float((number[1] * misfit**2).sum()), 1e-30) - 1.0
+    dragged = np.concatenate([share[share > usual] for share in steep])
+    return misfit, np.array([0.0, 0.0, 0.0, np.sqrt(max(more, 0.0)) / _rms(dragged.tolist()) if len(dragged) else 0.0])
 
 
 def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number: np.ndarray) -> None:
@@ -335,8 +386,8 @@ def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number
         number[row] += np.bincount(where[seen], np.broadcast_to(part.force[:, None] ** 2, where.shape)[seen], PARTS)
 
 
-def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
-    """Return errors of angle [rad] and force [N], their standard deviations, and the force."""
+def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 8"]:
+    """Return errors and deviations of angle [rad], force and shear [N] in turns, the force, and found shear / force."""
     locator = RingLocator(fit, part.markers, part.noise, RingSettings())
     rows = list[list[float]]()
     for k in range(len(part)):
@@ -344,23 +395,19 @@ def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
         found = locator.run(part.displacements[k : k + 1])
         if found.counts[0] != 1:
             continue
-        angle, force, _, _, angle_sd, force_sd = found.states[0, 0, :6]
-        off = float(turned(np.asarray(angle - part.angle[k])))
-        rows.append([off, force - part.force[k], angle_sd, force_sd, part.force[k]])
-    return np.array(rows).reshape(-1, 5)
+        angle, force, _, t, angle_sd, force_sd, _, _, shear_sd = found.states[0, 0]
+        off, wrong = float(turned(np.asarray(angle - part.angle[k]))), force * t - np.nan_to_num(part.shear[k])
+        rows.append([off, angle_sd, force - part.force[k], force_sd, wrong, shear_sd, part.force[k], t])
+    return np.array(rows).reshape(-1, 8)
 
 
-def _beside(errors: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "2"]:
-    """Return additional standard deviations (2,) with which 95 % of the errors lie within 1.96 of the total."""
-    found = np.zeros(2)
-    if not len(errors):
-        return found
-    for e, scale in enumerate((np.ones(len(errors)), errors[:, 4])):
-        off, known = np.abs(errors[:, e]), errors[:, 2 + e]
-        lower, upper = 0.0, 1.0
-        for _ in range(40):
-            middle = 0.5 * (lower + upper)
-            inside = np.mean(off <= 1.96 * np.sqrt(known**2 + (middle * scale) ** 2))
-            lower, upper = (lower, middle) if inside >= 0.95 else (middle, upper)
-        found[e] = upper if upper > 1e-9 else 0.0
-    return found
+def _beside(off: np.ndarray, known: np.ndarray, scale: np.ndarray | float) -> float:
+    """Return b so that 95 % of the errors lie within 1.96 deviations of sqrt(known^2 + (b scale)^2)."""
+    if not len(off):
+        return 0.0
+    lower, upper = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (lower + upper)
+        inside = np.mean(off <= 1.96 * np.sqrt(known**2 + (middle * scale) ** 2))
+        lower, upper = (lower, middle) if inside >= 0.95 else (middle, upper)
+    return upper if upper > 1e-9 else 0.0
