@@ -14,8 +14,6 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["press"]
-
 _TURNS, _SWEEPS, _EXACT = 40, 400, 1e-7  # normals anew, sweeps with them, N
 
 
