@@ -139,10 +139,10 @@ def _inertia(lasting: float) -> Iterator[Row]:
         what = f"{name} ({felt:.1f} m/s^2 rms), poses at 100 Hz"
         alone = _residual(log)
         ways = {"poses": "accelerations from poses", "imu": "from an accelerometer (0.01 m/s^2 noise)"}
-        for source, said in ways.items():
+        for source, way in ways.items():
             force, normalised = _residual(log, source)
             got = f"{force:.2f} ({normalised:.2f} of what is stated; weight only {alone[0]:.0f})"
-            yield Row(f"{what}, {said}: residual force over the noise", "", got)
+            yield Row(f"{what}, {way}: residual force over the noise", "", got)
         got = f"{_residual(log, 'none')[1]:.2f}"
         yield Row(f"{what}, no acceleration: residual over its widened deviation", "about 1", got)
     log, _ = _moving(Swing(start=1e9), lasting)

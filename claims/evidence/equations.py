@@ -67,7 +67,7 @@ def orders(count: int) -> tuple[np.ndarray, list[float]]:
 
 def _order(count: int) -> Row:
     found, errors = orders(count)
-    said = ", ".join(f"{1e6 * error:.2f} um" for error in errors)
+    sizes = ", ".join(f"{1e6 * error:.2f} um" for error in errors)
     what = "soft finger on meshes of the ellipsoid, 500 to 32,000 facets: order of convergence in the edge"
-    got = f"{', '.join(f'{order:.2f}' for order in found)} ({said})"
+    got = f"{', '.join(f'{order:.2f}' for order in found)} ({sizes})"
     return Row(what, "2", got, np.all(np.abs(found - 2.0) < 0.25))

@@ -24,24 +24,12 @@ from palpate.setup.source import RigSource
 from palpate.signals.payload import Payload
 from palpate_lab.simulation.bags import nanoseconds, wrenches, write_bag
 from tests.conformance.live import recorded
+from tests.sensors.force_torque.test_payload_imu import RIG as OF_LOGS
 from tests.support.given_source import Given
 from tests.support.ros_kinds import TYPES, packed
 
 STEP = 0.02  # s between wrenches
-RIG = """\
-[surface]
-kind = "sphere"
-radius = 0.02
-pose = { xyz = [0, 0, 0.1], quaternion_xyzw = [0, 0, 0, 1] }
-
-[force_torque]
-noise = { force = 0.05, torque = 0.002 }
-payload = "payload.toml"
-
-[acceleration]
-topic = "/imu"
-kind = "imu"
-"""
+RIG = OF_LOGS.replace("[acceleration]\n", '[acceleration]\ntopic = "/imu"\n')
 
 
 def messages(time: np.ndarray, felt: np.ndarray) -> list[Any]:

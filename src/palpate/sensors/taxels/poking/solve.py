@@ -112,7 +112,8 @@ def solve(
     scale = np.nan, np.nan
     if chart is not None:
         far, worth, along = _scale(linear, told, pokes, units, seen, covariance)
-        scale = 1.0 + far / worth, float(np.sqrt(1.0 / worth + NEARER**2))
+        if worth > 0:
+            scale = 1.0 + far / worth, float(np.sqrt(1.0 / worth + NEARER**2))
         shared = _shared(linear, told, pokes, units, seen, covariance, DENSER / chart.spacing)
         worth += NEARER**-2  # with the prior of the offsets' scale
         step = -far / worth * along
@@ -400,7 +401,7 @@ def _scale(
     cross = np.bincount(np.maximum(columns, 0).ravel(), both.ravel(), len(covariance))
     along = covariance @ cross
     residual = np.einsum("rij,rj->ri", root, linear.residual[rows])
-    worth = max(float((line**2).sum() - cross @ along), 1e-12)
+    worth = max(float((line**2).sum() - cross @ along), 0.0)
     return float((line * residual).sum()), worth, along
 
 
