@@ -255,3 +255,28 @@ def test_one_contact_after_the_other_is_one_identity_for_many_touches() -> None:
     report = evaluate(Contacts.single(np.arange(10.0), _estimate(point)), truth)
     assert [touch.error for touch in report.touches] == pytest.approx([0.0, 1e-3])
     assert report.unmatched == 0
+
+
+def test_samples_beyond_the_ends_of_the_truth_have_none_and_are_counted() -> None:
+    """Of a press, the truth is known while it lasts; within 20 ms before and after it the answer is 0 N, rightly."""
+    time = np.arange(3000) * 1e-3
+    pressed = (time >= 1.0) & (time < 2.0)
+    force = np.stack([np.zeros(3000), np.zeros(3000), np.where(pressed, -2.0, -0.01)], axis=1)
+    contacts = Contacts.single(time, _estimate(np.zeros((3000, 3)), force=force))
+    known = TrueSamples(time[pressed] + 2e-4, np.zeros((1000, 3)), force=force[pressed])
+    report = evaluate(contacts, known)
+    assert report.force is not None
+    assert (report.matched, report.outside, report.force.worst) == (
+        1000,
+        39,
+        0.0,
+    )  # the truth is 0.2 ms late: 19 before, 20 after
+    alone = evaluate(contacts, TrueSamples(np.array([0.5, 1.5]), np.zeros((2, 3))))
+    assert (alone.matched, alone.outside) == (82, 0)  # single instants: within the tolerance of each
+
+
+def test_a_gap_in_the_truth_is_outside_of_it_too() -> None:
+    time = np.arange(1000) * 1e-3
+    known = time[(time < 0.3) | (time >= 0.6)]
+    report = evaluate(Contacts.single(time, _estimate(np.zeros((1000, 3)))), TrueSamples(known, np.zeros((700, 3))))
+    assert (report.matched, report.outside) == (700, 40)

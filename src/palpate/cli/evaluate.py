@@ -24,6 +24,8 @@ from palpate.sensors.marker_ring.evaluate_command import TRUTH, evaluate_ring
 from palpate.sensors.taxels.poking.evaluate_command import evaluate_taxels, is_taxel_file
 from palpate.viewer.report import percent
 
+_COUNTS = ("samples", "matched", "answered", "unmatched", "missed", "outside")
+
 
 def evaluate(
     contacts: ContactsFile,
@@ -97,7 +99,9 @@ def evaluate(
 
 def _say(report: EvaluationReport) -> None:
     matched = f"{report.samples:,}, {report.matched:,} of them with a truth, {report.answered:,} of those answered"
-    counts = {name: getattr(report, name) for name in ("samples", "matched", "answered", "unmatched", "missed")}
+    counts = {
+        name: getattr(report, name) for name in ("samples", "matched", "answered", "unmatched", "missed", "outside")
+    }
     lines([("contacts", Quantity(matched, counts))])
     lines(shares(report.statuses))
     if report.touches:
@@ -129,6 +133,10 @@ def _unpaired(report: EvaluationReport) -> list[str]:
     counted = (
         (report.unmatched, "contacts have no truth of their own, because other contacts are nearer"),
         (report.missed, "truths have no contact, although others at the same time have one"),
+        (
+            report.outside,
+            "contacts are before or after a stretch of truths, and are compared with none",
+        ),
     )
     return [f"{count:,} {what}" for count, what in counted if count]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -49,6 +49,7 @@ class EvaluationReport:
         touches: if the truth is touches.
         unmatched: answered contacts at an instant whose truths all belong to others.
         missed: truths without a contact at an instant at which another has one.
+        outside: rows compared with nothing, because they are near a truth, but before or after all that are known.
     """
 
     samples: int
@@ -65,6 +66,7 @@ class EvaluationReport:
     touches: tuple[JudgedTouch, ...] = ()
     unmatched: int = 0
     missed: int = 0
+    outside: int = 0
 
 
 def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance: float = 0.02) -> EvaluationReport:
@@ -73,7 +75,8 @@ def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance:
     Args:
         contacts: of any sensor, in the truth's frame.
         truth: instants, several of which may have one time, or touches.
-        tolerance: [s] largest difference of times at an instant.
+        tolerance: [s] largest difference of times at an instant. Where instants are at most twice that apart, truths
+            end half their usual distance after the last of them: later samples have none.
 
     Raises:
         InputError: the tolerance is negative.
@@ -84,8 +87,8 @@ def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance:
         match, due, own = match_touches(contacts, truth)
         touches = tuple(_touch(contacts, truth, k, rows) for k, rows in enumerate(own))
         return report(contacts, TrueSamples(truth.start, truth.point), match, due, touches)
-    match, due = match_instants(contacts, truth, tolerance)
-    return report(contacts, truth, match, due)
+    match, due, near = match_instants(contacts, truth, tolerance)
+    return replace(report(contacts, truth, match, due), outside=int(np.count_nonzero(near)))
 
 
 @takes_arrays

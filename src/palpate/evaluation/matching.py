@@ -10,6 +10,7 @@ from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.spatial.arguments import takes_arrays
 
 _AT_ONCE = 0.5  # of the shorter of two touches: those that overlap by more are two contacts
+_RESOLUTION = 1e-6  # s: times of day have a resolution of 0.2 us in float64
 _NOWHERE = 1e9  # m: how far a contact that is not answered is from every truth
 
 
@@ -30,19 +31,39 @@ def nearest_in_time(
     either = np.stack([order[(right - 1).clip(min=0)], order[right]])
     apart: Float[np.ndarray, "2 n"] = np.abs(known[either] - time)
     best: Int[np.ndarray, " n"] = np.take_along_axis(either, apart.argmin(axis=0)[None], axis=0)[0]
-    # times of day have a resolution of 0.2 us in float64
-    return np.where(np.min(apart, axis=0) <= tolerance + 1e-6, best, -1)
+    return np.where(np.min(apart, axis=0) <= tolerance + _RESOLUTION, best, -1)
+
+
+def _between(time: Float[np.ndarray, " n"], known: Float[np.ndarray, " k"], tolerance: float) -> Bool[np.ndarray, " n"]:
+    """Return whether each time [s] is inside a stretch of the truth, or within the tolerance of a single instant.
+
+    Instants at most twice the tolerance apart are one stretch, which reaches half their usual distance beyond its ends.
+    """
+    instants = np.unique(known[np.isfinite(known)])
+    nearest = nearest_in_time(time, instants, tolerance)
+    joined: Bool[np.ndarray, " g"] = np.diff(instants) <= 2 * tolerance
+    if not joined.any():
+        return nearest >= 0
+    before, after = np.append(False, joined), np.append(joined, False)
+    usual = 0.5 * float(np.median(np.diff(instants)[joined]))
+    reach = np.where(before | after, min(usual, tolerance), tolerance) + _RESOLUTION
+    step = time - instants[nearest]
+    inside = np.where(step < 0, before[nearest], after[nearest]) | (np.abs(step) <= reach[nearest])
+    return inside & (nearest >= 0)
 
 
 def match_instants(
     contacts: Contacts, truth: TrueSamples, tolerance: float
-) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Return the number of each contact's truth, (n,), -1 for none, and a mask (n,), True if a truth is at its time.
+) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Return the number of each contact's truth, (n,), -1 for none, and masks (n,): a truth is at its time; only near.
 
     Times may differ by `tolerance` [s]. Contacts of one sample have different truths, with the least sum of distances.
+    Instants at most twice the tolerance apart are one stretch: a time beyond its ends by more than half their usual
+    distance is only near a truth, as the force may have changed since, and has none.
     """
-    match = nearest_in_time(contacts.time, truth.time, tolerance)
-    due = match >= 0
+    nearest = nearest_in_time(contacts.time, truth.time, tolerance)
+    due = _between(contacts.time, truth.time, tolerance)
+    match = np.where(due, nearest, -1)
     _, instant, together = np.unique(truth.time, return_inverse=True, return_counts=True)
     _, sample, felt = np.unique(contacts.sample, return_inverse=True, return_counts=True)
     several = due & (felt[sample] > 1)
@@ -55,7 +76,7 @@ def match_instants(
         which = instant[match[group[0]]]
         there = order[ends[which] - together[which] : ends[which]]
         match[group] = np.append(there, -1)[_nearest_pairs(point[group], truth.point[there])]
-    return match, due
+    return match, due, (nearest >= 0) & ~due
 
 
 def _nearest_pairs(points: Float[np.ndarray, "n 3"], known: Float[np.ndarray, "k 3"]) -> Int[np.ndarray, " n"]:

@@ -55,7 +55,7 @@ def score(answers: Contacts, truth: TrueSamples, quiet: Int[np.ndarray, " q"]) -
     Raises:
         InputError: quiet has another shape.
     """
-    match, due = match_instants(answers, truth, 0.25)
+    match, due, _ = match_instants(answers, truth, 0.25)
     found = match >= 0
     apart: Float[np.ndarray, " n"] = np.where(found, distances(answers.point, truth.point[match]), np.inf)
     errors: Float[np.ndarray, " k"] = np.full(len(truth.time), np.inf)

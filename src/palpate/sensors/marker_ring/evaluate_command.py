@@ -48,7 +48,7 @@ def evaluate_ring(path: Path, found: Contacts, known: TextTable, tolerance: floa
     time, touched = _times(found, known), np.isfinite(truth["angle_deg"])
     radius = float(np.nanmedian(np.hypot(*found.point[:, :2].T))) if found.answered.any() else 1.0
     circle = radius * np.stack([f(np.radians(truth["angle_deg"])) for f in (np.cos, np.sin, np.zeros_like)], axis=-1)
-    match, _ = match_instants(found, TrueSamples(time[touched], circle[touched]), tolerance)
+    match, _, near = match_instants(found, TrueSamples(time[touched], circle[touched]), tolerance)
     rows = np.flatnonzero((match >= 0) & found.answered)
     if not len(rows):
         hint = "Use one clock for both, or widen the match with --tolerance."
@@ -62,7 +62,9 @@ def evaluate_ring(path: Path, found: Contacts, known: TextTable, tolerance: floa
     summaries = {name: ErrorSummary.of(np.abs(off)) for name, off in errors.items()}
     table(("", *HEADER), [(_TITLES[name], *each.row(1.0)) for name, each in summaries.items() if each is not None])
     lines(_intervals(found[rows], errors))
-    note([f"{missed:,} truths have no contact"] if missed else [])
+    outside = int(np.count_nonzero(near & found.answered))
+    counted = ((missed, "truths have no contact"), (outside, "contacts are before or after a stretch of truths"))
+    note([f"{count:,} {what}" for count, what in counted if count])
 
 
 def _times(found: Contacts, known: TextTable) -> Float[np.ndarray, " k"]:
