@@ -23,7 +23,7 @@ from palpate.console.keys import Came, pressed, signals
 from palpate.console.options import FileOption, RigFile, Scalar, require_port, require_positive
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs
-from palpate.live.publish import publish, require_address
+from palpate.live.publish import RATE, publish, require_address
 from palpate.live.receiver import receive
 from palpate.live.record import record as record_ring
 from palpate.live.record import require_record, ring_of
@@ -94,7 +94,7 @@ def live(
         ring = None
         try:
             ring = _ready_ring(path, receiver, problems, came)
-            supervisor.workers += _readers(path, rig, record, split, publish)
+            supervisor.workers += _readers(path, rig, record, split, publish, realtime and source.kind != "replay")
             if view:
                 supervisor.workers.append(Worker("page", show, (path, rig, host, port, token, os.getpid())))
             for worker in supervisor.workers[1:]:
@@ -118,10 +118,12 @@ def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ..
         require_address(each)
 
 
-def _readers(ring: Path, rig: Path, record: Path | None, split: float, publish_to: tuple[str, ...]) -> list[Worker]:
+def _readers(
+    ring: Path, rig: Path, record: Path | None, split: float, publish_to: tuple[str, ...], realtime: bool
+) -> list[Worker]:
     """Return recorder and publishers."""
     parent = os.getpid()
-    publishers = [Worker(f"publisher to {to}", publish, (ring, to, rig, parent)) for to in publish_to]
+    publishers = [Worker(f"publisher to {to}", publish, (ring, to, rig, parent, RATE, realtime)) for to in publish_to]
     if record is None:
         return publishers
     return [Worker("recorder", record_ring, (ring, record, split * MEGA, parent)), *publishers]

@@ -28,7 +28,7 @@ class FigureLine:
 
     def __init__(self, ring: StreamBuffer, token: str) -> None:
         self._ring, self._event, self._token = ring, 0, token
-        self._count, self._at, self._lost = ring["answered"], time.monotonic(), 0
+        self._count, self._at = ring["answered"], time.monotonic()
 
     def sentences(self) -> None:
         """Print new messages, each with its time."""
@@ -48,11 +48,10 @@ class FigureLine:
         ring, now = self._ring, time.monotonic()
         count = ring["answered"]
         rate = (count - self._count) / max(now - self._at, 1e-9)
-        since = max(self._count, count - LOOKED_AT)
-        slots, first = ring.read(since, LOOKED_AT)
-        self._lost += int(slots["lost"].sum()) + first - since
+        slots, _ = ring.read(max(self._count, count - LOOKED_AT), LOOKED_AT)
         self._count, self._at = count, now
-        words = [f"{rate:7,.0f} Hz", contacts(slots), latency(slots), f"{self._lost:,} lost"]
+        waited = ", ".join(latency(ring, slots))
+        words = [f"{rate:7,.0f} Hz", contacts(slots), waited and f"latency {waited}", f"{ring['lost']:,} lost"]
         if recorded := ring["recorded"]:
             words.append(f"{recorded:,} recorded")
         text = "  ".join(word for word in words if word)
@@ -77,21 +76,33 @@ def contacts(slots: np.ndarray) -> str:
     return f"{several}{force.max():.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
 
 
-def latency(slots: np.ndarray) -> str:
-    """Return text on the latencies from arrival to contacts of some slots; "" if the clocks are unrelated."""
-    waited = latencies(slots)
-    if not len(waited):
-        return ""
+def latency(ring: StreamBuffer, slots: np.ndarray) -> list[str]:
+    """Return texts on the latencies of some slots, from arrival to contact and to publication, as far as known."""
+    known = (("sample to contact", latencies(slots)), ("sample to published", ring.published()))
+    return [f"{what} {_percentiles(waited)}" for what, waited in known if len(waited)]
+
+
+def _percentiles(waited: np.ndarray) -> str:
     middle, most, worst = (1e6 * np.percentile(waited, share) for share in (50, 99, 100))
-    return f"latency {middle:,.0f} us (99 %: {most:,.0f}, worst {worst:,.0f})"
+    return f"{middle:,.0f} us (99 %: {most:,.0f}, worst {worst:,.0f})"
 
 
 def summary(ring: StreamBuffer) -> None:
-    """Print the figures of a stream that has ended."""
-    received, answered, recorded = ring["received"], ring["answered"], ring["recorded"]
+    """Print the figures of a stream that has ended: what became of every sample that was sent, and latencies."""
+    received, answered, recorded, lost = (ring[word] for word in ("received", "answered", "recorded", "lost"))
     lines([("samples", Quantity(f"{received:,} received, {answered:,} answered", received))])
+    lines([("lost", Quantity(_losses(ring), lost))])
     if recorded:
         lines([("recorded", Quantity(f"{recorded:,} samples, {ring['bytes'] / 1e6:,.1f} MB", recorded))])
     slots, _ = ring.read(answered - LOOKED_AT, LOOKED_AT)
-    if text := latency(slots):
-        lines([("at the end", text)])
+    lines([("at the end", text) for text in latency(ring, slots)])
+
+
+def _losses(ring: StreamBuffer) -> str:
+    """Return text on the samples that were sent and not received, by the sender's counter."""
+    text = f"{ring['lost']:,} samples"
+    if away := ring["away"]:
+        text += f", {away:,} of them while the receiver did not run"
+    if unknown := ring["unknown"]:
+        text += f", and {unknown:,} times an unknown number: a device or receiver restarted, and no counter went on"
+    return text

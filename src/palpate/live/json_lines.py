@@ -6,6 +6,7 @@ import json
 import os
 import socket
 from collections.abc import Iterator
+from math import isfinite
 from time import monotonic
 from typing import Any
 
@@ -86,25 +87,33 @@ class JsonLines:
         self._due = self._say_at = -np.inf
         self._said_of = 0
         self._state: tuple[object, ...] | None = None
-        self._waiting: Contacts | None = None
+        self._waiting: tuple[Contacts, int, int] | None = None  # rows of the newest sample
 
-    def publish(self, contacts: Contacts) -> None:
-        """Send those samples that are due at the rate.
+    def publish(self, contacts: Contacts) -> list[int]:
+        """Send those samples that are due at the rate, and return their numbers.
 
         Args:
             contacts: the contacts of the next samples, in order; without any, a sample that waited for the rate is
                 sent.
         """
-        for one, last in _each(contacts, every=not self._period):
-            state = (*one.status.tolist(), *one.identity.tolist())
+        samples = list[int]()
+        for start, end, last in _each(contacts, every=not self._period):
+            state = (*contacts.status[start:end].tolist(), *contacts.identity[start:end].tolist())
             if state != self._state or not self._period:
-                self._send(one)
-                self._state, self._waiting = state, None
+                samples += self._send(contacts[start:end])
+                self._state, self._waiting, self._due = state, None, monotonic() + self._period
             elif last:
-                self._waiting = one
-        if self._waiting is not None and monotonic() >= self._due:
-            self._send(self._waiting)
+                self._waiting = contacts, start, end
+        if self._waiting is not None and self.due() <= 0.0:
+            self._due = max(self._due + self._period, monotonic())  # late ones do not lower the rate
+            contacts, start, end = self._waiting
+            samples += self._send(contacts[start:end])
             self._waiting = None
+        return samples
+
+    def due(self) -> float:
+        """Return the time [s] until a sample is due at the rate; 0 or below: it is."""
+        return self._due - monotonic()
 
     def tare_requested(self) -> bool:
         """Return False, because listeners cannot request a tare."""
@@ -122,42 +131,45 @@ class JsonLines:
         """Close the socket; may be called again."""
         self._socket.close()
 
-    def _send(self, contacts: Contacts) -> None:
-        self._due = monotonic() + self._period
+    def _send(self, contacts: Contacts) -> list[int]:
+        """Send a line, and return the sample's number; nothing if it was not taken."""
         line = json.dumps(_object(contacts), allow_nan=False, separators=(",", ":")).encode() + b"\n"
         try:
             self._socket.sendto(line, self._address)
         except (ConnectionRefusedError, FileNotFoundError):  # nobody listens
-            return
+            return []
         except OSError:  # no room, too long, no route: the line is lost, and `events` reports it
             self.dropped += 1
-            return
+            return []
         self.sent += 1
+        return [int(contacts.sample[0])]
 
 
-def _each(contacts: Contacts, every: bool) -> Iterator[tuple[Contacts, bool]]:
-    """Yield (contacts of a sample, whether it is the last) where the state may change, or of `every` sample."""
-    if not len(contacts):
-        return
-    starts = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[0] - 1))
-    ends = np.append(starts[1:], len(contacts))
-    several = len(starts) < len(contacts)
-    for k, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
-        last = k + 1 == len(starts)
-        same = k > 0 and not (several or every) and contacts.status[start] == contacts.status[start - 1]
-        if not same or last or contacts.identity[start] != contacts.identity[start - 1]:
-            yield contacts[start:end], last
+def _each(contacts: Contacts, every: bool) -> Iterator[tuple[int, int, bool]]:
+    """Yield (start, end, last) of a sample's rows where the state may change, of the last sample, or of `every` one."""
+    sample, status, identity = contacts.sample, contacts.status, contacts.identity
+    starts = [0, *(1 + np.flatnonzero(sample[1:] != sample[:-1])).tolist()][: len(contacts)]
+    wanted = range(len(starts))
+    if len(starts) == len(contacts) and not every:  # a row a sample, as a rule
+        changed = (status[1:] != status[:-1]) | (identity[1:] != identity[:-1])
+        wanted = sorted({*wanted[:1], *(1 + np.flatnonzero(changed)).tolist(), *wanted[-1:]})
+    ends = [*starts[1:], len(contacts)]
+    for k in wanted:
+        yield starts[k], ends[k], k + 1 == len(starts)
 
 
 def _object(contacts: Contacts) -> dict[str, Any]:
-    order = np.argsort(-np.nan_to_num(np.linalg.norm(contacts.force, axis=1), nan=-1.0), kind="stable")
-    found = contacts[order]
+    found = contacts if len(contacts) == 1 else contacts[_strongest_first(contacts)]
     return {
         "sample": int(found.sample[0]),
         "time": _number(found.time[0]),
         "status": Status(int(found.status[0])).label,
         "contacts": [_contact(found, row) for row in np.flatnonzero(found.located).tolist()],
     }
+
+
+def _strongest_first(contacts: Contacts) -> np.ndarray:
+    return np.argsort(-np.nan_to_num(np.linalg.norm(contacts.force, axis=1), nan=-1.0), kind="stable")
 
 
 def _contact(found: Contacts, row: int) -> dict[str, Any]:
@@ -175,7 +187,7 @@ def _contact(found: Contacts, row: int) -> dict[str, Any]:
 
 
 def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return float(value) if isfinite(value) else None
 
 
 def _numbers(values: np.ndarray) -> list[float | None]:

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 from contextlib import closing
 from math import inf
 from pathlib import Path
-from time import sleep
+from time import monotonic, sleep
 from typing import Protocol, runtime_checkable
 
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.live.json_lines import JsonLines, datagram_address
-from palpate.live.receiver import orphaned
+from palpate.live.receiver import PRIORITY, hurry, orphaned
 from palpate.live.stream_buffer import SlotForm, StreamBuffer
 from palpate.setup.rig import load_rig
 from palpate.setup.source import RigSource
 
 RATE = 100.0  # Hz
-POLL = 0.005  # s
+POLL = 0.001  # s: a change of status waits no longer
+LISTEN = 0.02  # s between looks for requests and events
 MOST = 4096  # slots that are read at once
 _HINT = "Write ros2, ros2:DOMAIN, udp:HOST:PORT or unix:PATH."
 
@@ -27,8 +29,16 @@ _HINT = "Write ros2, ros2:DOMAIN, udp:HOST:PORT or unix:PATH."
 class Publisher(Protocol):
     """A publisher of contacts to listeners, for which it never waits."""
 
-    def publish(self, contacts: Contacts) -> object:
-        """Publish the contacts of the next samples, in order; without any, one that waited for the rate."""
+    def publish(self, contacts: Contacts) -> list[int]:
+        """Publish the contacts of the next samples, in order; without any, one that waited for the rate.
+
+        Returns:
+            The numbers of the samples that were published.
+        """
+        ...
+
+    def due(self) -> float:
+        """Return the time [s] until a sample is due at the rate; 0 or below: it is."""
         ...
 
     def tare_requested(self) -> bool:
@@ -97,7 +107,7 @@ def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rat
     return made
 
 
-def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> None:
+def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE, realtime: bool = False) -> None:
     """Publish the contacts of a ring from now on, until it says stop or the parent is gone; the target of a process.
 
     Args:
@@ -106,6 +116,7 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
         rig: file of the rig.
         parent: id of the parent process.
         rate: [Hz] at most; 0: every sample.
+        realtime: request real-time priority, below the receiver's.
 
     Raises:
         InputError: the ring cannot be opened.
@@ -118,15 +129,28 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
     except InputError as problem:
         read.say(f"nothing is published to {to}: {problem}")
         raise SystemExit(1) from problem
+    if realtime:
+        hurry(PRIORITY - 10)  # the receiver reports that it is not granted
+    gc.collect()
+    gc.freeze()  # what exists now is not collected, which would pause the loop
     with closing(read), closing(publisher):
-        next_one = read["answered"]
+        next_one, listened = read["answered"], 0.0
         while not read["stop"] and not orphaned(parent):
             slots, first = read.read(next_one, MOST)
             next_one = first + len(slots)
-            publisher.publish(read.form.contacts(slots))
-            if publisher.tare_requested():
-                read.ask_tare(f"a message to {to}")
-            for sentence in publisher.events():
-                read.say(sentence)
+            if len(slots) or publisher.due() <= 0.0:
+                read.publish(publisher.publish(read.form.contacts(slots)))
+            if (now := monotonic()) - listened >= LISTEN:
+                listened = now
+                _listen(publisher, read, to)
             if len(slots) < MOST:
-                sleep(POLL)
+                due = publisher.due()
+                sleep(min(POLL, due) if due > 0.0 else POLL)
+
+
+def _listen(publisher: Publisher, ring: StreamBuffer, to: str) -> None:
+    """Pass requests and events on to the ring."""
+    if publisher.tare_requested():
+        ring.ask_tare(f"a message to {to}")
+    for sentence in publisher.events():
+        ring.say(sentence)

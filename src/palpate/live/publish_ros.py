@@ -77,14 +77,18 @@ class RosPublisher:
         self._writers = {name: self._node.writer(name, kind, depth=10) for name, kind in TOPICS.items()}
         self._tare = self._node.reader(TARE, "std_msgs/Empty", reliable=True, depth=10)
 
-    def publish(self, contacts: Contacts) -> int:
-        """Publish those of the next samples, in order, that are due, and return their number."""
+    def publish(self, contacts: Contacts) -> list[int]:
+        """Publish those of the next samples, in order, that are due, and return their numbers."""
         first = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[:1] - 1))
         due = self._due.of(contacts.time[first])
         ends = np.append(first[1:], len(contacts))
         for k in np.flatnonzero(due).tolist():
             self._publish(contacts[first[k] : ends[k]])
-        return int(np.count_nonzero(due))
+        return contacts.sample[first[due]].tolist()
+
+    def due(self) -> float:
+        """Return infinity: the rate is by the contacts' times, and no sample waits for it."""
+        return np.inf
 
     def tare_requested(self) -> bool:
         """Return whether a message on `/palpate/tare` has come since the last call."""

@@ -95,11 +95,18 @@ def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
     return StreamBuffer(path)
 
 
+def hurry(priority: int) -> bool:
+    """Request real-time priority for this thread, and return whether it is granted."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (AttributeError, PermissionError):
+        return False
+    return True
+
+
 def _hurried() -> str:
     """Request real-time priority and locked memory, and return a sentence on the outcome."""
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    except (AttributeError, PermissionError):
+    if not hurry(PRIORITY):
         return (
             "no real-time priority was granted, so other work on this machine delays contacts "
             "(allow rtprio in /etc/security/limits.conf, or CAP_SYS_NICE)"

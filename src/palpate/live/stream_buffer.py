@@ -33,7 +33,7 @@ __all__ = ["READERS", "StreamBuffer", "latencies"]
 
 # The head holds numbers that processes share, each in its own cache line and written by one process, except for "asked"
 # (for tares) and "recording"; a description as JSON; the last sentences on events. The slots follow.
-MAGIC, VERSION = b"PALPRING", 1
+MAGIC, VERSION = b"PALPRING", 2
 _BROKEN = "Remove it; `palpate recover` then completes the record from its .part file alone."
 HEAD = 1 << 16  # bytes before the slots
 LINE = 64  # bytes of a cache line
@@ -41,10 +41,13 @@ _WORDS = (
     *("version", "slots", "received", "answered", "alive", "said", "asked", "done", "stop"),
     *("recorded", "bytes", "noted", "missed", "file", "began"),  # the recorder's
     *("recording", "ended"),  # whether samples that can wait do so for the recorder; whether no more come
+    *("lost", "away", "unknown"),  # samples lost; of them, while no receiver ran; how often their number is unknown
+    *("position", "published"),  # where the sender's counters were; samples published, by all publishers
 )
 _PLACE = {word: place for place, word in enumerate(_WORDS)}
-_JSON, _SAID = 4096, 24576  # where the description and the sentences begin
-SENTENCES, SENTENCE = 128, 320  # kept, and bytes of each
+_JSON, _SAID, _SENT = 4096, 24576, 61440  # where the description, the sentences and latencies begin
+SENTENCES, SENTENCE = 112, 320  # kept, and bytes of each
+PUBLISHED = 512  # latencies of the last that were published
 SIZE = 1 << 26  # bytes of slots, as a rule
 LEAST = 512  # slots
 READERS = 2  # value of "stop" that ends the recorder; all others end at 1 before
@@ -119,7 +122,10 @@ def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
 
     It is empty if arrival was stamped by another clock: the median is negative, or 60 s and above.
     """
-    waited = 1e-9 * (slots["ready"] - slots["arrived"])[slots["ready"] > 0]
+    return _sound(1e-9 * (slots["ready"] - slots["arrived"])[slots["ready"] > 0])
+
+
+def _sound(waited: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
     return waited if len(waited) and 0.0 <= np.median(waited) < LATE else waited[:0]
 
 
@@ -163,6 +169,7 @@ class StreamBuffer:
         self.slots = np.frombuffer(self._map, slot, count, HEAD)
         self._memory = np.frombuffer(self._map, "<i8", count * (slot.itemsize // 8), HEAD).reshape(count, -1)
         self._sentences = np.frombuffer(self._map, [("stamp", "<i8"), ("text", f"S{SENTENCE}")], SENTENCES, _SAID)
+        self._sent = np.frombuffer(self._map, "<i8", PUBLISHED, _SENT)
 
     @classmethod
     def make(cls, path: Path, form: SlotForm, size: int = SIZE) -> StreamBuffer:
@@ -208,7 +215,7 @@ class StreamBuffer:
         Raises:
             BufferError: an array of the file is still in use.
         """
-        del self._words, self.slots, self._memory, self._sentences
+        del self._words, self.slots, self._memory, self._sentences, self._sent
         self._map.close()
 
     @cached_property
@@ -256,6 +263,18 @@ class StreamBuffer:
         self._loops.answer(self._memory, first, rows, counts, time.time_ns() if known else 0)
         self["answered"] = first + len(counts)
 
+    def publish(self, samples: Sequence[int]) -> None:
+        """Note that samples, given by their numbers, were published just now; for publishers."""
+        now = time.time_ns()
+        for sample in samples:
+            count = self["published"]
+            self._sent[count % PUBLISHED] = now - self.slots["arrived"][sample % len(self.slots)]
+            self["published"] = count + 1
+
+    def published(self) -> Float[np.ndarray, " k"]:
+        """Return the latencies [s] from arrival to publication of the last samples, 512 at most, as `latencies`."""
+        return _sound(1e-9 * self._sent[: self["published"]])
+
     def say(self, sentence: str) -> None:
         """Store a sentence with its time for all readers; any process may call this.
 
@@ -289,7 +308,7 @@ class StreamBuffer:
         self["said"] = count + 1
 
     def events(self, since: int) -> tuple[list[tuple[int, str]], int]:
-        """Return (stamp [ns], sentence) pairs from number `since` on, the last 128 at most, and the next number."""
+        """Return (stamp [ns], sentence) pairs from number `since` on, the last 112 at most, and the next number."""
         count = self["said"]
         kept = [self._sentences[k % SENTENCES] for k in range(max(since, count - SENTENCES), count)]
         return [(int(each["stamp"]), bytes(each["text"]).decode(errors="replace")) for each in kept], count
