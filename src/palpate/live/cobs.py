@@ -42,6 +42,9 @@ class CobsFrames:
 
     Args:
         count: number of values in a sample.
+
+    Attributes:
+        unknown: number of restarts, after which the number of missing samples is unknown.
     """
 
     def __init__(self, count: int) -> None:
@@ -49,6 +52,7 @@ class CobsFrames:
         self._count, self._longest = count, longest + longest // 254 + 1  # with COBS
         self._rest, self._joined = b"", False  # joined: a delimiter was seen, so that a frame begins there
         self._last: int | None = None  # counter of the frame before
+        self.unknown = 0
         self._damaged = self._foreign = self._other = self._restarts = self._lost = 0
 
     def feed(self, data: bytes) -> None:
@@ -99,6 +103,7 @@ class CobsFrames:
         self._last = counter
         if ahead >= _WRAP // 2:
             self._restarts += 1
+            self.unknown += 1
             return 0
         self._lost += max(0, ahead - 1)
         return max(0, ahead - 1)
@@ -106,6 +111,14 @@ class CobsFrames:
     def waiting(self) -> int:
         """Return the number of frames fed and not decoded yet, damaged ones included."""
         return self._rest.count(0)
+
+    def position(self) -> tuple[int, ...]:
+        """Return the counter of the last frame; () before the first."""
+        return () if self._last is None else (self._last,)
+
+    def resume(self, position: tuple[int, ...]) -> None:
+        """Continue to count at the position of an earlier decoder."""
+        (self._last,) = position
 
     def forget(self) -> None:
         """Discard the bytes fed so far, but keep the counter."""

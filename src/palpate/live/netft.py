@@ -128,6 +128,24 @@ class NetFt:
             self._tell_at = now + _SAID_EACH
         return drained(self._said)
 
+    @property
+    def late(self) -> int:
+        """Number of samples that were counted as missing and arrived later."""
+        return self._sequence.late
+
+    @property
+    def unknown(self) -> int:
+        """Number of restarts of both counters, after which the number of missing samples is unknown."""
+        return self._sequence.unknown
+
+    def position(self) -> tuple[int, ...]:
+        """Return the counters at the last sample received; () before the first."""
+        return self._sequence.position
+
+    def resume(self, position: tuple[int, ...]) -> None:
+        """Count the samples missing since an earlier source's position as lost before the next one."""
+        self._sequence.resume(position)
+
     def close(self) -> None:
         """Request the device to stop, and close the socket; may be called again."""
         for receiver in self._close:

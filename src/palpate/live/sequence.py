@@ -31,6 +31,16 @@ class SequenceCounters:
         self._absent: dict[int, None] = {}
         self._expected = False
 
+    @property
+    def position(self) -> tuple[int, ...]:
+        """Where the counters are: those of the newest sample, its stamp, and steps of `ft` in one of `rdt`."""
+        return () if self._last is None else (*self._last, self._ratio)
+
+    def resume(self, position: tuple[int, ...]) -> None:
+        """Continue at the position of an earlier reader, after which the device was requested to start again."""
+        *last, self._ratio = position
+        self._last, self._expected = (last[0], last[1], last[2]), True
+
     def expect_restart(self) -> None:
         """Note that the device was requested to start again: a fall of `rdt` is a restart then."""
         self._expected = True

@@ -53,6 +53,7 @@ class SerialPort:
 
     dtype: DTypeLike = np.float64
     poses = False
+    late = 0  # a serial port keeps the order
 
     def __init__(self, stated: RigSource, shape: tuple[int, ...]) -> None:
         self.shape = shape
@@ -69,6 +70,7 @@ class SerialPort:
         self._told = False  # that there are no samples
         self._sound, self._fault = False, 0.0  # samples came since faults were said, and when [s] that was
         self._period = 1e9 / stated.rate if stated.rate else 0.0  # ns between samples
+        self._uncounted = 0  # times that the port was away, of a device that does not count its samples
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> SerialPort:
@@ -121,6 +123,19 @@ class SerialPort:
             self._say(f"{'; '.join(faults)}.")
             self._sound, self._fault = False, now
         return drained(self._said)
+
+    @property
+    def unknown(self) -> int:
+        """Number of times that samples were missing whose number no counter tells."""
+        return self._uncounted + self._frames.unknown
+
+    def position(self) -> tuple[int, ...]:
+        """Return the device's counter at the last sample; () before the first, and if it does not count."""
+        return self._frames.position()
+
+    def resume(self, position: tuple[int, ...]) -> None:
+        """Count the samples missing since an earlier source's position as lost before the next one."""
+        self._frames.resume(position)
 
     def close(self) -> None:
         """Close the port; may be called again."""
@@ -191,6 +206,7 @@ class SerialPort:
         except InputError:
             return  # `events` has reported that it is away
         self._say(f"the port is back after {now - self._away:.1f} s.")
+        self._uncounted += not self.position()
         self._begin(now)
 
     def _begin(self, now: float) -> None:

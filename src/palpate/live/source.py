@@ -96,6 +96,33 @@ class Source(Protocol):
         ...
 
 
+@runtime_checkable
+class CountingSource(Protocol):
+    """A source whose sender counts its samples, so that one in a later process finds how many came in between.
+
+    Attributes:
+        late: number of samples that were counted as lost and arrived later.
+        unknown: how often samples were missing whose number no counter tells.
+    """
+
+    @property
+    def late(self) -> int: ...
+
+    @property
+    def unknown(self) -> int: ...
+
+    def position(self) -> tuple[int, ...]:
+        """Return the counters at the last sample received, at most seven integers; () before the first."""
+        ...
+
+    def resume(self, position: tuple[int, ...]) -> None:
+        """Count the samples missing since an earlier source's position as lost before the next one.
+
+        Call it after `open`, before the first `receive`.
+        """
+        ...
+
+
 def source_of(stated: RigSource, setup: Setup) -> Source:
     """Return the source that a rig's [source] states, not opened yet; a camera is opened at once.
 

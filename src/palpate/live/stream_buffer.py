@@ -241,8 +241,19 @@ class StreamBuffer:
         if form.images:
             for here, part in self._parts(first, count):
                 self.slots["values"][here] = batch.values[part]
+        self["lost"] += sum(batch.lost[:count].tolist())  # quicker than NumPy's, as most batches hold one sample
         self["received"] = first + count
         return first
+
+    @property
+    def position(self) -> tuple[int, ...]:
+        """Where the sender's counters were at the last sample, as `CountingSource.position`; for the writer."""
+        size, *values = self._words[_PLACE["position"]].tolist()
+        return tuple(values[:size])
+
+    @position.setter
+    def position(self, position: tuple[int, ...]) -> None:
+        self._words[_PLACE["position"], : 1 + len(position)] = (len(position), *position)
 
     def answer(
         self, rows: Float[np.ndarray, "rows width"], counts: Int[np.ndarray, " n"], *, known: bool = True

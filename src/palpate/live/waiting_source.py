@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy.typing import DTypeLike
 
 from palpate.files.logs.decoding import seconds
-from palpate.live.source import SILENT, Batch, Source, drained
+from palpate.live.source import SILENT, Batch, CountingSource, Source, drained
 
 WAITS = 0.1  # s that a sample waits, at most
 
@@ -29,6 +29,8 @@ class WaitingSource(ABC):
 
     def __init__(self, samples: Source, what: tuple[str, str, str]) -> None:
         self._samples, self._what = samples, what
+        self._counting = samples if isinstance(samples, CountingSource) else None
+        self._before = 0  # samples that waited in an earlier process, and are lost before the next one
         self.shape: tuple[int, ...] = tuple(samples.shape)
         self.dtype: DTypeLike = samples.dtype
         self._batch = Batch(samples.shape, dtype=samples.dtype)
@@ -80,6 +82,27 @@ class WaitingSource(ABC):
         """Return the events since the last call, and of samples without answers, one sentence each."""
         return [*drained(self._said), *self._samples.events()]
 
+    @property
+    def late(self) -> int:
+        """Number of samples that were counted as lost and arrived later."""
+        return 0 if self._counting is None else self._counting.late
+
+    @property
+    def unknown(self) -> int:
+        """Number of times that samples were missing whose number no counter tells."""
+        return 0 if self._counting is None else self._counting.unknown
+
+    def position(self) -> tuple[int, ...]:
+        """Return the number of samples that wait, and the counters of the last one; () if nobody counts."""
+        found = () if self._counting is None else self._counting.position()
+        return (len(self._stamp), *found) if found else ()
+
+    def resume(self, position: tuple[int, ...]) -> None:
+        """Count the samples missing since an earlier source's position as lost before the next one."""
+        if self._counting is not None:
+            self._before = position[0]
+            self._counting.resume(position[1:])
+
     def close(self) -> None:
         """Disconnect from the device of the samples; may be called again."""
         self._samples.close()
@@ -90,6 +113,8 @@ class WaitingSource(ABC):
         if not len(self._stamp):
             self._since = time.monotonic()
         self._stamp = np.concatenate([self._stamp, self._batch.stamp[:count]])
+        self._batch.lost[0] += self._before
+        self._before = 0
         self._lost = np.concatenate([self._lost, self._batch.lost[:count]])
         self._values = np.concatenate([self._values, self._batch.values[:count]])
 
