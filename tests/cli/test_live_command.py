@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -44,7 +45,7 @@ class Running:
 
     def __init__(self, folder: Path, *options: str) -> None:
         self.folder, self.record = folder, folder / "run.mcap"
-        self._device, self._rng = NetFtDevice(), np.random.default_rng(0)
+        self._device, self._rng, self.sent = NetFtDevice(), np.random.default_rng(0), 0  # since somebody listens
         self._device.open()
         self.rig = folder / "rig.toml"
         self.rig.write_text(RIG.format(port=self._device.port, web=self._device.web, more=""))
@@ -66,7 +67,8 @@ class Running:
         while not holds():
             assert time.monotonic() < end, self.said
             wrenches = self._rng.normal(size=(20, 6)) * ([0.02] * 3 + [0.001] * 3)
-            self._device.send(np.zeros(20, dtype=np.int64), wrenches)
+            heard = self._device.send(np.zeros(20, dtype=np.int64), wrenches)
+            self.sent += 20 if heard or self.sent else 0
             time.sleep(0.02)
 
     def children(self) -> dict[str, int]:
@@ -151,6 +153,24 @@ def test_it_ends_whole_and_leaves_nothing_running(running: Running) -> None:
     found = read_contacts(running.record)
     assert f"{len(found):,} received, {len(found):,} answered" in running.said
     assert f"{len(found):,} samples" in running.said
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks Linux which processes there are")
+def test_every_sample_is_counted_over_a_killed_receiver(running: Running) -> None:
+    """By the device's own count: those sent from the first received one on are received or lost, to the last."""
+    running.until(lambda: "tare over" in running.said and len(running.children()) == 3)
+    before = running.sent
+    os.kill(running.children()["receiver"], signal.SIGKILL)
+    running.until(lambda: "samples were sent while the receiver did not run" in running.said)
+    time.sleep(0.3)  # until what was sent is answered
+    os.kill(running.process.pid, signal.SIGINT)
+    running.process.wait(LONG)
+    received, lost, away = (
+        int(found[1].replace(",", "")) if (found := re.search(rf"([\d,]+) {what}", running.said)) else -1
+        for what in ("received", "samples, ", "of them while")
+    )
+    assert received + lost == running.sent
+    assert 0 < away <= min(lost, running.sent - before)
 
 
 @pytest.fixture

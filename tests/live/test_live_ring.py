@@ -76,3 +76,27 @@ def test_tares_are_counted_and_said_by_any_thread_while_somebody_records(ring: S
     said, count = ring.events(0)
     assert ring["asked"] == count == 40
     assert sorted(sentence for _, sentence in said) == sorted(f"tare requested by asker {k}" for k in range(40))
+
+
+def test_what_was_published_has_its_latency(ring: StreamBuffer) -> None:
+    answered(ring, 30)
+    assert len(ring.published()) == 0
+    ring.slots["arrived"][7] -= 2_000_000_000
+    ring.publish([7])
+    (waited,) = ring.published()
+    assert 2.0 <= waited < 60.0
+    ring.publish([8] * 2000)
+    assert len(ring.published()) == 512
+    assert ring.published().max() < 2.0
+
+
+def test_sentences_do_not_reach_the_slots(ring: StreamBuffer) -> None:
+    answered(ring, 30)
+    before = ring.read(0, 30)[0].tobytes()
+    for k in range(300):
+        ring.say(f"{k}" + "x" * 400)
+    ring.publish([3] * 600)
+    assert ring.read(0, 30)[0].tobytes() == before
+    said, count = ring.events(0)
+    assert count == 300
+    assert [int(text.rstrip("x")) for _, text in said] == list(range(300 - len(said), 300))

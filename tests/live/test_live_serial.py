@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 from palpate.errors import InputError
 from palpate.live.cobs import TYPES, CobsFrames, encoded
+from palpate.live.line_damage import sealed
 from palpate.live.lines import LineFrames, numbers, printed
 from palpate.live.serial_device import SerialDevice
 from palpate.live.source import Batch, Device, Source, source_of
@@ -688,3 +689,113 @@ def test_what_does_not_fit_the_sensor_is_refused() -> None:
         _port(f"{start}'cobs'", "[marker_ring]\n")
     with pytest.raises(InputError, match="names 2 numbers of a line, but the sensor has 6"):
         _port(f"{start}'lines'\ncolumns = [1, 2]")
+
+
+# --- damage -----------------------------------------------------------------------------------------------------------
+
+
+def _steady(count: int, seed: int) -> np.ndarray:
+    """Wrenches of a hand that holds 3.1 N, -7.2 N and 12.5 N, with noise of 0.02 N."""
+    rng = np.random.default_rng(seed)
+    return rng.normal([3.1, -7.2, 12.5, 1.3, -1.6, 1.9], 0.02, (count, 6))
+
+
+def _said(values: np.ndarray) -> list[bytes]:
+    return [",".join(f"{value:.4f}" for value in row).encode() for row in values]
+
+
+def _leading(line: bytes, rng: np.random.Generator) -> bytes:
+    """The line with another sign or leading digit of one number."""
+    parts = line.split(b",")
+    which = int(rng.integers(len(parts)))
+    sign, digits = parts[which][:1] == b"-", parts[which].lstrip(b"-")
+    if rng.random() < 0.5:
+        sign = not sign
+    else:
+        digits = rng.choice([d for d in "123456789" if d != chr(digits[0])]).encode() + digits[1:]
+    parts[which] = b"-" * sign + digits
+    return b",".join(parts)
+
+
+@pytest.mark.parametrize("seal", [True, False])
+def test_damaged_signs_and_leading_digits_are_no_numbers(seal: bool) -> None:
+    """995 of 5,000 lines: with a checksum they are refused; else they are NaN, for they change by 50 usual steps."""
+    rng, values = np.random.default_rng(1), _steady(5000, 2)
+    lines = _said(values)
+    ends = [sealed(line) if seal else b"" for line in lines]
+    chosen = np.arange(20, 4995, 5)[:995]
+    for k in chosen:
+        lines[k] = _leading(lines[k], rng)
+    frames = LineFrames(6)
+    frames.feed(b"\n" + b"\n".join(line + end for line, end in zip(lines, ends, strict=True)) + b"\n")
+    got, lost = _taken(frames, 6)
+    sound = np.delete(values, chosen, axis=0)
+    if seal:
+        assert lost.sum() == len(chosen)
+        assert "its checksum does not fit" in frames.faults()[0]
+    else:
+        assert np.flatnonzero(np.isnan(got).any(axis=1)).tolist() == chosen.tolist()
+        assert f"{len(chosen)} samples are doubtful and NaN" in frames.faults()[0]
+    np.testing.assert_allclose(got[np.isfinite(got).all(axis=1)], sound, atol=6e-5)  # of four decimals
+
+
+def test_touches_and_impacts_are_no_damage() -> None:
+    """A step of one number, one of all for one sample, and one that rings: each passes as it came."""
+    values = _steady(400, 3)
+    values[100:200, 2] += 40.0
+    values[250] += [5.0, -4.0, 30.0, 0.3, -0.4, 0.2]
+    values[300:320, 2] += 30.0 * np.exp(-np.arange(20) / 4.0) * np.cos(2.0 * np.arange(20))
+    frames = LineFrames(6)
+    frames.feed(b"\n" + b"\n".join(_said(values)) + b"\n")
+    got, _ = _taken(frames, 6)
+    np.testing.assert_allclose(got, values[: len(got)], atol=6e-5)
+    assert frames.faults() == []
+
+
+def test_a_jump_waits_for_the_next_line_only() -> None:
+    values = _steady(100, 4)
+    values[50:, 2] += 40.0
+    frames, given = LineFrames(6), []
+    frames.feed(b"\n")
+    for line in _said(values):
+        frames.feed(line + b"\n")
+        given.append(len(_taken(frames, 6)[0]))
+    assert given[:50] == [1] * 50
+    assert sum(given) == 100
+    assert max(given) <= 2
+
+
+def test_a_counter_of_lines_counts_what_is_missing_and_goes_on_in_another_decoder() -> None:
+    data, ends = printed(_steady(60, 5), 7)
+    lines = [data[a:b] for a, b in pairwise([0, *ends.tolist()])]
+    frames = LineFrames(6)
+    frames.feed(b"\n" + b"".join(lines[:20] + lines[23:40]))
+    got, lost = _taken(frames, 6)
+    assert (len(got), lost.sum(), frames.unknown) == (37, 3, 0)
+    later = LineFrames(6)
+    later.resume(frames.position())
+    later.feed(b"\n" + b"".join(lines[45:]))
+    got, lost = _taken(later, 6)
+    assert (len(got), lost.sum(), later.unknown) == (15, 5, 0)
+    later.feed(b"".join(lines[:5]))  # the device restarted
+    assert later.unknown == 0 if not len(_taken(later, 6)[0]) else later.unknown == 1
+
+
+def test_a_damaged_counter_is_no_loss() -> None:
+    lines = [b"%d,1,2,3,4,5,%d" % (k, k % 3) for k in range(40)]
+    lines[20] = b"90,1,2,3,4,5,2"
+    frames = LineFrames(6)
+    frames.feed(b"\n" + b"\n".join(lines) + b"\n")
+    got, lost = _taken(frames, 6)
+    assert (len(got), lost.sum(), frames.unknown) == (40, 0, 0)
+
+
+def test_frames_go_on_where_another_decoder_was() -> None:
+    data, ends = encoded(np.zeros((20, 6)), 2**32 - 5, "f4")
+    frames = CobsFrames(6)
+    frames.feed(b"\0" + data[: ends[2]])
+    assert len(_taken(frames, 6)[0]) == 3
+    later = CobsFrames(6)
+    later.resume(frames.position())
+    later.feed(b"\0" + data[ends[9] :])
+    assert _taken(later, 6)[1].tolist() == [7] + [0] * 9

@@ -3,13 +3,13 @@
 A line may end in `*` and two hexadecimal digits, the exclusive or of the bytes before (those after a first `$` or `!`),
 as NMEA 0183 has it. Without a checksum, a line is doubtful if
 
-1. one number, and no other, is far from the line before: by more than 12 times its usual step,
-2. the number is back in one of the next three lines, within a quarter of the jump, and
+1. one number, and no other, is far from the line before: by more than 12 times its usual step, the others within 7,
+2. the number is back in the next two lines, and
 3. another character in its place, one less or one more, would make it agree with the lines before and after.
 
-A touch or an impact changes several numbers, lasts longer, or rings; if it does neither and has one sample, it is doubtful
-only if its digits happen to agree. Damage that changes a number by less than 12 usual steps, in several numbers at once, or
-during a jump of others is not found without a checksum.
+A touch or an impact changes several numbers, lasts longer, or rings. If it does none of these, it is doubtful only if
+its digits happen to agree. Without a checksum, damage is not found that changes a number by less than 12 usual steps,
+in several numbers at once, while others jump, or among the first 16 lines.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import re
 from collections.abc import Iterator
 from functools import reduce
 from math import isfinite
-from operator import xor
 from typing import NamedTuple
 
 import numpy as np
@@ -55,7 +54,7 @@ class Line(NamedTuple):
 
 def sealed(line: bytes) -> bytes:
     """Return the checksum of a line: `*` and two hexadecimal digits."""
-    return b"*%02X" % reduce(xor, line.lstrip(b"$!"), 0)
+    return b"*%02X" % reduce(lambda one, other: one ^ other, line.lstrip(b"$!"), 0)
 
 
 class Seals:
@@ -123,7 +122,10 @@ class DamageWatch:
     def _judged(self) -> list[tuple[Line, int]]:
         """Return the lines that wait; a number that jumped is damaged if it can be mended."""
         after, last = self._waiting[-_AFTER][0].values, self._last
-        judged = [(line, column if self._mends(line, column, 0.5 * (after + last), _NEAR) else -1) for line, column in self._waiting]
+        judged = [
+            (line, column if self._mends(line, column, 0.5 * (after + last), _NEAR) else -1)
+            for line, column in self._waiting
+        ]
         for line, column in judged:
             if column < 0:
                 self._pass(line.values)

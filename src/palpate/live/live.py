@@ -25,7 +25,7 @@ from palpate.live.imu_source import ImuSource
 from palpate.live.losses import LossCount
 from palpate.live.replay import Replay
 from palpate.live.ros_poses import RosPoses
-from palpate.live.source import BATCH, Batch, CountingSource, Source, drained, source_of
+from palpate.live.source import BATCH, Batch, Source, drained, source_of
 from palpate.live.stream_buffer import SlotForm, StreamBuffer
 from palpate.live.stuck_watch import StuckWatch
 from palpate.setup.built import BuiltEstimator
@@ -156,8 +156,6 @@ class Live:
         self._tare: _Window | None = None
         self._ring: StreamBuffer | None = None
         self._losses: LossCount | None = None
-        self._counted: tuple[int, int] = 0, 0  # what the source has found late and unknown
-        self._resumed = False  # after an earlier process, and nothing has come since
         self._seconds = _stream.seconds
         self._seconds(self._batch.stamp)  # compiles
         self._said: list[str] = []
@@ -191,9 +189,7 @@ class Live:
             self._batch = Batch(self.source.shape, most, self.source.dtype)
         ring.take_in(self._batch, 0, self._batch.turned)  # of nothing: compiles, before samples come
         ring.answer(self._rows[:0], np.zeros(0, dtype=np.int64))
-        self._ring, self._resumed = ring, bool(ring["received"]) and not isinstance(self.source, Replay)
-        if self._resumed and isinstance(self.source, CountingSource):
-            self.source.resume(ring.position[1:])
+        self._ring, self._losses = ring, LossCount(ring, self.source)
 
     @property
     def patient(self) -> bool:
@@ -306,7 +302,6 @@ class Live:
             self._ring.take_in(batch, count, unsteady)
             if event := self._losses.add(count, int(batch.lost[0])):
                 self._said.append(event)
-            self._count(self._ring, int(batch.lost[0]))
         stamp = batch.stamp[:count].copy()
         time, readings = self._seconds(stamp), self._samples.readings(batch.values[:count])
         if self._stuck is not None:

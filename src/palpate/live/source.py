@@ -98,18 +98,17 @@ class Source(Protocol):
 
 @runtime_checkable
 class CountingSource(Protocol):
-    """A source whose sender counts its samples, so that one in a later process finds how many came in between.
-
-    Attributes:
-        late: number of samples that were counted as lost and arrived later.
-        unknown: how often samples were missing whose number no counter tells.
-    """
+    """A source whose sender counts its samples, so that one in a later process finds how many came in between."""
 
     @property
-    def late(self) -> int: ...
+    def late(self) -> int:
+        """Number of samples that were counted as lost and arrived later."""
+        ...
 
     @property
-    def unknown(self) -> int: ...
+    def unknown(self) -> int:
+        """Number of times that samples were missing whose number no counter tells."""
+        ...
 
     def position(self) -> tuple[int, ...]:
         """Return the counters at the last sample received, at most seven integers; () before the first."""
