@@ -4,6 +4,7 @@ The device is a process that sends each sample at its own time, as evenly as the
 beside each figure, and so is the load, since on a machine that others use both are what is measured.
 """
 
+import json
 import os
 import socket
 import subprocess
@@ -22,7 +23,7 @@ import trimesh
 from claims.clock import timed
 from claims.row import Row, scratch
 from palpate.live.live import Live
-from palpate.live.netft import REQUEST, SAMPLE, START
+from palpate.live.netft import HEADER, REQUEST, SAMPLE, START
 from palpate.live.netft_device import NetFtDevice
 from palpate.live.record import ring_of
 from palpate.live.source import Batch
@@ -31,6 +32,7 @@ from palpate_lab.simulation import BumpySphere, touch_wrenches
 
 RATE, FACETS, R = 7000.0, 20_000, 0.03  # Hz; of the body; m
 MIDDLE, LATE, WORST = 200.0, 500.0, 2000.0  # us: p50, p99 and p99.9 with real-time priority
+ASKED, SOON, SOON_LATE = 100.0, 0.5, 3.0  # lines a second; ms at their sink: p50, p99
 BLOCK = 4.0  # us a sample, in blocks of 16 and more
 PRIORITY = 50  # of the device's process: below the receiver's
 HOST, COUNTS = "127.0.0.1", 1e6
@@ -169,6 +171,80 @@ def _busy() -> Generator[None]:
             each.wait()
 
 
+def _published(folder: Path, runs: int, seconds: float, *, judged: bool) -> Iterator[Row]:
+    """JSON lines at their sink, and the device's samples at the same sink without Palpate, in turns."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sink, _first():
+        sink.bind((HOST, 0))
+        sink.settimeout(1.0)
+        both = [(_direct(folder, sink, seconds), _sunk(folder, sink, seconds)) for _ in range(runs)]
+    alone, lines = zip(*both, strict=True)
+    middle, late = np.median([np.percentile(took, [50, 99]) for took, _ in lines], axis=0) * 1e-3
+    usual, plain = np.median([np.percentile(took, [50, 99]) for took in alone], axis=0) * 1e-3
+    rate = float(np.median([rate for _, rate in lines]))
+    met = abs(rate / ASKED - 1) < 0.01 and ((middle <= SOON and late <= SOON_LATE) or late <= 2 * plain)
+    target = f"p50 <= {SOON:g}, p99 <= {SOON_LATE:g} ms, or p99 <= 2 times that without; {ASKED:g} a second"
+    got = (
+        f"p50 {middle:.2f}, p99 {late:.2f} ms, {rate:.1f} a second; without Palpate p50 {usual:.2f}, p99 {plain:.2f} ms"
+    )
+    what = f"send to JSON over UDP at its sink, 7 kHz, median of {runs} runs"
+    yield Row(what, target if judged else "", f"{got}; {_load()}", met if judged else None)
+
+
+@contextmanager
+def _first() -> Generator[None]:
+    """Real-time priority for this process, as the device has it, so that the sink itself is not late."""
+    granted = False
+    with suppress(AttributeError, PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        granted = True
+    try:
+        yield
+    finally:
+        if granted:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def _heard(sink: socket.socket) -> Iterator[tuple[int, bytes]]:
+    """When each datagram came [ns], and its bytes, until a second passes without one."""
+    begun = False
+    while True:
+        try:
+            raw = sink.recv(1 << 16)
+        except TimeoutError:
+            if begun:
+                return
+            continue
+        begun = True
+        yield time.time_ns(), raw
+
+
+def _sunk(folder: Path, sink: socket.socket, seconds: float) -> tuple[np.ndarray, float]:
+    """From send to the sink [us] of each line after the start, and lines a second."""
+    with _device(folder, seconds) as (heard, _):
+        words = ["live", "--rig", folder / "rig.toml", "--publish", f"udp:{HOST}:{sink.getsockname()[1]}"]
+        command = [sys.executable, "-m", "palpate", *map(str, words)]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
+            try:
+                came, raw = zip(*_heard(sink), strict=True)
+                sent: np.ndarray = heard.recv()
+            finally:
+                running.terminate()
+    when, sample = np.array(came), np.array([json.loads(line)["sample"] for line in raw])
+    keep = when > when[0] + SETTLE * 1e9
+    when = when[keep]
+    return (when - sent[sample[keep]]) * 1e-3, float((len(when) - 1) / np.ptp(when) * 1e9)
+
+
+def _direct(folder: Path, sink: socket.socket, seconds: float) -> np.ndarray:
+    """From send to the sink [us] of each sample after the start, which the sink asks for itself."""
+    with _device(folder, seconds) as (heard, (port, _)):
+        sink.sendto(REQUEST.pack(HEADER, START, 0), (HOST, port))
+        came, raw = zip(*_heard(sink), strict=True)
+        sent: np.ndarray = heard.recv()
+    number = np.array([int.from_bytes(each[:4], "big") for each in raw]) - 1
+    return ((np.array(came) - sent[number]) * 1e-3)[number > SETTLE * RATE]
+
+
 def _peer(folder: Path, seconds: float) -> Row:
     """Samples of pynetft: no contacts, and no process but its own."""
     what = "send to sample at 7 kHz, pynetft"
@@ -250,3 +326,4 @@ def rows(small: bool) -> Iterator[Row]:
         yield from _blocks(folder, judged=not small)
         yield _peer(folder, seconds)
         yield from _latencies(folder, seconds, judged=not small)
+        yield from _published(folder, 1 if small else 5, 15.0, judged=not small)
