@@ -20,6 +20,8 @@ UDP, UNIX = "udp", "unix"
 LONGEST = 107  # bytes of a UNIX socket's path
 AGAIN = 10.0  # s between two sentences on what was dropped
 
+_ENCODER = json.JSONEncoder(allow_nan=False, separators=(",", ":"))  # made once: making one costs as much as a line
+
 Address = str | tuple[str, int] | tuple[str, int, int, int]
 
 
@@ -100,14 +102,13 @@ class JsonLines:
         for start, end, last in _each(contacts, every=not self._period):
             state = (*contacts.status[start:end].tolist(), *contacts.identity[start:end].tolist())
             if state != self._state or not self._period:
-                samples += self._send(contacts[start:end])
+                samples += self._send(contacts, start, end)
                 self._state, self._waiting, self._due = state, None, monotonic() + self._period
             elif last:
                 self._waiting = contacts, start, end
         if self._waiting is not None and self.due() <= 0.0:
             self._due = max(self._due + self._period, monotonic())  # late ones do not lower the rate
-            contacts, start, end = self._waiting
-            samples += self._send(contacts[start:end])
+            samples += self._send(*self._waiting)
             self._waiting = None
         return samples
 
@@ -131,9 +132,11 @@ class JsonLines:
         """Close the socket; may be called again."""
         self._socket.close()
 
-    def _send(self, contacts: Contacts) -> list[int]:
-        """Send a line, and return the sample's number; nothing if it was not taken."""
-        line = json.dumps(_object(contacts), allow_nan=False, separators=(",", ":")).encode() + b"\n"
+    def _send(self, contacts: Contacts, start: int, end: int) -> list[int]:
+        """Send a line of some rows, and return the sample's number; nothing if it was not taken."""
+        if end - start < len(contacts):
+            contacts = contacts[start:end]
+        line = _ENCODER.encode(_object(contacts)).encode() + b"\n"
         try:
             self._socket.sendto(line, self._address)
         except (ConnectionRefusedError, FileNotFoundError):  # nobody listens
