@@ -23,8 +23,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-__all__ = ["DamageWatch", "Line", "Seals", "sealed"]
-
 _SEAL = re.compile(rb"\*([0-9A-Fa-f]{2})\s*$")
 _TRUST = 10  # lines that settle whether their ends are checksums
 _FAR = 12.0  # usual steps from the line before: a jump

@@ -33,7 +33,7 @@ class SequenceCounters:
 
     @property
     def position(self) -> tuple[int, ...]:
-        """Where the counters are: those of the newest sample, its stamp, and steps of `ft` in one of `rdt`."""
+        """Counters of the newest sample, its stamp [ns], and steps of `ft` in one of `rdt`; () before the first."""
         return () if self._last is None else (*self._last, self._ratio)
 
     def resume(self, position: tuple[int, ...]) -> None:

@@ -247,7 +247,7 @@ class StreamBuffer:
 
     @property
     def position(self) -> tuple[int, ...]:
-        """Where the sender's counters were at the last sample, as `CountingSource.position`; for the writer."""
+        """Position that a `LossCount` stores for a later receiver, up to seven integers; for the writer."""
         size, *values = self._words[_PLACE["position"]].tolist()
         return tuple(values[:size])
 
