@@ -50,7 +50,7 @@ class FigureLine:
         rate = (count - self._count) / max(now - self._at, 1e-9)
         slots, _ = ring.read(max(self._count, count - LOOKED_AT), LOOKED_AT)
         self._count, self._at = count, now
-        waited = ", ".join(latency(ring, slots))
+        waited = ", ".join(f"{what} {text}" for what, text in latency(ring, slots))
         words = [f"{rate:7,.0f} Hz", contacts(slots), waited and f"latency {waited}", f"{ring['lost']:,} lost"]
         if recorded := ring["recorded"]:
             words.append(f"{recorded:,} recorded")
@@ -76,10 +76,10 @@ def contacts(slots: np.ndarray) -> str:
     return f"{several}{force.max():.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
 
 
-def latency(ring: StreamBuffer, slots: np.ndarray) -> list[str]:
-    """Return texts on the latencies of some slots, from arrival to contact and to publication, as far as known."""
+def latency(ring: StreamBuffer, slots: np.ndarray) -> list[tuple[str, str]]:
+    """Return names and texts of the latencies of some slots, from arrival to contact and to publication, if known."""
     known = (("sample to contact", latencies(slots)), ("sample to published", ring.published()))
-    return [f"{what} {_percentiles(waited)}" for what, waited in known if len(waited)]
+    return [(what, _percentiles(waited)) for what, waited in known if len(waited)]
 
 
 def _percentiles(waited: np.ndarray) -> str:
@@ -95,7 +95,7 @@ def summary(ring: StreamBuffer) -> None:
     if recorded:
         lines([("recorded", Quantity(f"{recorded:,} samples, {ring['bytes'] / 1e6:,.1f} MB", recorded))])
     slots, _ = ring.read(answered - LOOKED_AT, LOOKED_AT)
-    lines([("at the end", text) for text in latency(ring, slots)])
+    lines(latency(ring, slots))
 
 
 def _losses(ring: StreamBuffer) -> str:

@@ -29,7 +29,7 @@ MOST = 1 << 13  # slots that are read at once
 IMAGES = 1 << 24  # bytes of images that are read at once
 SENTENCES = 12
 RATED = 2.0  # s over which a rate is counted
-_GATHERED = ["number", "stamp", "arrived", "ready", "lost", "rows", "contacts"]  # of a slot: no images
+_GATHERED = ["number", "stamp", "arrived", "ready", "rows", "contacts"]  # of a slot: no images
 
 
 def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -> None:
@@ -118,7 +118,7 @@ class Stream:
         self.window: Contacts | None = None
         size = ring.form.slot().itemsize
         self._most = max(1, min(MOST, IMAGES // size))
-        self._lost = self._skipped = self._sentence = 0
+        self._skipped = self._sentence = 0
         self._waited = deque[tuple[float, np.ndarray]]()
         self._counts = deque[tuple[float, int]]()
         self._fresh = list[np.ndarray]()
@@ -171,7 +171,6 @@ class Stream:
             return
         fresh = np.concatenate([slots[_GATHERED] for slots in self._fresh])
         self._fresh.clear()
-        self._lost += int(fresh["lost"].sum())
         self._waited.append((now, latencies(fresh)))
         if len(found := self.ring.form.contacts(fresh)):
             self.window = recent(self.window, found)
@@ -187,7 +186,7 @@ class Stream:
         return StreamFigures(
             rate=(count - before) / (end - begun) if end > begun else 0.0,
             latency=self._waiting(now),
-            lost=self._lost,
+            lost=ring["lost"],
             skipped=self._skipped,
             silent=round(now - self._at, 0 if now - self._at > SILENT else 6),
             samples=ring["received"],

@@ -47,7 +47,9 @@ class LossCount:
         ring, self._resumed = self._ring, False
         if not self._known or self._unknown:
             ring["unknown"] += not self._unknown
-            return "samples that were sent while the receiver did not run are not counted: no counter went on"
+            return (
+                "an unknown number of samples was sent while the receiver did not run: no counter of the device went on"
+            )
         stored = ring["received"] - count - self._stored  # by the earlier receiver, after it had noted its position
         ring["lost"] -= stored
         ring["away"] += lost - stored
