@@ -109,7 +109,7 @@ def _damaged(count: int) -> Iterator[Row]:
             silent = len(got) - (len(lines) - count)
             yield Row(f"{count:,} damaged lines, with checksums: read in silence", "0", str(silent), silent == 0)
             continue
-        odd: np.ndarray = np.isnan(got).any(axis=1)
+        odd = np.asarray(np.isnan(got).any(axis=1))
         silent, small = int(np.sum(~odd[chosen] & far)), int(np.sum(~odd[chosen] & ~far))
         what = f"{count:,} damaged lines without checksums, those that change a number by > {FAR:g} usual steps"
         got_text = f"{silent} of {far.sum():,}; of {np.sum(~far):,} that change less, {small:,}"
