@@ -121,7 +121,7 @@ def build(level: str, part: str) -> None:
         entry.options["cache"] = False  # there is no machine code to keep
         for way, arguments in enumerate(entry.ways):
             symbol, types = entry.symbol(way), [_type(argument) for argument in arguments]
-            if part_of(symbol) == part and None not in types:
+            if part_of(symbol) == part:
                 signature = typing.signature(None, *types)
                 module._exported_functions[symbol] = compiler.ExportEntry(symbol, signature, entry.py_func)
         if entry.options.get("nogil"):
@@ -192,13 +192,13 @@ def _only_once() -> None:
 
 
 def _type(argument: Any) -> Any:
-    """Return numba's type of an argument; None of a compiled function, which a user's own equation is."""
+    """Return numba's type of an argument."""
     from numba.core import types
     from numba.np.numpy_support import from_dtype
 
     kind = type(argument).__name__
     if kind == "Function":
-        return None
+        return types.FunctionType(types.void(types.float64[::1], types.float64[::1]))
     if kind == "Number":
         return {"float": types.float64, "int": types.int64, "bool": types.boolean}[argument.kind]
     if kind == "Several":

@@ -19,8 +19,8 @@ import jaxtyping._import_hook as hook
 __all__ = ["cache_apart", "check_first_calls", "start_counting"]
 
 CALLS = 2  # of a function in a test: with 20, the checks were a quarter of the time of all tests
-_test = [0]  # how many have begun
-_counts: dict[CodeType, list[int]] = {}  # checked calls of a function, in which test
+_until = [CALLS]  # of a function's count of checked calls: each test adds `CALLS`
+_counts: dict[CodeType, list[int]] = {}  # checked calls of a function, those of earlier tests taken for made
 
 
 def cache_apart() -> None:
@@ -45,7 +45,7 @@ def cache_apart() -> None:
 
 def start_counting() -> None:
     """A test begins."""
-    _test[0] += 1
+    _until[0] += CALLS
 
 
 def check_first_calls() -> None:
@@ -67,17 +67,15 @@ def _first(made: Callable[[], Callable[..., Any]], plain: FunctionType) -> Calla
     A function in a function is another one at each call of the outer, whose check takes milliseconds to make: all of
     them count as one.
     """
-    counts = _counts.setdefault(plain.__code__, [0, 0])
+    count, until = _counts.setdefault(plain.__code__, [0]), _until
     checked: Callable[..., Any] | None = None
 
     @functools.wraps(plain)
     def call(*args: Any, **kwargs: Any) -> Any:
         nonlocal checked
-        if counts[1] != _test[0]:
-            counts[:] = 0, _test[0]
-        if counts[0] >= CALLS:
+        if count[0] >= until[0]:
             return plain(*args, **kwargs)
-        counts[0] += 1
+        count[0] = max(count[0], until[0] - CALLS) + 1
         if checked is None:
             checked = made()
         try:

@@ -43,12 +43,11 @@ def ran(code: str, **surroundings: str) -> str:
 
 
 @needs_module
-def test_it_has_every_way_of_every_entry_but_for_equations_that_a_user_writes() -> None:
+def test_it_has_every_way_of_every_entry() -> None:
     code = """
 import native_build
 jit = native_build._kernels()
-ways = [(entry, k, list(map(str, way))) for entry in jit.ENTRIES.values() for k, way in enumerate(entry.ways)]
-wanted = {entry.symbol(k) for entry, k, way in ways if "a compiled function" not in way}
+wanted = {entry.symbol(k) for entry in jit.ENTRIES.values() for k in range(len(entry.ways))}
 print(sorted(wanted - jit._native().keys()))
 """
     assert ran(code) == "[]"

@@ -19,6 +19,7 @@ from palpate.cli.batch_logs import logs_of, names_of
 from palpate.cli.estimate_log import estimate_log, record_of
 from palpate.cli.rig_options import RigOptions
 from palpate.console.console import Quantity, announce, lines, note, overwrite, title
+from palpate.console.options import CountOption
 from palpate.console.parallel import begin_results, from_row, read_rows, require_backend, run_kept
 from palpate.contact.estimate import Status
 from palpate.errors import InputError, PalpateError
@@ -97,7 +98,7 @@ def batch(
     setup: Annotated[RigOptions, arg(name="")],
     form: Annotated[Literal["parquet", "csv", "mcap"], arg(name="format", metavar="NAME")] = "parquet",
     frame: Literal["surface", "sensor", "base"] = "surface",
-    workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
+    workers: CountOption = None,
     backend: Annotated[str, arg(metavar="NAME")] = "processes",
 ) -> None:
     """Estimate contacts in many logs, and write one page about them.

@@ -17,7 +17,7 @@ from palpate.cli.events import say_touches
 from palpate.cli.report import judged, run_of
 from palpate.cli.rig_options import RigOptions
 from palpate.console.console import counting, lines, note, progress, shares, title, wait
-from palpate.console.options import FileOption, Log
+from palpate.console.options import CountOption, FileOption, Log
 from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.errors import InputError
@@ -45,7 +45,7 @@ def estimate(
     report: FileOption = None,
     truth: FileOption = None,
     compare: FileOption = None,
-    workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
+    workers: CountOption = None,
 ) -> None:
     """Estimate contacts in a log, with a rig or with a mesh alone.
 

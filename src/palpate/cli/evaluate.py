@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -35,7 +34,7 @@ def evaluate(
     rig: FileOption = None,
     wand: FileOption = None,
     wand_unit: Annotated[str, arg(metavar="UNIT")] = "mm",
-    output: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help_behavior_hint="")] = None,
+    output: Annotated[FileOption, arg(aliases=["-o"])] = None,
 ) -> None:
     """Compare contacts with the ground truth.
 

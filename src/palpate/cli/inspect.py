@@ -4,31 +4,21 @@ from __future__ import annotations
 
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from tyro.conf import arg
 
 from palpate.cli.inspect_log import inspect_contacts, inspect_log, say_contents
-from palpate.cli.spectrum import KINDS, draw_spectrum, located
 from palpate.console.console import Quantity, in_full, lines, note, span, title
-from palpate.console.options import FileOption, SomeFile
-from palpate.contact.ground_truth import TrueTouches
+from palpate.console.options import FileOption, NameOption, SomeFile
 from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
-from palpate.files.ati import AtiCalibration
-from palpate.files.atomic import PART, keep_inputs
+from palpate.files.atomic import PART, RING, keep_inputs
 from palpate.files.contacts import unfinished
 from palpate.files.contacts.mcap import KIND
-from palpate.files.ground_truth import read_ground_truth
 from palpate.files.logs import LogContents, contents
 from palpate.files.logs.topics import LIVE
 from palpate.files.models import MODELS, load_toml, read_model
-from palpate.files.urdf import Urdf
-from palpate.live.record import RING
-from palpate.live.recover import cut_short
-from palpate.sensors.taxels.files import of_taxels
-from palpate.sensors.taxels.place_formats import holds_taxels, read_taxel_places
 from palpate.setup import Rig, load_rig
 from palpate.setup.kinds import KINDS as SENSORS
 from palpate.signals.recording import CELLS
@@ -44,9 +34,9 @@ def inspect(
     file: SomeFile,
     /,
     rig: FileOption = None,
-    sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
-    topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
-    spectrum: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")] = None,
+    sensor: NameOption = None,
+    topic: NameOption = None,
+    spectrum: FileOption = None,
 ) -> None:
     """Show what is in a log, mesh, rig, model or result.
 
@@ -66,16 +56,18 @@ def inspect(
         OSError: the rest of a live record cannot be read.
         SystemExit: 3: the log was torn.
     """
-    suffix, incomplete, cut = file.suffix.lower(), unfinished(file), cut_short(file)
+    suffix, incomplete, cut = file.suffix.lower(), unfinished(file), _cut_short(file)
     if (not file.exists() and incomplete is None) or suffix == RING:
         raise InputError(cut or "the file does not exist.", where=str(file))
     note([cut] if cut else [], kind="warning")
     if spectrum is not None:  # before the work, not after it
+        from palpate.cli.spectrum import KINDS
+
         if spectrum.suffix.lower() not in KINDS:
             hint = f"Use {', '.join(KINDS)}."
             raise InputError(f"a picture cannot end in {spectrum.suffix!r}.", where=str(spectrum), hint=hint)
         keep_inputs(spectrum, (file, rig))
-    if spectrum is None and rig is None and incomplete is None and suffix in _TAXELS and holds_taxels(file):
+    if spectrum is None and rig is None and incomplete is None and _holds_taxels(file):
         _taxels(file)
     elif suffix in (*_MESHES, ".toml", ".urdf", ".xacro", ".cal"):
         if spectrum is not None:
@@ -84,6 +76,23 @@ def inspect(
         {".toml": _toml, ".cal": _ati, **dict.fromkeys(_MESHES, _mesh)}.get(suffix, _urdf)(file)
     else:
         _data(incomplete or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
+
+
+def _cut_short(file: Path) -> str:
+    """Return `palpate.live.recover.cut_short` of a file, without importing it where nothing is of a live record."""
+    if ".mcap" not in file.name.lower():
+        return ""
+    from palpate.live.recover import cut_short
+
+    return cut_short(file)
+
+
+def _holds_taxels(file: Path) -> bool:
+    if file.suffix.lower() not in _TAXELS:
+        return False
+    from palpate.sensors.taxels.place_formats import holds_taxels
+
+    return holds_taxels(file)
 
 
 def _data(file: Path, rig: Rig | None, sensor: str | None, topic: str | None, output: Path | None) -> None:
@@ -101,10 +110,14 @@ def _data(file: Path, rig: Rig | None, sensor: str | None, topic: str | None, ou
     else:
         recording, torn = inspect_log(file, rig, sensor, topic)
         if output is not None and recording is not None and rig is not None:
+            from palpate.cli.spectrum import located
+
             recording = located(recording, rig.resolve(rig.kind(sensor)))
     if output is not None:
         if recording is None or not len(recording):
             raise InputError("has no spectrum, because it contains no wrenches over time.", where=str(file))
+        from palpate.cli.spectrum import draw_spectrum
+
         draw_spectrum(recording, output, file.name)
     if torn:
         raise SystemExit(TORN)
@@ -145,6 +158,9 @@ def _mesh(file: Path) -> None:
 
 
 def _taxels(file: Path) -> None:
+    from palpate.sensors.taxels.files import of_taxels
+    from palpate.sensors.taxels.place_formats import read_taxel_places
+
     places = read_taxel_places(file)
     title(f"{file}: places of taxels")
     lines(of_taxels(places))
@@ -152,6 +168,8 @@ def _taxels(file: Path) -> None:
 
 
 def _urdf(file: Path) -> None:
+    from palpate.files.urdf import Urdf
+
     urdf = Urdf(file)
     moving = [joint.name for joint in urdf.joints if joint.kind != "fixed" and not joint.mimics]
     title(f"{file}: a robot")
@@ -164,6 +182,8 @@ def _urdf(file: Path) -> None:
 
 
 def _ati(file: Path) -> None:
+    from palpate.files.ati import AtiCalibration
+
     found = AtiCalibration.of(file)
     rated = [f"{value:.6g}" for value in found.ranges]
     title(f"{file}: ATI's calibration of a force/torque sensor")
@@ -239,6 +259,8 @@ def _listed(value: object) -> Quantity:
 
 def _ground_truth(file: Path) -> None:
     from palpate.cli.evaluate import truth_times  # here: a log needs nothing of it
+    from palpate.contact.ground_truth import TrueTouches
+    from palpate.files.ground_truth import read_ground_truth
 
     truth = read_ground_truth(file)
     title(f"{file}: {'touches at known points' if isinstance(truth, TrueTouches) else 'the truth at single times'}")

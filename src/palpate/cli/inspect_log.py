@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from palpate.cli.inspect_images import image_layouts, image_topics, inspect_images
-from palpate.cli.spectrum import force_and_place
 from palpate.console.console import Quantity, counting, lines, note, part, progress, shares, span, table, title
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
@@ -245,6 +244,8 @@ def inspect_contacts(file: Path) -> Recording:
     Raises:
         InputError: the file cannot be read, holds no contacts, or a row is invalid.
     """
+    from palpate.cli.spectrum import force_and_place  # here: a log needs nothing of it
+
     excerpt, counts = Excerpt(), np.zeros(len(Status), dtype=np.int64)
     ends, notes, features = np.empty(0), dict[str, None](), dict[str, None]()
     identities, samples, before = set[int](), 0, -1

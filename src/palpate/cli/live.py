@@ -20,7 +20,7 @@ from palpate.cli.live_line import FigureLine, summary
 from palpate.cli.live_page import show
 from palpate.console.console import counting, lines, note, title, wait
 from palpate.console.keys import Came, pressed, signals
-from palpate.console.options import FileOption, RigFile, Scalar, require_port, require_positive
+from palpate.console.options import FileOption, NameOption, RigFile, Scalar, require_port, require_positive
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs
 from palpate.live.publish import RATE, publish, require_address
@@ -47,7 +47,7 @@ def live(
     port: int = 8080,
     host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1",
     publish: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="TO", help_behavior_hint="")] = (),
-    sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
+    sensor: NameOption = None,
     seconds: Scalar = None,
     realtime: Annotated[bool, FlagConversionOff] = True,
 ) -> None:

@@ -11,7 +11,7 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
 from palpate.console.console import note, title
-from palpate.console.options import FileOption, Output, Scalar
+from palpate.console.options import FileOption, NameOption, Output, Scalar
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.datasets import is_dataset, read_dataset, write_named
@@ -33,7 +33,7 @@ class _Robot:
         package: package that the URDF names, and its folder, if it is not found; may be given again.
     """
 
-    link: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    link: NameOption = None
     package: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=FOLDER", help_behavior_hint="")] = ()
 
 
@@ -43,11 +43,11 @@ def rig_new(
     /,
     *,
     output: Output,
-    sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
+    sensor: NameOption = None,
     rate: Scalar = None,
-    topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
+    topic: NameOption = None,
     poses: FileOption = None,
-    source: Annotated[str | None, arg(metavar="KIND:ADDRESS", help_behavior_hint="")] = None,
+    source: Annotated[NameOption, arg(metavar="KIND:ADDRESS")] = None,
     robot: Annotated[_Robot, arg(name="")],
     force: Annotated[bool, FlagCreatePairsOff] = False,
 ) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Any, Literal, Optional, TypeVar, cast
 
 from tyro.conf import arg
 
-from palpate.console.options import FileOption, Pair, Scalar
+from palpate.console.options import FileOption, NameOption, Pair, Scalar
 from palpate.contact.locate import OFF, ON
 from palpate.errors import InputError
 from palpate.setup import Rig, load_rig
@@ -22,6 +22,7 @@ from palpate.surfaces.collada import ColladaAsset
 Made = TypeVar("Made")
 _CONTACT = f"force [N] at which a contact begins, and below which it ends (default: {ON:g}, {OFF:g} times the noise)."
 _PAIRS = {"noise": RigNoise, "contact": RigThresholds}  # options of two numbers, as the rig has them
+METHODS = Literal["soft_finger", "wrench_axis"]
 FILTERS = Literal["none", "kalman", "butterworth", "zero_phase"]
 
 
@@ -49,19 +50,19 @@ class RigOptions:
 
     rig: FileOption = None
     mesh: FileOption = None
-    unit: Annotated[Literal["m", "cm", "mm", "um", "in"] | None, arg(metavar="UNIT", help_behavior_hint="")] = None
+    unit: Annotated[Optional[Literal["m", "cm", "mm", "um", "in"]], arg(metavar="UNIT", help_behavior_hint="")] = None
     crease: Scalar = None
     payload: FileOption = None
     noise: Pair = None
-    method: Annotated[Literal["soft_finger", "wrench_axis"] | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    method: Annotated[Optional[METHODS], arg(metavar="NAME", help_behavior_hint="")] = None
     friction: Scalar = None
     torsion: Scalar = None
     contact: Annotated[Pair, arg(help=_CONTACT)] = None
-    filter: Annotated[FILTERS | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    filter: Annotated[Optional[FILTERS], arg(metavar="NAME", help_behavior_hint="")] = None
     cutoff: Scalar = None
     tare: Scalar = None
-    sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
-    topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    sensor: NameOption = None
+    topic: NameOption = None
 
     def load(self) -> Rig:
         """Return the `Rig` with all options applied.

@@ -11,7 +11,7 @@ from tyro.conf import arg
 from palpate.cli.contact_files import compared_blocks, on_body, written
 from palpate.cli.rig_options import RigOptions
 from palpate.console.console import announce, counting, lines, note, progress, title, wait
-from palpate.console.options import Log
+from palpate.console.options import FileOption, Log
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.files.atomic import reserve_output, sibling_folder
@@ -37,8 +37,8 @@ def view(
     log: Log,
     /,
     setup: Annotated[RigOptions, arg(name="")],
-    compare: Annotated[Path | None, arg(metavar="CONTACTS", help_behavior_hint="")] = None,
-    film: Annotated[Path | None, arg(metavar="OUT.mp4", help_behavior_hint="")] = None,
+    compare: Annotated[FileOption, arg(metavar="CONTACTS")] = None,
+    film: Annotated[FileOption, arg(metavar="OUT.mp4")] = None,
     port: Annotated[int, arg(metavar="N")] = 8080,
     host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1",
 ) -> None:

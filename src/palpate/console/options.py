@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional, Union
 
 from tyro.conf import Positional, arg
 
@@ -16,9 +16,11 @@ TruthFile = Annotated[Positional[Path], arg(metavar="TRUTH")]
 SomeFile = Annotated[Positional[Path], arg(metavar="FILE")]
 Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
 RigFile = Annotated[Path, arg(metavar="FILE")]
-FileOption = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
-Scalar = Annotated[float | None, arg(metavar="X", help_behavior_hint="")]
-Pair = Annotated[tuple[float, float] | None, arg(metavar="X X", help_behavior_hint="")]
+FileOption = Annotated[Optional[Path], arg(metavar="FILE", help_behavior_hint="")]
+NameOption = Annotated[Optional[str], arg(metavar="NAME", help_behavior_hint="")]
+CountOption = Annotated[Optional[int], arg(metavar="N", help_behavior_hint="")]
+Scalar = Annotated[Optional[float], arg(metavar="X", help_behavior_hint="")]
+Pair = Annotated[Union[None, tuple[float, float]], arg(metavar="X X", help_behavior_hint="")]  # None first: the default
 
 
 def require_positive(value: float | None, option: str) -> None:

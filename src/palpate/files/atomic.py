@@ -15,6 +15,7 @@ from palpate.files.inputs import irregular
 from palpate.files.output_lock import only_writer, reserve
 
 PART = ".part"
+RING = ".ring"  # of a live record, which is not recovered yet
 WHOLE = "whole.part"  # in an OUTPUT.part that is a folder, the file that replaces OUTPUT
 
 

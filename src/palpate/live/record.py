@@ -14,12 +14,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from palpate.errors import InputError
-from palpate.files.atomic import part, writing
+from palpate.files.atomic import RING, part, writing
 from palpate.live.record_file import RecordFile, grown, named, place
 from palpate.live.record_messages import RecordMessages, event, record_topics
 from palpate.live.stream_buffer import READERS, StreamBuffer
 
-RING = ".ring"
 POLL = 0.02  # s between looks at the ring
 SPAN = 0.25  # s of a chunk: a loss of power may cost so much beyond the last sync
 CHUNK = 2048  # samples of a chunk, at most

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.files.atomic import PART, part, writing
+from palpate.files.atomic import PART, RING, part, writing
 from palpate.files.mcap.regain import regained
-from palpate.live.record import RING, Recorder, only_one, ring_of
+from palpate.live.record import Recorder, only_one, ring_of
 from palpate.live.record_file import RecordFile, grown, named, span_of
 from palpate.live.stream_buffer import StreamBuffer
 

@@ -9,7 +9,7 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from palpate.console.console import counting, note, overwrite, part, step, table, title
-from palpate.console.options import FileOption
+from palpate.console.options import FileOption, NameOption
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.viewer.report import require_report
@@ -25,10 +25,10 @@ def benchmark_score(
     folder: Annotated[Positional[Path], arg(metavar="FOLDER")],
     /,
     answers: FileOption = None,
-    estimator: Annotated[str | None, arg(metavar="MODULE:FUNCTION", help_behavior_hint="")] = None,
+    estimator: Annotated[NameOption, arg(metavar="MODULE:FUNCTION")] = None,
     name: Annotated[str, arg(metavar="TEXT", help_behavior_hint="")] = "",
     alone: Annotated[bool, FlagCreatePairsOff] = False,
-    output: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help_behavior_hint="")] = None,
+    output: Annotated[FileOption, arg(aliases=["-o"])] = None,
 ) -> None:
     """Score estimators and their peers on benchmark tasks.
 

@@ -12,6 +12,7 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.console.console import counting, lines, note, progress, title, wait
+from palpate.console.options import CountOption
 from palpate.errors import InputError
 from palpate.files.atomic import PART, reserve_output
 
@@ -25,7 +26,7 @@ def simulate_marker_ring(
     seed: Annotated[int, arg(metavar="N")] = 0,
     touches: Flag = False,
     small: Flag = False,
-    count: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
+    count: CountOption = None,
     rings: Annotated[int, arg(metavar="N")] = 1,
     images: Flag = False,
 ) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.console.console import Quantity, announce, counting, lines, note, progress, title, wait
-from palpate.console.options import FileOption, require_port
+from palpate.console.options import CountOption, FileOption, NameOption, require_port
 from palpate.errors import InputError
 from palpate.files.atomic import reserve_output, sibling_folder
 from palpate_lab.cli.arena_setup import ArenaRequest, robot_skin
@@ -26,11 +26,9 @@ if TYPE_CHECKING:
 
 Flag = Annotated[bool, FlagCreatePairsOff]
 Out = Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
-Film = Annotated[Path | None, arg(metavar="RUN.mp4", help_behavior_hint="")]
+Film = Annotated[FileOption, arg(metavar="RUN.mp4")]
 Name = Annotated[str, arg(metavar="NAME")]
-Maybe = Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")]
 Count = Annotated[int, arg(metavar="N")]
-Some = Annotated[int | None, arg(metavar="N", help_behavior_hint="")]
 
 FRAMED = 6  # moments between two pictures of the film
 PICTURES = 25  # of the film a second, which makes it five times as fast as what happened
@@ -39,20 +37,20 @@ PICTURES = 25  # of the film a second, which makes it five times as fast as what
 def simulate_arena(
     *,
     output: Out,
-    robots: Some = None,
+    robots: CountOption = None,
     seed: Count = 0,
-    density: Maybe = None,
+    density: NameOption = None,
     layout: Name = "random",
     method: Name = "ours",
     images: Flag = False,
     seconds: Annotated[float, arg(metavar="S")] = 600.0,
     rig: FileOption = None,
-    fault: Maybe = None,
+    fault: NameOption = None,
     film: Film = None,
     view: Flag = False,
     port: Count = 8080,
-    seeds: Some = None,
-    jobs: Some = None,
+    seeds: CountOption = None,
+    jobs: CountOption = None,
     backend: Name = "processes",
 ) -> None:
     """Simulate robots that find their way by touch.

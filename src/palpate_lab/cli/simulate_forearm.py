@@ -9,6 +9,7 @@ import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.console.console import Quantity, counting, lines, note, progress, title, wait
+from palpate.console.options import Scalar
 from palpate.errors import InputError
 from palpate_lab.cli.simulate import complete_session, require_new
 
@@ -32,7 +33,7 @@ def simulate_forearm_command(
     still: Flag = False,
     unequal: Annotated[float, arg(metavar="SHARE")] = 0.02,
     clock_offset: Seconds = 0.0,
-    free: Annotated[float | None, arg(metavar="S", help_behavior_hint="")] = None,
+    free: Annotated[Scalar, arg(metavar="S")] = None,
 ) -> None:
     """Simulate a forearm with a skin and a force/torque sensor.
 

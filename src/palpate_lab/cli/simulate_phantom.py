@@ -13,6 +13,7 @@ import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.console.console import Quantity, announce, counting, lines, note, progress, title, wait
+from palpate.console.options import FileOption, Scalar
 from palpate.errors import InputError
 from palpate.files.atomic import reserve_output, sibling_folder
 
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 
 Flag = Annotated[bool, FlagCreatePairsOff]
 Out = Annotated[Path, arg(aliases=["-o"], metavar="RUN.mcap")]
-Film = Annotated[Path | None, arg(metavar="RUN.mp4", help_behavior_hint="")]
-Seconds = Annotated[float | None, arg(metavar="S", help_behavior_hint="")]
+Film = Annotated[FileOption, arg(metavar="RUN.mp4")]
+Seconds = Annotated[Scalar, arg(metavar="S")]
 Count = Annotated[int, arg(metavar="N")]
 
 BEGIN = 5.0  # s: by then the probe has approached, pressed and settled

@@ -11,7 +11,6 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from palpate.calibration.clock import suspected_offset
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
 from palpate.files.logs import LogContents, join, open_log
@@ -22,7 +21,6 @@ from palpate.files.models import read_model
 from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.force_torque.compensation import Compensation
 from palpate.sensors.force_torque.model import ForceTorque
-from palpate.sensors.force_torque.orientation_form import confirmed_pose
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
 from palpate.setup.built import FIRST, BuiltEstimator, Guess
@@ -30,7 +28,6 @@ from palpate.setup.guess_columns import WrenchColumns, acceleration_table, colum
 from palpate.setup.guess_pose import PoseGuess, guess_pose
 from palpate.setup.names import made_up
 from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
-from palpate.setup.wrench import wrench_estimator
 from palpate.setup.wrench_table import RigForceTorque
 from palpate.signals.acceleration import turned_from_gravity, wrong_acceleration
 from palpate.signals.imu_at_rest import imu_at_rest
@@ -192,6 +189,8 @@ def compensation(setup: Setup, head: Recording | None) -> Compensation:
 
 
 def _build(setup: Setup) -> BuiltEstimator:
+    from palpate.setup.wrench import wrench_estimator  # here: to guess at a log needs nothing of it
+
     table, head = setup.of(ForceTorqueSection).table, setup.head
     seen, where = (None, "there is no log") if head is None else _noise_of(setup, head)
     payload = setup.of(ForceTorqueSection).payload
@@ -222,6 +221,8 @@ def _late(setup: Setup, head: Recording) -> list[str]:
     payload = setup.of(ForceTorqueSection).payload
     if payload is None or payload.imu is not None or head.frame == "base" or ORIENTATION not in head.channels:
         return []
+    from palpate.calibration.clock import suspected_offset
+
     offset = suspected_offset(head.time, head.wrenches(), head.channels[ORIENTATION], payload)
     if not offset:
         return []
@@ -300,6 +301,8 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
         if timed and made_up(contents.names) and (np.diff(recording.time) <= 0).mean() > 0.1:
             return None  # the first of seven columns without names is no time
         if pose is not None and quaternion:
+            from palpate.sensors.force_torque.orientation_form import confirmed_pose
+
             pose = confirmed_pose(pose, recording, based=found.layout.frame == "base")
         found = found.looked_at(recording, contents.stated, opened.time_unit, pose)
         found = found if contents.poses is None else replace(found, remarks=(*found.remarks, *opened.notes()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,15 +12,15 @@ from palpate.errors import InputError
 from palpate.files.logs import LogContents
 from palpate.files.logs.layout import LogLayout
 from palpate.sensors.force_torque.section import FORCE_TORQUE, compensation
-from palpate.sensors.fused.estimator import FusedEstimator
-from palpate.sensors.fused.locator import FusedLocator, FusionSettings
-from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.sensors.taxels.guess import guess_with_wrench
 from palpate.sensors.taxels.section import SKIN, skin_tare
 from palpate.setup.body import GivenBody
 from palpate.setup.built import BuiltEstimator, Guess
 from palpate.setup.setup import SensorKind, Setup
 from palpate.signals.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
+
+if TYPE_CHECKING:
+    from palpate.sensors.fused.locator import FusionSettings
 
 _TEXT = """\
 [fusion]                             # of the skin and the sensor; friction is that of [estimate]
@@ -56,6 +57,8 @@ class RigFusion:
         Raises:
             InputError: friction or a key of the table is out of its range.
         """
+        from palpate.sensors.fused.locator import FusionSettings
+
         return FusionSettings(friction, min(self.tangential, friction), self.gain, self.floor, self.alarm)
 
 
@@ -66,6 +69,10 @@ def _layout(setup: Setup) -> LogLayout:
 
 
 def _build(setup: Setup) -> BuiltEstimator:
+    from palpate.sensors.fused.estimator import FusedEstimator  # here: to guess at a log needs none of them
+    from palpate.sensors.fused.locator import FusedLocator
+    from palpate.sensors.taxels.estimator import TaxelEstimator
+
     felt, head, link = SKIN.build(setup), setup.head, setup.link
     link.surface().prepared()  # once for all logs of a rig
     if not isinstance(felt.estimator, TaxelEstimator):

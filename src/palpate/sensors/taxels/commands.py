@@ -10,7 +10,7 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.console.calibration import Calibration, CalibrationResult
-from palpate.console.options import FileOption, Log, Output, Scalar
+from palpate.console.options import CountOption, FileOption, Log, NameOption, Output, Scalar
 from palpate.errors import InputError
 from palpate.files.logs import open_log
 from palpate.files.logs.topics import NONE
@@ -57,10 +57,10 @@ class CalibrateIntensity(Calibration):
     rig: FileOption = None
     pressures: Annotated[tuple[float, ...], arg(metavar="KPA", help_behavior_hint="")] = ()
     kind: Annotated[Literal["auto", "polynomial", "two_range", "monotone", "resistive"], arg(metavar="NAME")] = "auto"
-    degree: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None
-    bits: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None
+    degree: CountOption = None
+    bits: CountOption = None
     unit: Annotated[str, arg(metavar="UNIT")] = "N"
-    sheet: Annotated[str | None, arg(metavar="RxC", help_behavior_hint="")] = None
+    sheet: Annotated[NameOption, arg(metavar="RxC")] = None
     scale: Scalar = None
     reference: Scalar = None
 

@@ -13,9 +13,7 @@ from palpate.errors import InputError
 from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.models import read_model
 from palpate.files.units import CELL_UNITS, ELECTRIC_UNITS, FORCE_UNITS, PRESSURE_UNITS, known_unit
-from palpate.sensors.taxels.estimator import HEAD, TaxelEstimator
 from palpate.sensors.taxels.guess import guess_skin
-from palpate.sensors.taxels.health import FALLS, examine, falls_under_load
 from palpate.sensors.taxels.intensity import Intensity, load_direction
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.place_formats import read_taxel_places
@@ -25,7 +23,6 @@ from palpate.sensors.taxels.skin_map.model import SkinMap, flat_map
 from palpate.setup.built import BuiltEstimator
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
-from palpate.setup.wrench import noted_filter
 from palpate.signals.recording import CELLS
 
 REST = 5.0  # s of a stream from which the same is taken, where no tare says how long
@@ -261,6 +258,10 @@ def _layout(setup: Setup) -> LogLayout:
 
 
 def _build(setup: Setup) -> BuiltEstimator:
+    from palpate.sensors.taxels.estimator import HEAD, TaxelEstimator  # here: to guess at a log needs none of them
+    from palpate.sensors.taxels.health import FALLS, examine, falls_under_load
+    from palpate.setup.wrench import noted_filter
+
     skin, head = setup.of(SkinSection), setup.head
     body, intensity, tare, falling = skin.body, skin.intensity, skin_tare(setup), skin.table.falling
     health, stated = None, load_direction(intensity, falling)

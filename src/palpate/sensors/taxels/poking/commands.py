@@ -13,7 +13,7 @@ from tyro.conf import Positional, arg
 
 from palpate.console.calibration import Calibration, CalibrationResult
 from palpate.console.console import Quantity, lines, note, progress, title, wait
-from palpate.console.options import FileOption, Log, Output, RigFile, Scalar, require_positive
+from palpate.console.options import FileOption, Log, NameOption, Output, RigFile, Scalar, require_positive
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.logs import contents
@@ -70,7 +70,7 @@ class CalibrateTaxels(Calibration):
     output: Output
     method: Annotated[Literal["modules", "taxels", "surface", "weighted", "free"], arg(metavar="NAME")] = "modules"
     start: FileOption = None
-    layout: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    layout: NameOption = None
     spacing: Scalar = None
     threshold: Scalar = None
 
