@@ -26,8 +26,8 @@ TOUCHES, EVERY, LASTS, RAMP = 16, 2.0, 0.8, 0.1  # number, s
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """One row: the touches' errors at two rates; small: of one session each, else of ten."""
-    count = 1 if small else 10
+    """One row: the touches' errors at two rates; small: of one session each, else of 32."""
+    count = 1 if small else 32
     with TemporaryDirectory() as scratch:
         off = np.concatenate([_errors(Path(scratch), seed, rate) for rate in (100.0, 500.0) for seed in range(count)])
     what = f"a ring on a moving arm, 0.030 N of noise, payload 0.05 N off, no stated noise: {TOUCHES} touches a session"

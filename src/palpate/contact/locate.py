@@ -403,7 +403,7 @@ class Locator:
 
         The end is the sample with the largest force among the last 32 answered ones, of those of half that force with
         CONTACT if there are any, and of these with residual 0, whose wrench has a contact there; rows after it stay. If
-        most of the 32 are AMBIGUOUS, the rows remain so, and they are located near the place that the force meets first
+        most of the 32 are AMBIGUOUS, the rows remain so, and all are located near the place that the force meets first
         at the end. All rows stay if more samples would become implausible. The Locator's memory is kept.
 
         Args:
@@ -431,17 +431,18 @@ class Locator:
         state = _state(None if open_end else rows[count - 1, ROW.point])
         state[at.TOUCHING] = state[at.FOLLOW] = 1.0
         begin = max(0, count - 1 - _END)
-        order = np.r_[count - 1 : begin : -1, begin : count - 1, count - 1 : -1 : -1]
+        last = len(rows) - 1 if open_end else count - 1
+        order = np.r_[count - 1 : begin : -1, begin:last, last:-1:-1]
         if covariances is not None:
             noises = noises[order]
         back = self.empty(len(order))
         self._many(wrenches[order], noises, statuses[order], *self._arguments, settings, state, True, back)
-        back = back[-count:]
+        back = back[-last - 1 :]
         before = rows[:, ROW.status].copy()
         worse = back[:, ROW.status] == Status.IMPLAUSIBLE
-        if np.count_nonzero(worse) > np.count_nonzero(before[:count] == Status.IMPLAUSIBLE) + WORSE * count:
+        if np.count_nonzero(worse) > np.count_nonzero(before[: last + 1] == Status.IMPLAUSIBLE) + WORSE * len(back):
             return
-        rows[:count] = back[::-1]
+        rows[: last + 1] = back[::-1]
         if open_end:
             several = (rows[:, ROW.candidates] > 1) | (before == Status.AMBIGUOUS)
             rows[several & (rows[:, ROW.status] == Status.CONTACT), ROW.status] = Status.AMBIGUOUS
