@@ -48,7 +48,7 @@ def rows(small: bool) -> Iterator[Row]:
     for source in SOURCES:
         yield _free(source, count)
     for source in SOURCES:
-        yield from _touched(source, 2 if small else 25)
+        yield from _touched(source, 2 if small else 125)
     yield from moving_torus.rows(small)
 
 
