@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import log2
 
 import numpy as np
 from jaxtyping import Float
@@ -73,9 +74,9 @@ def touch_error(
     groups, scale = len(errors) // size, float(np.sum(errors**2)) / (errors.size - slopes.shape[2])
     grouped = errors[: groups * size].reshape(groups, size, 2)
     mean, slope = grouped.mean(axis=1), slopes[: groups * size].reshape(groups, size, 2, 6).mean(axis=1)
-    within = float(np.mean((grouped - mean[:, None]) ** 2))
+    within = float(np.sum((grouped - mean[:, None]) ** 2)) / grouped.size
     white, drift = scale * VARIANCES, scale * np.append(0.0, VARIANCES)
-    lasting = groups * 2.0 ** -np.arange(np.log2(groups))  # the touches show no drift that lasts longer
+    lasting: Float[np.ndarray, " t"] = groups * 0.5 ** np.arange(log2(groups))  # groups show no drift that lasts longer
     likelihood = np.stack([_likelihood(mean, slope, white, drift, each) for each in lasting])
     likelihood[..., 0] += np.log(len(VARIANCES))
     weight = np.exp(likelihood - likelihood.max())
