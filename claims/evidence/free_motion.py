@@ -17,6 +17,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import palpate
+from claims.evidence import moving_torus
 from claims.evidence.bodies import mesh_of
 from claims.evidence.covariance import CHI2_95, NOISE, squared_distance
 from claims.evidence.moving import Course, moving_wrenches
@@ -42,12 +43,13 @@ EDGE, LONG = 0.05, (0.4, 1.2)  # s
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """Free arms, then arms that are touched while they move."""
+    """Free arms, arms that are touched while they move, and one whose log is compensated already."""
     count = 2 if small else 60
     for source in SOURCES:
         yield _free(source, count)
     for source in SOURCES:
-        yield from _touched(source, 2 if small else 25)
+        yield from _touched(source, 2 if small else 125)
+    yield from moving_torus.rows(small)
 
 
 @dataclass(frozen=True)

@@ -257,7 +257,7 @@ def test_jitter_and_drift_of_touches_are_found_as_drawn(count: int, drift: float
         error = touch_error(errors - errors.mean(axis=0), slopes, np.full(count, 0.3e-3**2))
         found.append((error.jitter, error.drift))
     jitter, drifts = np.sqrt(np.mean(np.square(found), axis=0))
-    assert jitter == pytest.approx(0.4e-3, rel=0.25)  # 0.5 mm less the noise of 0.3 mm; within a group drift is jitter
+    assert jitter == pytest.approx(0.4e-3, rel=0.3)  # 0.5 mm less the noise of 0.3 mm; a brief drift is like jitter
     assert drifts < 0.1e-3 if drift == 0.0 else 0.7 * drift < drifts < 2.0 * drift  # 8 times its length tell it roughly
 
 

@@ -110,6 +110,19 @@ def test_on_a_log_the_end_of_a_touch_decides_its_beginning(height: float) -> Non
             assert np.isin(status[begin + COUNT : begin + COUNT + 20], UNTOUCHED).all()
 
 
+def test_on_a_log_an_undecided_touch_is_where_its_force_meets_the_surface_first() -> None:
+    """Weak first and last samples act 3.5 mm beside the touch, where there is the lower plate alone."""
+    mesh = plates()
+    wide = Mesh.from_arrays(mesh.vertices * np.where(mesh.vertices[:, 2:] < 0.0, [2.0, 2.0, 1.0], 1.0), mesh.faces)
+    wrenches = touch(UPPER, turns=False)
+    for weak in (slice(0, 3), slice(-3, None)):
+        wrenches[weak] = [0.0, 0.0, -0.3, 0.0, 0.3 * 3.5e-3, 0.0]
+    parts = WrenchEstimator(Locator(wide, noise=NOISE), ForceTorque(NOISE), live=False).stream([recorded(wrenches)])
+    found = next(iter(parts)).estimate
+    assert np.allclose(found.point[3:-3, 2], UPPER, atol=1e-9)
+    assert (found.status[3:-3] == Status.AMBIGUOUS).mean() > 0.9
+
+
 def test_a_touch_is_followed_back_from_where_it_was_believed() -> None:
     """The upper plate, for long at its friction's bound; noise puts the hardest late sample beyond."""
     lean = np.full(2 * COUNT, 0.248)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import log2
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +12,6 @@ from palpate.signals.correlation import correlation_time
 from palpate.spatial.arguments import takes_arrays
 
 FEWEST, MANY = 4, 48  # touches whose errors are estimated; of more, groups are averaged
-LASTING = 2.0 ** -np.arange(5.0)  # of the touches: they show no drift that lasts longer
 VARIANCES = np.geomspace(1e-3, 30.0, 32)  # that are tried, over that of the residuals
 DOUBTFUL = 0.2  # probability of no drift above which there is none
 SURE = 4.0  # over sqrt(n): a correlation time of n touches that differs from 1 by less is none
@@ -55,8 +55,10 @@ def touch_error(
 
     They are white noise of variance u and a shift of the surface that drifts, of variance s^2 along each axis and
     correlation exp(-|k - l| / tau) between touches k and l. Returned are the means of u and s^2 over their restricted
-    likelihood [Patterson & Thompson 1971], if log u, log s, log tau are evenly distributed, and s = 0 as probable as
-    not. Fewer than four touches, or errors of 0, show nothing.
+    likelihood [Patterson & Thompson 1971], if log u, log s, log tau are evenly distributed, tau from one touch to all,
+    and s = 0 as probable as not. Of many touches, the means of groups show s and tau, and u is what remains in these
+    and within: marks of single samples may err alike for some samples. Fewer than four touches, or errors of 0, show
+    nothing.
 
     Args:
         errors: (n, 2) [m] of apparent points, along two tangents.
@@ -72,20 +74,20 @@ def touch_error(
     groups, scale = len(errors) // size, float(np.sum(errors**2)) / (errors.size - slopes.shape[2])
     grouped = errors[: groups * size].reshape(groups, size, 2)
     mean, slope = grouped.mean(axis=1), slopes[: groups * size].reshape(groups, size, 2, 6).mean(axis=1)
+    within = float(np.sum((grouped - mean[:, None]) ** 2)) / grouped.size
     white, drift = scale * VARIANCES, scale * np.append(0.0, VARIANCES)
-    likelihood = np.stack([_likelihood(mean, slope, white / size, drift, groups * lasting) for lasting in LASTING])
-    within, freedom = float(np.sum((grouped - mean[:, None]) ** 2)), 2 * groups * (size - 1)
-    likelihood -= 0.5 * (within / white + freedom * np.log(white))[:, None]
+    lasting: Float[np.ndarray, " t"] = groups * 0.5 ** np.arange(log2(groups))  # groups show no drift that lasts longer
+    likelihood = np.stack([_likelihood(mean, slope, white, drift, each) for each in lasting])
     likelihood[..., 0] += np.log(len(VARIANCES))
     weight = np.exp(likelihood - likelihood.max())
     if np.sum(weight[..., 0]) > DOUBTFUL * np.sum(weight):
         weight[..., 1:] = 0.0
     weight /= np.sum(weight)
-    jitter = max(float(np.sum(weight, axis=(0, 2)) @ white) - float(noise.mean()), 0.0) ** 0.5
+    jitter = max(float(np.sum(weight, axis=(0, 2)) @ white) + within - float(noise.mean()), 0.0) ** 0.5
     drifts = np.sum(weight, axis=1) @ drift  # by how long they last
     if not drifts.any():
         return TouchError(jitter)
-    return TouchError(jitter, float(drifts.sum()) ** 0.5, len(errors) * float(np.average(LASTING, weights=drifts)))
+    return TouchError(jitter, float(drifts.sum()) ** 0.5, size * float(np.average(lasting, weights=drifts)))
 
 
 def _likelihood(

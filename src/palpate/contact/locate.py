@@ -401,10 +401,10 @@ class Locator:
     ) -> None:
         """Locate the rows of one touch again, from its end to its start, near the contact that was believed at the end.
 
-        The end is the sample with the largest force among the last 32 answered ones, of those with CONTACT if there are
-        any, and of these with residual 0, whose wrench has a contact there; rows after it stay. AMBIGUOUS stays only if
-        most of these samples have it. All rows stay if more samples would become implausible. The Locator's memory is
-        kept.
+        The end is the sample with the largest force among the last 32 answered ones, of those of half that force with
+        CONTACT if there are any, and of these with residual 0, whose wrench has a contact there; rows after it stay. If
+        most of the 32 are AMBIGUOUS, the rows remain so, and all are located near the place that the force meets first
+        at the end. All rows stay if more samples would become implausible. The Locator's memory is kept.
 
         Args:
             wrenches: (n, 6) of the touch, in the surface's frame.
@@ -425,22 +425,24 @@ class Locator:
         late = answered[-_END:]
         sure: Bool[np.ndarray, " k"] = rows[late, ROW.status] == Status.CONTACT
         located, pressed = rows[late, ROW.residual] == 0.0, np.linalg.norm(rows[late, ROW.force], axis=1)
-        count = int(late[np.lexsort((pressed, located, sure))[-1]]) + 1
-        state = _state(rows[count - 1, ROW.point])
+        strong = pressed >= 0.5 * pressed.max()  # a touch ends with its weakest samples, which noise may put elsewhere
+        count = int(late[np.lexsort((pressed, located, sure, strong))[-1]]) + 1
+        open_end = np.count_nonzero(sure) < 0.5 * len(sure)
+        state = _state(None if open_end else rows[count - 1, ROW.point])
         state[at.TOUCHING] = state[at.FOLLOW] = 1.0
         begin = max(0, count - 1 - _END)
-        order = np.r_[count - 1 : begin : -1, begin : count - 1, count - 1 : -1 : -1]
+        last = len(rows) - 1 if open_end else count - 1
+        order = np.r_[count - 1 : begin : -1, begin:last, last:-1:-1]
         if covariances is not None:
             noises = noises[order]
-        open_end = np.count_nonzero(sure) < 0.5 * len(sure)
         back = self.empty(len(order))
         self._many(wrenches[order], noises, statuses[order], *self._arguments, settings, state, True, back)
-        back = back[-count:]
+        back = back[-last - 1 :]
         before = rows[:, ROW.status].copy()
         worse = back[:, ROW.status] == Status.IMPLAUSIBLE
-        if np.count_nonzero(worse) > np.count_nonzero(before[:count] == Status.IMPLAUSIBLE) + WORSE * count:
+        if np.count_nonzero(worse) > np.count_nonzero(before[: last + 1] == Status.IMPLAUSIBLE) + WORSE * len(back):
             return
-        rows[:count] = back[::-1]
+        rows[: last + 1] = back[::-1]
         if open_end:
             several = (rows[:, ROW.candidates] > 1) | (before == Status.AMBIGUOUS)
             rows[several & (rows[:, ROW.status] == Status.CONTACT), ROW.status] = Status.AMBIGUOUS
