@@ -413,7 +413,7 @@ def _padded(matrix: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n q"]:
 
 def _unsure(cells: LoadCells, matrix: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "21 q"]:
     """Return the map from the upper triangle of w w' to the covariance of E w in the surface's frame."""
-    whole = np.einsum("pi,iajb,qj->paqb", matrix, cells.covariance.reshape(6, 6, 6, 6), matrix)
+    whole = np.einsum("pi,iajb,qj->paqb", matrix, cells.errors.reshape(6, 6, 6, 6), matrix)
     both = whole + whole.transpose(0, 3, 2, 1)  # of w_a w_b and w_b w_a
     rows, columns = UPPER
     unsure = both[rows[None], rows[:, None], columns[None], columns[:, None]]  # [of w w', of the covariance]

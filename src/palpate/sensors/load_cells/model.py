@@ -22,6 +22,7 @@ __all__ = ["AXES", "VOLTAGE", "LoadCells", "require_directions", "require_layout
 AXES = ("x", "y", "z")
 
 LENGTH = 0.01  # m: a torque of 1 N at this arm counts as much as 1 N where ranks are judged
+SHEAR = 0.3  # of the force: standard deviation, along each tangent, of shear that is not measured
 FLATTEST = 1e-3  # of the largest singular value: below it a direction of the wrench is not measured
 LAYOUTS = (AXES, *((axis,) for axis in AXES))  # of the axes of a cell
 IN_LINE = 0.02  # of the layout's extent: cells nearer to one line than this cannot measure the moment about it
@@ -53,6 +54,8 @@ class LoadCells(Value):
         provenance: origin of the calibration.
         notes: on the calibration, one sentence each.
         axes: of the surface's frame that each cell measures: three, or one, for which all positions must be known.
+        shear: of a touch, along each tangent, over its force: standard deviation, where cells of one axis do not
+            measure it.
 
     Raises:
         InputError: a shape is wrong, a number is not finite, or the noise is not positive definite.
@@ -73,6 +76,7 @@ class LoadCells(Value):
     provenance: Mapping[str, str]
     notes: tuple[str, ...]
     axes: tuple[str, ...]
+    shear: float
 
     def __init__(
         self,
@@ -91,6 +95,7 @@ class LoadCells(Value):
         provenance: Mapping[str, str] | None = None,
         notes: Sequence[str] = (),
         axes: Sequence[str] = AXES,
+        shear: float = SHEAR,
     ) -> None:
         rows = np.shape(matrix)[0] if np.ndim(matrix) == 2 else 0
         each = len(axes)
@@ -114,6 +119,7 @@ class LoadCells(Value):
             provenance=MappingProxyType(dict(provenance or {})),
             notes=tuple(notes),
             axes=tuple(axes),
+            shear=float(shear),
         )
         if each == 1 and not np.isfinite(self.positions).all():
             raise InputError("cells of one axis need positions: [x, y, z] in m of each cell.", where="load_cells")
@@ -131,6 +137,11 @@ class LoadCells(Value):
     def measured(self) -> Float[np.ndarray, "6 d"]:
         """Orthonormal wrenches (6, d) that the cells measure: all six, or three of cells of one axis."""
         return measured(self.axes)
+
+    @property
+    def errors(self) -> Float[np.ndarray, "36 36"]:
+        """Covariance (36, 36) of E by the calibration, and by what cells of one axis do not measure."""
+        return self.covariance + unmeasured_covariance(self.axes, self.positions, self.shear)
 
     def label(self, channel: int) -> str:
         """Return the name of a channel, from 0, for messages, such as "channel x of cell 1", or "cell 1"."""
@@ -205,12 +216,12 @@ class LoadCells(Value):
         return found, (1.0 + self.drift**2) * covariance + self.calibration_covariance(found)
 
     def calibration_covariance(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch 6 6"]:
-        """Return the covariance (*batch, 6, 6) of the calibration's error E w in wrenches (*batch, 6) [N, N m].
+        """Return the covariance (*batch, 6, 6) of E w in wrenches (*batch, 6) [N, N m], by `errors`.
 
         Raises:
             InputError: wrenches has another shape.
         """
-        blocks = self.covariance.reshape(6, 6, 6, 6)
+        blocks = self.errors.reshape(6, 6, 6, 6)
         return np.einsum("iajb,...a,...b->...ij", blocks, wrenches, wrenches)
 
     def chi_square(
@@ -265,8 +276,6 @@ class LoadCells(Value):
         return one_line(self)
 
 
-SHEAR = 0.3  # of the force: standard deviation, along each tangent, of shear that cells of one axis do not measure
-
 
 def measured(axes: tuple[str, ...]) -> Float[np.ndarray, "6 d"]:
     """Return orthonormal wrenches (6, d) that cells measure: of one axis a, force along a and moments about the others.
@@ -295,14 +304,16 @@ def unmeasured(axes: tuple[str, ...], positions: Float[np.ndarray, "k 3"]) -> Fl
     return out
 
 
-def unmeasured_covariance(axes: tuple[str, ...], positions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "36 36"]:
-    """Return the covariance (36, 36) of E, see `LoadCells`, by what cells do not measure.
+def unmeasured_covariance(
+    axes: tuple[str, ...], positions: Float[np.ndarray, "k 3"], shear: float
+) -> Float[np.ndarray, "36 36"]:
+    """Return the covariance (36, 36) of E, see `LoadCells`, by the shear and torque that cells do not measure.
 
     A force F a at the point p with a shear e F t has the moment of p x e F t too. In the cells' plane, where the others
     measure M, its part along a is -e t . M; above that plane, shear displaces the measured point.
     """
     out, along = np.zeros((36, 36)), AXES.index(axes[0])
-    for wrench, share in zip(unmeasured(axes, positions).T, (SHEAR, SHEAR, 1.0), strict=False):
+    for wrench, share in zip(unmeasured(axes, positions).T, (shear, shear, shear), strict=False):
         slope = np.zeros((6, 6))
         slope[:, along], slope[3 + along, 3:] = share * wrench, -share * wrench[:3]
         out += np.outer(slope, slope)

@@ -14,15 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from palpate.sensors.load_cells.model import (
-    AXES,
-    LoadCells,
-    measured,
-    require_layout,
-    unmeasured,
-    unmeasured_covariance,
-    with_changes,
-)
+from palpate.sensors.load_cells.model import AXES, LoadCells, measured, require_layout, unmeasured, with_changes
 from palpate.spatial.arguments import takes_arrays
 
 TOLERANCE = 0.01  # of a gain that no calibration determines: one standard deviation
@@ -60,10 +52,9 @@ def plate_cells(
 
 
 def with_gains(cells: LoadCells, covariance: Float[np.ndarray, "k k"]) -> LoadCells:
-    """Return the cells with E by the covariance (k, k) of their gains [N/V], and by what they do not measure."""
+    """Return the cells with E by the covariance (k, k) of their gains [N/V]."""
     slopes = np.einsum("ik,kj->kij", _units(cells.axes, cells.positions), cells.matrix).reshape(cells.cells, 36)
-    unknown = unmeasured_covariance(cells.axes, cells.positions)
-    return with_changes(cells, covariance=slopes.T @ covariance @ slopes + unknown)
+    return with_changes(cells, covariance=slopes.T @ covariance @ slopes)
 
 
 def uneven(cells: LoadCells, loads: Float[np.ndarray, "r 3"]) -> LoadCells:

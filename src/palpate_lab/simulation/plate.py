@@ -1,0 +1,109 @@
+"""A plate that bends on springs, which are load cells of one axis: statics by Rayleigh and Ritz, and its session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate_lab.simulation.contacts import directed_forces
+
+SIDE, THICK, INSET, RATING = 0.3, 0.01, 0.01, 10.0  # m, of the plate and of its cells from the edges; N of a cell
+RATE, STANDS, RESTS = 50.0, 2.0, 1.0  # Hz, s
+SPRING, BENDING = 2e5, 4e4  # N/m of a cell; N m^2 times m^2 of each bending mode: a corner sinks as much as its cell
+_RIG = """[surface]
+mesh = "plate.stl"
+unit = "m"
+
+[load_cells]
+model = "plate.toml"   # of `palpate calibrate load-cells`; not there yet while calibrating
+axes = ["z"]
+columns = {columns}
+positions = {positions}
+
+[estimate]
+tare = 0.9
+"""
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A square plate, its upper face at z = 0, on k cells at z = -THICK.
+
+    Args:
+        position: (k, 3) [m] of the cells.
+        gain: (k,) [V/N].
+        spring: (k,) [N/m].
+        bow: (k,) error of a cell in the middle of its rating, over it.
+        crossed: (k, 2) share of its shear that a cell reads.
+        noise: standard deviation of a reading, over the rating.
+    """
+
+    position: Float[np.ndarray, "k 3"]
+    gain: Float[np.ndarray, " k"]
+    spring: Float[np.ndarray, " k"]
+    bow: Float[np.ndarray, " k"]
+    crossed: Float[np.ndarray, "k 2"]
+    noise: float = 2e-4
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator, cells: int = 4, error: float = 1e-3) -> Plate:
+        """Draw a plate whose cells differ by 1 % in gain, by 5 % in stiffness, and err by a share of their rating."""
+        turn = np.pi / 4 + 2.0 * np.pi * np.arange(cells) / cells
+        place = np.stack([np.cos(turn), np.sin(turn), np.zeros(cells)], axis=1)
+        place *= (SIDE / 2 - INSET) / np.abs(place[:, :2]).max(axis=1, keepdims=True)
+        place[:, 2] = -THICK
+        gain, spring = 0.1 * (1.0 + 0.01 * rng.standard_normal(cells)), SPRING * (1.0 + 0.05 * rng.standard_normal(cells))
+        return cls(place, gain, spring, error * rng.uniform(-1, 1, cells), 5e-4 * rng.standard_normal((cells, 2)))
+
+    def loads(self, points: Float[np.ndarray, "n 3"], forces: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n k"]:
+        """Return what each cell carries (n, k) [N]: the least energy of springs and bending less the work of a force."""
+        modes, _ = _modes(self.position)
+        stiffness = modes.T @ (self.spring[:, None] * modes) + np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * BENDING / SIDE**4
+        shape, slopes = _modes(points)
+        work = shape * -forces[:, 2:] - THICK * np.einsum("na,nam->nm", forces[:, :2], slopes)
+        return np.linalg.solve(stiffness, work.T).T @ modes.T * self.spring
+
+    def voltages(
+        self, points: Float[np.ndarray, "n 3"], forces: Float[np.ndarray, "n 3"], rng: np.random.Generator
+    ) -> Float[np.ndarray, "n k"]:
+        """Return readings (n, k) [V] without zero: gain, bow, cross-talk and noise of each cell."""
+        loads = self.loads(points, forces)
+        share = loads / RATING
+        bowed = loads + 4.0 * RATING * self.bow * share * (1.0 - np.abs(share)) + forces[:, :2] @ self.crossed.T / len(share.T)
+        return self.gain * (bowed + self.noise * RATING * rng.standard_normal(loads.shape))
+
+
+def _modes(points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 2 6"]]:
+    """Return the displacement by each mode, 1, x, y, x y, x^2 and y^2, at points, and its slopes along x and y."""
+    (x, y), one, none = points[:, :2].T, np.ones(len(points)), np.zeros(len(points))
+    along, across = (none, one, none, y, 2 * x, none), (none, none, one, x, none, 2 * y)
+    return np.stack([one, x, y, x * y, x**2, y**2], axis=1), np.stack([np.stack(along, 1), np.stack(across, 1)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class PlateRun:
+    """Touches in turn, each steady for 2 s after 1 s of rest: `time`, `voltages`, `touch` (-1: none), `point`, `force`."""
+
+    time: Float[np.ndarray, " n"]
+    voltages: Float[np.ndarray, "n k"]
+    touch: np.ndarray
+    point: Float[np.ndarray, "t 3"]
+    force: Float[np.ndarray, "t 3"]
+
+
+def plate_run(plate: Plate, rng: np.random.Generator, force: Float[np.ndarray, " t"], friction: float) -> PlateRun:
+    """Press with each force [N] in turn at places drawn over the plate, with shear up to `friction` times the force."""
+    count, up = len(force), np.array([[0.0, 0.0, 1.0]])
+    reach = SIDE / 2 - 2 * INSET
+    point = np.column_stack([rng.uniform(-reach, reach, (count, 2)), np.zeros(count)])
+    slope = friction * np.sqrt(rng.uniform(size=count))
+    pushed = directed_forces(up.repeat(count, 0), force * np.hypot(1.0, slope), slope, rng.uniform(0, 2 * np.pi, count))
+    each = round((RESTS + STANDS) * RATE)
+    number = np.repeat(np.arange(count), each)
+    touch = np.append(np.where(np.arange(len(number)) % each < RESTS * RATE, -1, number), [-1] * round(RESTS * RATE))
+    points, forces = np.append(point, [[0, 0, 0]], axis=0)[touch], np.append(pushed, [[0, 0, 0]], axis=0)[touch]
+    zero = rng.normal(0.0, 0.02, len(plate.gain))
+    return PlateRun(np.arange(len(touch)) / RATE, zero + plate.voltages(points, forces, rng), touch, point, pushed)
