@@ -55,13 +55,18 @@ class Plate:
         place = np.stack([np.cos(turn), np.sin(turn), np.zeros(cells)], axis=1)
         place *= (SIDE / 2 - INSET) / np.abs(place[:, :2]).max(axis=1, keepdims=True)
         place[:, 2] = -THICK
-        gain, spring = 0.1 * (1.0 + 0.01 * rng.standard_normal(cells)), SPRING * (1.0 + 0.05 * rng.standard_normal(cells))
+        gain, spring = (
+            0.1 * (1.0 + 0.01 * rng.standard_normal(cells)),
+            SPRING * (1.0 + 0.05 * rng.standard_normal(cells)),
+        )
         return cls(place, gain, spring, error * rng.uniform(-1, 1, cells), 5e-4 * rng.standard_normal((cells, 2)))
 
     def loads(self, points: Float[np.ndarray, "n 3"], forces: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n k"]:
-        """Return what each cell carries (n, k) [N]: the least energy of springs and bending less the work of a force."""
+        """Return what each cell carries (n, k) [N]: the least energy of springs and bending, less a force's work."""
         modes, _ = _modes(self.position)
-        stiffness = modes.T @ (self.spring[:, None] * modes) + np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * BENDING / SIDE**4
+        stiffness = (
+            modes.T @ (self.spring[:, None] * modes) + np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * BENDING / SIDE**4
+        )
         shape, slopes = _modes(points)
         work = shape * -forces[:, 2:] - THICK * np.einsum("na,nam->nm", forces[:, :2], slopes)
         return np.linalg.solve(stiffness, work.T).T @ modes.T * self.spring
@@ -72,7 +77,11 @@ class Plate:
         """Return readings (n, k) [V] without zero: gain, bow, cross-talk and noise of each cell."""
         loads = self.loads(points, forces)
         share = loads / RATING
-        bowed = loads + 4.0 * RATING * self.bow * share * (1.0 - np.abs(share)) + forces[:, :2] @ self.crossed.T / len(share.T)
+        bowed = (
+            loads
+            + 4.0 * RATING * self.bow * share * (1.0 - np.abs(share))
+            + forces[:, :2] @ self.crossed.T / len(share.T)
+        )
         return self.gain * (bowed + self.noise * RATING * rng.standard_normal(loads.shape))
 
 
@@ -85,7 +94,7 @@ def _modes(points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 6"], 
 
 @dataclass(frozen=True, eq=False)
 class PlateRun:
-    """Touches in turn, each steady for 2 s after 1 s of rest: `time`, `voltages`, `touch` (-1: none), `point`, `force`."""
+    """Touches in turn, each steady for 2 s after 1 s of rest; `touch` is the number of each sample's, -1: none."""
 
     time: Float[np.ndarray, " n"]
     voltages: Float[np.ndarray, "n k"]
@@ -107,3 +116,35 @@ def plate_run(plate: Plate, rng: np.random.Generator, force: Float[np.ndarray, "
     points, forces = np.append(point, [[0, 0, 0]], axis=0)[touch], np.append(pushed, [[0, 0, 0]], axis=0)[touch]
     zero = rng.normal(0.0, 0.02, len(plate.gain))
     return PlateRun(np.arange(len(touch)) / RATE, zero + plate.voltages(points, forces, rng), touch, point, pushed)
+
+
+def write_plate_session(
+    plate: Plate, rng: np.random.Generator, folder: Path, *, known: bool
+) -> tuple[PlateRun, PlateRun]:
+    """Write bench_log.csv of weights, at stated places if `known`, log.csv and truth.csv of touches, a mesh, a rig."""
+    import polars
+    import trimesh
+
+    folder.mkdir(parents=True, exist_ok=True)
+    weights = plate_run(plate, rng, np.repeat([2.0, 5.0, 10.0], 4), 0.0)
+    touches = plate_run(plate, rng, rng.uniform(1.0, 10.0, 12), 0.2)
+    names = [f"u{cell + 1}" for cell in range(len(plate.gain))]
+    place = np.append(weights.point, [[0, 0, 0]], axis=0)[weights.touch, :2]
+    weight = -np.append(weights.force, [[0, 0, 0]], axis=0)[weights.touch, 2:]
+    for path, run, more, columns in (
+        ("bench_log.csv", weights, [weight, place] if known else [weight], ["ref_f", "ref_x", "ref_y"]),
+        ("log.csv", touches, [], []),
+    ):
+        rows = np.concatenate([run.time[:, None], run.voltages, *more], axis=1)
+        polars.DataFrame(rows, schema=["time", *names, *columns][: rows.shape[1]]).write_csv(folder / path)
+    start = (RESTS + STANDS) * np.arange(len(touches.force)) + RESTS
+    truth = np.column_stack([start, start + STANDS, touches.point, touches.force])
+    header = ["start", "end", "px", "py", "pz", "fx", "fy", "fz"]
+    polars.DataFrame(truth, schema=header).write_csv(folder / "truth.csv")
+    box = trimesh.creation.box((SIDE, SIDE, THICK))
+    box.apply_translation((0.0, 0.0, -THICK / 2))
+    box.export(folder / "plate.stl")
+    columns, positions = str(names).replace("'", '"'), plate.position.round(9).tolist()
+    rig = _RIG.format(columns=columns, positions=positions)
+    (folder / "rig.toml").write_text(rig if known else rig.replace("positions", 'reference = ["ref_f"]\npositions'))
+    return weights, touches

@@ -4,9 +4,9 @@ A weight W at (x, y) is carried by the cells, at (x_i, y_i): with readings u_i l
 
     sum g_i u_i = W,    sum g_i u_i (x_i, y_i) = W (x, y)
 
-which are linear in the gains g and hold however the plate bends. Where a weight stood unknown, only the first does. As a
-stiff plate's readings have three directions, such weights show three combinations of the gains: all of three cells. Of
-more cells, the others are taken as equal to `TOLERANCE`.
+which are linear in the gains g and hold however the plate bends. At unknown places only the first is known. As a stiff
+plate's readings have three directions, such weights show three combinations of the gains: all of three cells. Of more
+cells, the others are taken as equal to `TOLERANCE`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from palpate.spatial.arguments import takes_arrays
 PLACED = 5e-4  # m: standard deviation of a weight's place
 SETTLES, ENDS = 0.3, 0.1  # of the time that a weight stands, at its beginning and end, which are omitted
 FEWEST = 5  # samples of a weight
+ELSEWHERE = 2.0  # times the misfit of the weights: touches load the plate where no weight stood
 WORST = 0.2  # of a reading: cells that err by more do not carry these weights
 ODD, SIGMAS = 0.03, 4.0  # of the gain, and standard deviations, by which a cell must differ from the others to be named
 ROUNDS = 4
@@ -71,7 +72,7 @@ class Weights:
         return (arms.T[None] * self.readings[:, None]).reshape(-1, len(self.cells))
 
     def variance(self, gains: Float[np.ndarray, " k"], error: float) -> Float[np.ndarray, "n 3 3"]:
-        """Return the covariances (n, 3, 3) of the equations of each weight, if each cell errs by a share of its load."""
+        """Return the covariances (n, 3, 3) of each weight's equations, if each cell errs by a share of its load."""
         arms = np.column_stack([np.ones(len(self.cells)), self.cells]).T * gains
         loads = self.spread + error**2 * np.einsum("nk,kl->nkl", self.readings**2, np.eye(len(gains)))
         placed = (PLACED * self.weight)[:, None, None] ** 2 * np.diag([0.0, 1.0, 1.0])
@@ -189,9 +190,13 @@ def _bench(
     """Return the complete rows as a `BenchLog`, and weight and place (n, 3) of each."""
     whole = np.isfinite(np.column_stack([time, voltages, weights])).all(axis=1)
     if not np.any(weights[whole] > 0):
-        raise InputError("no weight stands on the plate.", where="reference", hint="Write each weight in N, unloaded 0.")
+        raise InputError(
+            "no weight stands on the plate.", where="reference", hint="Write each weight in N, unloaded 0."
+        )
     if np.any(weights[whole] < 0):
-        raise InputError("a weight is negative.", where="reference", hint="Write what presses on the plate as positive.")
+        raise InputError(
+            "a weight is negative.", where="reference", hint="Write what presses on the plate as positive."
+        )
     still = np.ptp(voltages[whole], axis=0) == 0
     if still.any():
         raise InputError(f"cell {int(np.argmax(still)) + 1} never changes: it is dead, or not connected.")
@@ -292,14 +297,16 @@ def _validated(weights: Weights, found: Gains) -> Validation:
 
 
 def _picked(weights: Weights, rows: np.ndarray) -> Weights:
-    return Weights(weights.readings[rows], weights.weight[rows], weights.place[rows], weights.spread[rows], weights.cells)
+    return Weights(
+        weights.readings[rows], weights.weight[rows], weights.place[rows], weights.spread[rows], weights.cells
+    )
 
 
 def _divided(cells: LoadCells, weights: Weights, found: Gains) -> LoadCells:
     """Return the cells with the division of loads that the weights show, where there are enough, and the misfit."""
     inverse, _, rest = cells.inverse()
     if not len(rest):
-        return with_changes(cells, misfit=found.error)
+        return with_changes(cells, misfit=ELSEWHERE * found.error)
     loads = weights.readings @ inverse.T @ cells.measured
     across, enough = weights.readings @ rest.T, len(loads) >= 6
     slope = np.linalg.lstsq(loads, across)[0] if enough else np.zeros((3, len(rest)))
@@ -308,7 +315,7 @@ def _divided(cells: LoadCells, weights: Weights, found: Gains) -> LoadCells:
     white = np.linalg.solve(np.linalg.cholesky(made.noise), (loads @ made.measured.T @ made.matrix.T).T)
     size = np.sum(white**2, axis=0) / len(rest)
     off = np.mean((across - loads @ slope) ** 2) / freedom / np.mean(size)
-    return with_changes(made, misfit=float(np.hypot(np.sqrt(off), found.error)))
+    return with_changes(made, misfit=ELSEWHERE * float(np.hypot(np.sqrt(off), found.error)))
 
 
 def _drift(found: Sequence[UnloadedStretch], noise: Float[np.ndarray, "k k"]) -> float:

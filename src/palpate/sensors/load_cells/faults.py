@@ -82,7 +82,8 @@ def find_faults(
     if share <= RARE:
         return []
     whole = np.asarray(kept.reshape(-1, len(cells.axes)).any(axis=1))
-    cause = _explained(made, usable, bad, fits, names, when) or _swapped(cells, usable[bad], whole, share)
+    cause = _explained(made, usable, bad, fits, names, when) or _other_gain(cells, usable[bad], kept, share)
+    cause = cause or _swapped(cells, usable[bad], whole, share)
     if cause is None and int(whole.sum()) == 3:
         cause = _still(cells, usable, whole, share)
     said = (
@@ -239,6 +240,33 @@ def _steady(off: np.ndarray, due: np.ndarray) -> bool:
     centred, load = off - off.mean(axis=0), due - due.mean(axis=0)
     explained = np.sum(centred * load, axis=0) ** 2 / np.maximum(np.sum(load**2, axis=0), 1e-300)
     return bool(np.sum(explained) < 0.1 * np.sum(off**2))
+
+
+def _other_gain(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
+    """Return the fault of the one cell of a single axis that agrees with the others if its gain is another.
+
+    Of four cells, no three can judge the fourth in a sample; that the error grows with its load can, over many.
+    """
+    if len(cells.axes) > 1:
+        return None
+    _, _, rest = cells.inverse(kept)
+    bound, more, agreeing = unlikely(len(rest)), np.zeros(cells.cells), np.zeros(cells.cells)
+    for cell in np.flatnonzero(kept).tolist():
+        alone = np.outer(some[:, cell], rest[:, cell])
+        part = float(np.sum(alone * (some @ rest.T)) / max(float(np.sum(alone**2)), 1e-300))
+        mended = some.copy()
+        mended[:, cell] *= 1.0 - part
+        more[cell] = part / (1.0 - part) if part < 1.0 else np.inf
+        agreeing[cell] = np.mean(cells.chi_square(mended, kept) <= bound)
+    named = np.flatnonzero(agreeing > max(AGREE, agreeing.max() - RARE))
+    if not len(named) or not np.isfinite(more[named]).all():
+        return None
+    numbers = ", ".join(str(cell + 1) for cell in named)
+    which = f"cell {numbers} reads" if len(named) == 1 else f"one of cells {numbers} reads"
+    size = ", ".join(f"{100 * abs(more[cell]):.2g} % {'more' if more[cell] > 0 else 'less'}" for cell in named)
+    said = f"{which} {size} than when it was calibrated: check what else carries it, and calibrate again"
+    kind = "gain" if len(named) == 1 else "unclear"
+    return CellFault(tuple(named.tolist()), kind, share, said, tuple(named.tolist()))
 
 
 def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:

@@ -229,7 +229,8 @@ class LoadCells(Value):
     ) -> Float[np.ndarray, "*batch"]:
         """Return the chi-square (*batch,) of readings, the squared residual of a fitted wrench over its variance.
 
-        Its degrees of freedom are the used channels less the wrenches measured. The variance is that of noise, drift and misfit under load.
+        Its degrees of freedom are the used channels less the wrenches measured. The variance is that of noise,
+        drift and misfit under load.
 
         Args:
             readings: (*batch, a k) [V], u - b.
@@ -274,7 +275,6 @@ class LoadCells(Value):
 
     def __repr__(self) -> str:
         return one_line(self)
-
 
 
 def measured(axes: tuple[str, ...]) -> Float[np.ndarray, "6 d"]:

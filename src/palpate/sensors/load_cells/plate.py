@@ -4,8 +4,8 @@ The cells' forces -g_i u_i a at l_i, along the axis a, balance what presses on t
 
     w = A u,    A = -(a; l_i x a) g_i
 
-needs neither a stiff plate nor equal cells. In `LoadCells` that A is the least squares' if C = R A' (A R A')^-1 + R Q' H
-with Q the combinations of unit variance that C does not make, and H [1/N] how an uneven plate loads these.
+needs neither a stiff plate nor equal cells. In `LoadCells` that A is the least squares' if C = R A' (A R A')^-1 +
+R Q' H, with Q the combinations of unit variance that A' does not make, and H how an uneven plate loads these.
 """
 
 from __future__ import annotations
