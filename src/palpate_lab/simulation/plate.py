@@ -103,12 +103,17 @@ class PlateRun:
     force: Float[np.ndarray, "t 3"]
 
 
-def plate_run(plate: Plate, rng: np.random.Generator, force: Float[np.ndarray, " t"], friction: float) -> PlateRun:
-    """Press with each force [N] in turn at places drawn over the plate, with shear up to `friction` times the force."""
+def plate_run(
+    plate: Plate, rng: np.random.Generator, force: Float[np.ndarray, " t"], friction: float, shear: float = 0.0
+) -> PlateRun:
+    """Press with each force [N] in turn at places drawn over the plate.
+
+    Shear is up to `friction` times the force; or of a standard deviation of `shear` times it along x and along y.
+    """
     count, up = len(force), np.array([[0.0, 0.0, 1.0]])
     reach = SIDE / 2 - 2 * INSET
     point = np.column_stack([rng.uniform(-reach, reach, (count, 2)), np.zeros(count)])
-    slope = friction * np.sqrt(rng.uniform(size=count))
+    slope = np.where(shear > 0, shear * np.sqrt(rng.chisquare(2, count)), friction * np.sqrt(rng.uniform(size=count)))
     pushed = directed_forces(up.repeat(count, 0), force * np.hypot(1.0, slope), slope, rng.uniform(0, 2 * np.pi, count))
     each = round((RESTS + STANDS) * RATE)
     number = np.repeat(np.arange(count), each)
