@@ -315,7 +315,7 @@ def _divided(cells: LoadCells, weights: Weights, found: Gains) -> LoadCells:
     white = np.linalg.solve(np.linalg.cholesky(made.noise), (loads @ made.measured.T @ made.matrix.T).T)
     size = np.sum(white**2, axis=0) / len(rest)
     off = np.mean((across - loads @ slope) ** 2) / freedom / np.mean(size)
-    return with_changes(made, misfit=ELSEWHERE * float(np.hypot(np.sqrt(off), found.error)))
+    return with_changes(made, misfit=ELSEWHERE * float(np.sqrt(off)))
 
 
 def _drift(found: Sequence[UnloadedStretch], noise: Float[np.ndarray, "k k"]) -> float:

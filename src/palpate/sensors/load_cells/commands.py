@@ -99,7 +99,7 @@ class CalibrateLoadCells(Calibration):
         return f'name it in the rig: model = "{self.output.name}" under [load_cells]'
 
     def _plate(self, table: RigLoadCells, recording: Recording) -> CalibrationResult:
-        if table.positions is None:
+        if not table.positions:
             raise InputError("is missing: [x, y, z] in m of each cell.", where="load_cells.positions")
         reference = recording.channels[REFERENCE]
         places = reference[:, 1:] if reference.shape[1] > 1 else np.full((len(reference), 2), np.nan)

@@ -30,7 +30,8 @@ class Resolution:
         calibration: (n,) [m] position error from the calibration.
         force: (n,) [N] error of the force from the noise.
         scale: (n,) error of the force from the calibration, over the force.
-        torque: (n,) [N m] error of the torque about the normal from the noise; NaN for contacts without torque.
+        torque: (n,) [N m] error of the torque about the normal from the noise; NaN if there is none or it is not
+            measured.
         largest: (n,) [N] force at which the first cell leaves its range; inf where none is known.
     """
 
@@ -189,7 +190,9 @@ def _at(
         _rms(place @ unsure @ np.swapaxes(place, 1, 2)),
         np.full(len(points), np.sqrt(np.trace(spread[:3, :3]))),
         _rms(unsure[:, :3, :3]),
-        np.sqrt(np.einsum("ni,ij,nj->n", slope[:, 3], spread, slope[:, 3])) if soft else np.full(len(points), np.nan),
+        np.sqrt(np.einsum("ni,ij,nj->n", slope[:, 3], spread, slope[:, 3]))
+        if soft and len(cells.axes) > 1
+        else np.full(len(points), np.nan),
         wrench @ cells.matrix.T,
     )
 

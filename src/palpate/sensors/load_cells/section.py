@@ -35,7 +35,7 @@ from palpate.surfaces import Surface
 
 _ORDER = "columns must be x, y, z of cell 1, then of cell 2, and so on, as they were calibrated"
 _CELL = re.compile(r"^(?P<head>u|v|ch|cell|volt(?:age)?s?|ai)[\W_]*\d+[\W_]*[xyz]?$", re.IGNORECASE)
-_SINGLE = re.compile(r"^(?:lc|load[\W_]*cell)[\W_]*\d+(?:[\W_]+(?P<unit>\w+))?[\W_]*$", re.IGNORECASE)
+_SINGLE = re.compile(r"^(?:u|volt(?:age)?s?|lc|load[\W_]*cell)[\W_]*\d+(?:[\W_]+(?P<unit>\w+))?[\W_]*$", re.IGNORECASE)
 _FEW = 3, 8  # cells under a plate
 _MOST = 36  # channels: twelve cells; more are a skin
 _TEXT = """\
@@ -214,7 +214,7 @@ class LoadCellSection(SensorSection):
         if table.model is not None:
             return self.cells
         sensitivity = 1.0 if table.newtons else table.sensitivity
-        if table.positions is None or sensitivity is None or table.noise is None:
+        if not table.positions or sensitivity is None or table.noise is None:
             raise InputError(
                 "positions, sensitivity and noise must be stated when there is no model.",
                 where="load_cells",
@@ -267,6 +267,10 @@ def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
     above = surface.centre + np.array([0.0, 0.0, surface.size])
     points, normals, _ = surface.project(above[None])
     least = float(resolution(cells, points, normals).smallest(accuracy)[0])
+    if least == np.inf:
+        return (
+            f"no touch is located within {1e3 * accuracy:g} mm: calibration or unmeasured shear is not known that well"
+        )
     return f"a touch of {least:.2g} N or more on the middle of the surface is located within {1e3 * accuracy:g} mm"
 
 
@@ -274,7 +278,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
     if contents.topics:
         return _guess_topic(log, contents)
     there = list(contents.names)
-    if plate := [match for name in there if (match := _SINGLE.match(name))]:
+    if _FEW[0] <= len(plate := [match for name in there if (match := _SINGLE.match(name))]) <= _FEW[1]:
         return _guess_plate(log, there, plate)
     names, time = _voltage_columns(there), time_column(there)
     if names is None or time is None or wrench_columns(there) is not None:
@@ -294,16 +298,17 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
 
 def _guess_plate(log: Path, there: list[str], found: list[re.Match[str]]) -> Guess | None:
     time, names = time_column(there), tuple(match[0] for match in found)
-    if time is None or not _FEW[0] <= len(names) <= _FEW[1]:
+    if time is None:
         return None
     stated = known_unit(found[0]["unit"] or "", VOLT_UNITS | FORCE_UNITS) or "V"
     unit, doubts = guess.time_unit(log, time)
     text = guess.time_table(time, unit)
     text += _PLATE.format(where=f"columns = {guess.quoted(names)}", unit=guess.quoted(stated))
+    orientation, remarks = guess.orientation_table(named_pose(there))
     array = ArrayChannel(VOLTAGE, (len(names),), names, table="load_cells")
     layout = LogLayout(time=time, time_unit=unit, wrench=None, arrays=(array,))
     why = f"columns {names[0]} to {names[-1]} look like the {len(names)} single-axis cells of a plate"
-    return Guess(why, layout, text, (*doubts, "positions of the cells must be filled in"))
+    return Guess(why, layout, text + orientation, (*doubts, *remarks, "positions of the cells must be filled in"))
 
 
 def _guess_topic(log: Path, contents: LogContents) -> Guess | None:

@@ -97,7 +97,7 @@ def loads(
     """
     wrench = np.concatenate([force, np.cross(point, force) + torque[..., None] * normal], axis=-1)
     readings = wrench @ cells.matrix.T
-    return np.linalg.norm(readings.reshape(*readings.shape[:-1], -1, len(cells.axes)), axis=-1)
+    return np.linalg.norm(readings.reshape(*readings.shape[:-1], cells.cells, len(cells.axes)), axis=-1)
 
 
 class LoadCellLayer:
