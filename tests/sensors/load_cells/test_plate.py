@@ -19,7 +19,6 @@ from palpate.sensors.load_cells.plate import plate_cells, uneven
 from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.sensors.load_cells.section import RigLoadCells
 from palpate.signals.recording import Recording
-from palpate_lab.simulation.contacts import contact_wrenches
 from palpate_lab.simulation.plate import Plate, plate_run
 
 WEIGHTS = np.repeat([2.0, 5.0, 10.0], 4)
@@ -36,7 +35,8 @@ def test_the_wrench_is_the_balance_of_any_division_of_the_load(count: int, axis:
     cells, rng = plate_of(count, axis), np.random.default_rng(1)
     loads = rng.uniform(-1.0, 5.0, (20, count))
     along = np.eye(3)["xyz".index(axis)]
-    forces = np.sum(contact_wrenches(cells.positions, along[None], -loads[..., None] * along, np.zeros(count)), axis=1)
+    pushes = -loads[..., None] * along
+    forces = np.concatenate([pushes, np.cross(cells.positions, pushes)], axis=2).sum(axis=1)
     found, _ = cells.wrenches(loads / np.linspace(9.0, 11.0, count))
     np.testing.assert_allclose(found, forces, atol=1e-12)
 
@@ -60,7 +60,7 @@ def test_covariance_has_the_shear_that_is_not_measured() -> None:
     rng, cells = np.random.default_rng(3), with_changes(plate_of(4), covariance=np.zeros((36, 36)), shear=0.2)
     point = np.array([0.05, -0.08, 0.02])  # 30 mm above the cells
     force = np.column_stack([0.2 * 5.0 * rng.standard_normal((100_000, 2)), np.full(100_000, -5.0)])
-    wrench = contact_wrenches(point, np.array([0.0, 0.0, 1.0]), force, np.zeros(100_000))
+    wrench = np.concatenate([force, np.cross(point, force)], axis=1)
     found, _ = cells.wrenches(wrench @ cells.matrix.T)
     off = wrench - found
     expected = cells.calibration_covariance(found[np.argmin(np.abs(force[:, :2]).sum(axis=1))])
@@ -86,14 +86,17 @@ def exact(count: int) -> Plate:
 def test_weights_at_known_places_show_every_gain(count: int) -> None:
     plate = exact(count)
     found = calibrated(plate, known=True).found
-    np.testing.assert_allclose(found.gains * plate.gain, 1.0, atol=4e-3 if count > 4 else 1e-4)  # places to 0.5 mm
+    off = (found.gains - 1.0 / plate.gain) / np.sqrt(np.diag(found.covariance))
+    assert np.all(np.abs(off) < 3.0)
+    if count == 4:
+        np.testing.assert_allclose(found.gains * plate.gain, 1.0, atol=2e-3)  # places are taken as known to 0.5 mm
 
 
 def test_weights_at_unknown_places_show_the_gains_of_three_cells_and_three_combinations_of_four() -> None:
     plate = exact(3)
     found = calibrated(plate, known=False)
     np.testing.assert_allclose(found.found.gains * plate.gain, 1.0, atol=1e-4)
-    assert not found.cells.notes
+    assert "combinations" not in "".join(found.cells.notes)
     four = calibrated(exact(4), known=False)
     assert four.found.shown == 3
     assert "3 combinations of the 4 gains" in four.cells.notes[0]

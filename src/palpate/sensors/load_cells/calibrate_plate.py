@@ -23,7 +23,7 @@ from palpate.calibration.validation import Validation, cross_validate
 from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.load_cells._log import BenchLog, UnloadedStretch, rest_noise, rests, zeros
-from palpate.sensors.load_cells.model import AXES, LoadCells, with_changes
+from palpate.sensors.load_cells.model import AXES, LoadCells, require_layout, with_changes
 from palpate.sensors.load_cells.plate import TOLERANCE, plate_cells, uneven, with_gains
 from palpate.spatial.arguments import takes_arrays
 
@@ -124,9 +124,9 @@ class PlateCalibration:
         """Root mean squares of the errors of weight, over it, and of place [m], NaN where none was known."""
         weights = self.weights
         sums = (weights.left @ self.found.gains).reshape(-1, 3)
-        off = sums[:, 1:] / sums[:, :1] - weights.place
-        off = off[np.isfinite(off).all(axis=1)]
-        place = float(np.sqrt(np.mean(np.sum(off**2, axis=1)))) if len(off) else np.nan
+        square: np.ndarray = np.sum((sums[:, 1:] / sums[:, :1] - weights.place) ** 2, axis=1)
+        known = np.isfinite(square)
+        place = float(np.sqrt(np.mean(square[known]))) if known.any() else np.nan
         return float(np.sqrt(np.mean((sums[:, 0] / weights.weight - 1.0) ** 2))), place
 
 
@@ -163,6 +163,7 @@ def identify_plate(
     """
     along = AXES.index(axis)
     across = [(along + 1) % 3, (along + 2) % 3]
+    require_layout(positions)
     log, loaded = _bench(time, voltages, weights, places)
     found = rests(log)
     noise, correlation, _ = rest_noise(log, found)
@@ -314,7 +315,7 @@ def _divided(cells: LoadCells, weights: Weights, found: Gains) -> LoadCells:
     made = uneven(cells, slope.T) if enough else cells
     white = np.linalg.solve(np.linalg.cholesky(made.noise), (loads @ made.measured.T @ made.matrix.T).T)
     size = np.sum(white**2, axis=0) / len(rest)
-    off = np.mean((across - loads @ slope) ** 2) / freedom / np.mean(size)
+    off = float(np.mean((across - loads @ slope) ** 2)) / freedom / float(np.mean(size))
     return with_changes(made, misfit=ELSEWHERE * float(np.sqrt(off)))
 
 

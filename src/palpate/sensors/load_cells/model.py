@@ -193,7 +193,7 @@ class LoadCells(Value):
         Raises:
             InputError: covariance has another shape.
         """
-        if len(self.axes) > 1:
+        if len(self.axes) != 1:
             return covariance
         unknown, along = unmeasured(self.axes, self.positions), AXES.index(self.axes[0])
         return covariance + covariance[along, along] * unknown @ unknown.T
@@ -282,7 +282,7 @@ def measured(axes: tuple[str, ...]) -> Float[np.ndarray, "6 d"]:
 
     They do not depend on the origin: a force along a has no moment about a.
     """
-    if len(axes) > 1:
+    if len(axes) != 1:
         return np.eye(6)
     along = AXES.index(axes[0])
     return np.eye(6)[:, [along, 3 + (along + 1) % 3, 3 + (along + 2) % 3]]
@@ -293,7 +293,7 @@ def unmeasured(axes: tuple[str, ...], positions: Float[np.ndarray, "k 3"]) -> Fl
 
     They are the null space of C. Cells of three axes have none.
     """
-    if len(axes) > 1:
+    if len(axes) != 1:
         return np.zeros((6, 0))
     along = AXES.index(axes[0])
     axis, out = np.eye(3)[along], np.zeros((6, 3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
@@ -57,7 +57,8 @@ positions = []                       # m: write [x, y, z] of each cell, in the o
 # model = "plate.toml"               # written by: palpate calibrate load-cells
 
 """
-VOLT_UNITS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
+VOLT_UNITS: Mapping[str, float] = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
+PLATE_UNITS: Mapping[str, float] = {**VOLT_UNITS, **FORCE_UNITS}
 REFERENCE = ("ref_fx", "ref_fy", "ref_fz", "ref_x", "ref_y", "ref_z")
 WEIGHTS = {"x": ("ref_f", "ref_y", "ref_z"), "y": ("ref_f", "ref_z", "ref_x"), "z": ("ref_f", "ref_x", "ref_y")}
 
@@ -113,7 +114,7 @@ class RigLoadCells:
         if not isinstance(self.units, str) and len(self.units) != len(self.columns):
             raise ValueError(f"units must be one unit, or one for each of the {len(self.columns)} columns")
         stated = [self.units] if isinstance(self.units, str) else self.units
-        known = VOLT_UNITS if each > 1 else VOLT_UNITS | FORCE_UNITS
+        known = VOLT_UNITS if each > 1 else PLATE_UNITS
         if unknown := [unit for unit in stated if known_unit(unit, known) is None]:
             raise ValueError(f"unit {unknown[0]!r} is not one of {', '.join(known)}")
         require_positive(self, "noise", "range", "sensitivity", "drift", "accuracy", "ball", "shear")
@@ -131,7 +132,7 @@ class RigLoadCells:
     def scales(self, count: int) -> tuple[float, ...]:
         """Return the size [V or N] of one unit of each of `count` columns."""
         units = [self.units] * count if isinstance(self.units, str) else self.units
-        return tuple((VOLT_UNITS | FORCE_UNITS)[str(known_unit(unit, VOLT_UNITS | FORCE_UNITS))] for unit in units)
+        return tuple(PLATE_UNITS[str(known_unit(unit, PLATE_UNITS))] for unit in units)
 
     def count(self) -> int:
         """Return the number of cells without a model: that of the columns or the positions; else 4, as in the paper."""
@@ -238,7 +239,7 @@ def load_cells_layout(setup: Setup, *, bench: bool = False) -> LogLayout:
     scales = table.scales(len(names))
     arrays = [ArrayChannel(VOLTAGE, (len(names),), names, table.topic, scales, table="load_cells")]
     if bench:
-        columns = table.reference or (REFERENCE if len(table.axes) > 1 else WEIGHTS[table.axes[0]])
+        columns = table.reference or (WEIGHTS[table.axes[0]] if len(table.axes) == 1 else REFERENCE)
         arrays.append(ArrayChannel(REFERENCE_CHANNEL, (len(columns),), columns, table="load_cells"))
     return LogLayout(wrench=None, arrays=tuple(arrays), **setup.common)
 
@@ -300,7 +301,7 @@ def _guess_plate(log: Path, there: list[str], found: list[re.Match[str]]) -> Gue
     time, names = time_column(there), tuple(match[0] for match in found)
     if time is None:
         return None
-    stated = known_unit(found[0]["unit"] or "", VOLT_UNITS | FORCE_UNITS) or "V"
+    stated = known_unit(found[0]["unit"] or "", PLATE_UNITS) or "V"
     unit, doubts = guess.time_unit(log, time)
     text = guess.time_table(time, unit)
     text += _PLATE.format(where=f"columns = {guess.quoted(names)}", unit=guess.quoted(stated))
