@@ -180,7 +180,7 @@ def _plate_cells(folder: Path, run: Callable[..., str]) -> Files:
     """A plate that bends on four single-axis cells, calibrated by weights at known places, and pressed at six."""
     rng = np.random.default_rng(6)
     plate = Plate.drawn(rng)
-    write_plate_session(plate, rng, folder, known=True)
+    write_plate_session(plate, rng, folder)
     rig = (folder / "rig.toml").read_text().replace("[load_cells]", f"{POSE}\n[load_cells]")
     (folder / "rig.toml").write_text(rig)
     (folder / "plain.toml").write_text(rig.replace("model =", "# model ="))

@@ -61,7 +61,7 @@ def _simulate_plate(output: Path, seed: int) -> None:
 
     rng = np.random.default_rng(seed)
     with complete_session(output) as part:
-        weights, touches = write_plate_session(Plate.drawn(rng), rng, part, known=True)
+        weights, touches = write_plate_session(Plate.drawn(rng), rng, part)
     title(f"plate on four single-axis cells, seed {seed} -> {output}")
     lines(
         [

@@ -124,10 +124,8 @@ def plate_run(
     return PlateRun(np.arange(len(touch)) / RATE, zero + plate.voltages(points, forces, rng), touch, point, pushed)
 
 
-def write_plate_session(
-    plate: Plate, rng: np.random.Generator, folder: Path, *, known: bool
-) -> tuple[PlateRun, PlateRun]:
-    """Write bench_log.csv of weights, at stated places if `known`, log.csv and truth.csv of touches, a mesh, a rig."""
+def write_plate_session(plate: Plate, rng: np.random.Generator, folder: Path) -> tuple[PlateRun, PlateRun]:
+    """Write bench_log.csv of weights and their places, log.csv and truth.csv of touches, plate.stl and rig.toml."""
     import polars
     import trimesh
 
@@ -138,11 +136,11 @@ def write_plate_session(
     place = np.append(weights.point, [[0, 0, 0]], axis=0)[weights.touch, :2]
     weight = -np.append(weights.force, [[0, 0, 0]], axis=0)[weights.touch, 2:]
     for path, run, more, columns in (
-        ("bench_log.csv", weights, [weight, place] if known else [weight], ["ref_f", "ref_x", "ref_y"]),
+        ("bench_log.csv", weights, [weight, place], ["ref_f", "ref_x", "ref_y"]),
         ("log.csv", touches, [], []),
     ):
         rows = np.concatenate([run.time[:, None], run.voltages, *more], axis=1)
-        polars.DataFrame(rows, schema=["time", *names, *columns][: rows.shape[1]]).write_csv(folder / path)
+        polars.DataFrame(rows, schema=["time", *names, *columns]).write_csv(folder / path)
     start = (RESTS + STANDS) * np.arange(len(touches.force)) + RESTS
     truth = np.column_stack([start, start + STANDS, touches.point, touches.force])
     header = ["start", "end", "px", "py", "pz", "fx", "fy", "fz"]
@@ -151,6 +149,5 @@ def write_plate_session(
     box.apply_translation((0.0, 0.0, -THICK / 2))
     box.export(folder / "plate.stl")
     columns, positions = str(names).replace("'", '"'), plate.position.round(9).tolist()
-    rig = _RIG.format(columns=columns, positions=positions)
-    (folder / "rig.toml").write_text(rig if known else rig.replace("positions", 'reference = ["ref_f"]\npositions'))
+    (folder / "rig.toml").write_text(_RIG.format(columns=columns, positions=positions))
     return weights, touches

@@ -71,21 +71,16 @@ class Weights:
         arms = np.column_stack([np.ones(len(self.cells)), self.cells])
         return (arms.T[None] * self.readings[:, None]).reshape(-1, len(self.cells))
 
-    def variance(self, gains: Float[np.ndarray, " k"], error: float) -> Float[np.ndarray, "n 3 3"]:
-        """Return the covariances (n, 3, 3) of each weight's equations, if each cell errs by a share of its load."""
-        arms = np.column_stack([np.ones(len(self.cells)), self.cells]).T * gains
-        loads = self.spread + error**2 * np.einsum("nk,kl->nkl", self.readings**2, np.eye(len(gains)))
-        placed = (PLACED * self.weight)[:, None, None] ** 2 * np.diag([0.0, 1.0, 1.0])
-        return arms @ loads @ arms.T + placed
-
     def whitened(
         self, gains: Float[np.ndarray, " k"], error: float
     ) -> tuple[Float[np.ndarray, "e k"], Float[np.ndarray, " e"]]:
-        """Return left and right sides of unit variance; rows of 0 for those that are not known."""
+        """Return left and right sides of unit variance, if each cell errs by a share of its load; 0 where not known."""
+        arms = np.column_stack([np.ones(len(self.cells)), self.cells]).T * gains
+        loads = self.spread + error**2 * self.readings[:, :, None] ** 2 * np.eye(len(gains))
+        placed = (PLACED * self.weight)[:, None, None] ** 2 * np.diag([0.0, 1.0, 1.0])
         known = self.known.reshape(-1, 3)
         both = known[:, :, None] & known[:, None]
-        variance = np.where(both, self.variance(gains, error), np.eye(3))
-        root = np.linalg.cholesky(variance)
+        root = np.linalg.cholesky(np.where(both, arms @ loads @ arms.T + placed, np.eye(3)))
         left = np.where(self.known[:, None], self.left, 0.0).reshape(-1, 3, len(gains))
         right = np.where(self.known, self.right, 0.0).reshape(-1, 3, 1)
         return np.linalg.solve(root, left).reshape(-1, len(gains)), np.linalg.solve(root, right).ravel()
@@ -170,7 +165,8 @@ def identify_plate(
     stood = _weights(log, found, loaded, noise * correlation, positions[:, across])
     gains = fit_gains(stood)
     left = _validated(stood, gains)
-    covariance = left.widening * gains.covariance + np.diag((gains.error * gains.gains) ** 2)
+    own = 2.0 * np.diag((gains.error * gains.gains) ** 2)  # in a touch, and in all weights alike, as of a curve
+    covariance = left.widening * gains.covariance + own
     cells = _divided(plate_cells(positions, gains.gains, noise, axis, limits), stood, gains)
     odd = _odd(gains)
     changed = with_changes(

@@ -113,10 +113,10 @@ class CalibrateLoadCells(Calibration):
             limits=table.limits(table.count()),
             provenance=self.record(axes=table.axes[0]),
         )
-        odd = set(found.odd)
-        warnings = [note for number, note in enumerate(found.cells.notes) if number < len(odd)]
-        notes = [*recording.notes, *found.cells.notes[len(odd) :]]
-        return CalibrationResult(_plate_figures(found), found.cells, notes=notes, warnings=warnings, next=[self._named])
+        notes = found.cells.notes
+        return CalibrationResult(
+            _plate_figures(found), found.cells, notes=recording.notes, warnings=notes, next=[self._named]
+        )
 
 
 def _plate_figures(found: PlateCalibration) -> list[tuple[str, str]]:
@@ -134,7 +134,6 @@ def _plate_figures(found: PlateCalibration) -> list[tuple[str, str]]:
         ("left out", str(found.validation)),
         ("a cell's error", f"{100 * gains.error:.2g} % of its load"),
         ("uneven", f"{100 * found.cells.misfit:.2g} % of a reading that no load explains"),
-        ("zero", f"changes by {found.cells.drift:.2g} times the noise of a reading between weights"),
     ]
 
 
