@@ -36,8 +36,7 @@ class LoadCells(Value):
     still carries load, the sums are wrong; C without its three rows is not.
 
     Cells of one axis, as under a plate, measure three of the six: the force along it and the moments about the others.
-    The rest of w is 0; its covariance is that of
-    `unmeasured_covariance`.
+    The rest of w is 0, with the covariance of `errors`.
 
     Args:
         matrix: (a k, 6) C [V/N, V/(N m)], force first, about the origin of the surface's frame.
@@ -313,9 +312,9 @@ def unmeasured_covariance(
     measure M, its part along a is -e t . M; above that plane, shear displaces the measured point.
     """
     out, along = np.zeros((36, 36)), AXES.index(axes[0])
-    for wrench, share in zip(unmeasured(axes, positions).T, (shear, shear, shear), strict=False):
+    for wrench in shear * unmeasured(axes, positions).T:
         slope = np.zeros((6, 6))
-        slope[:, along], slope[3 + along, 3:] = share * wrench, -share * wrench[:3]
+        slope[:, along], slope[3 + along, 3:] = wrench, -wrench[:3]
         out += np.outer(slope, slope)
     return out
 
