@@ -68,9 +68,9 @@ class Plate:
             modes.T @ (self.spring[:, None] * modes) + np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * BENDING / SIDE**4
         )
         shape, slopes = _modes(points)
-        work = shape * -forces[:, 2:] + THICK * np.einsum("na,nam->nm", forces[:, :2], slopes)
-        moved: np.ndarray = np.linalg.solve(stiffness, work.T).T
-        return moved @ modes.T * self.spring
+        work: np.ndarray = shape * -forces[:, 2:] + THICK * np.einsum("na,nam->nm", forces[:, :2], slopes)
+        moved: np.ndarray = np.linalg.inv(stiffness) @ work.T
+        return (modes @ moved).T * self.spring
 
     def voltages(
         self, points: Float[np.ndarray, "n 3"], forces: Float[np.ndarray, "n 3"], rng: np.random.Generator

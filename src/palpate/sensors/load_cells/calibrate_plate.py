@@ -306,7 +306,7 @@ def _divided(cells: LoadCells, weights: Weights, found: Gains) -> LoadCells:
         return with_changes(cells, misfit=ELSEWHERE * found.error)
     loads = weights.readings @ inverse.T @ cells.measured
     across, enough = weights.readings @ rest.T, len(loads) >= 6
-    slope = np.linalg.lstsq(loads, across)[0] if enough else np.zeros((3, len(rest)))
+    slope: np.ndarray = np.linalg.lstsq(loads, across)[0] if enough else np.zeros((3, len(rest)))
     freedom = max(1, len(loads) - 3) / len(loads) if enough else 1.0
     made = uneven(cells, slope.T) if enough else cells
     white = np.linalg.solve(np.linalg.cholesky(made.noise), (loads @ made.measured.T @ made.matrix.T).T)
