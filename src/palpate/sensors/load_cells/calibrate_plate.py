@@ -61,12 +61,12 @@ class Weights:
         return np.isfinite(np.column_stack([self.weight, self.place])).ravel()
 
     @cached_property
-    def right(self) -> Float[np.ndarray, " e"]:
+    def values(self) -> Float[np.ndarray, " e"]:
         """Right sides (3 n,) of the equations [N, N m]."""
         return (self.weight[:, None] * np.column_stack([np.ones(len(self.weight)), self.place])).ravel()
 
     @cached_property
-    def left(self) -> Float[np.ndarray, "e k"]:
+    def slopes(self) -> Float[np.ndarray, "e k"]:
         """Left sides (3 n, k) of the equations, of the gains."""
         arms = np.column_stack([np.ones(len(self.cells)), self.cells])
         return (arms.T[None] * self.readings[:, None]).reshape(-1, len(self.cells))
@@ -81,8 +81,8 @@ class Weights:
         known = self.known.reshape(-1, 3)
         both = known[:, :, None] & known[:, None]
         root = np.linalg.cholesky(np.where(both, arms @ loads @ arms.T + placed, np.eye(3)))
-        left = np.where(self.known[:, None], self.left, 0.0).reshape(-1, 3, len(gains))
-        right = np.where(self.known, self.right, 0.0).reshape(-1, 3, 1)
+        left = np.where(self.known[:, None], self.slopes, 0.0).reshape(-1, 3, len(gains))
+        right = np.where(self.known, self.values, 0.0).reshape(-1, 3, 1)
         return np.linalg.solve(root, left).reshape(-1, len(gains)), np.linalg.solve(root, right).ravel()
 
 
@@ -118,7 +118,7 @@ class PlateCalibration:
     def rms(self) -> tuple[float, float]:
         """Root mean squares of the errors of weight, over it, and of place [m], NaN where none was known."""
         weights = self.weights
-        sums = (weights.left @ self.found.gains).reshape(-1, 3)
+        sums = (weights.slopes @ self.found.gains).reshape(-1, 3)
         square: np.ndarray = np.sum((sums[:, 1:] / sums[:, :1] - weights.place) ** 2, axis=1)
         known = np.isfinite(square)
         place = float(np.sqrt(np.mean(square[known]))) if known.any() else np.nan

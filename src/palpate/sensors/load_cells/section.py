@@ -126,7 +126,7 @@ class RigLoadCells:
 
     @property
     def newtons(self) -> bool:
-        """Whether the readings are forces."""
+        """True if the readings are forces."""
         return known_unit(self.units if isinstance(self.units, str) else self.units[0], FORCE_UNITS) is not None
 
     def scales(self, count: int) -> tuple[float, ...]:
