@@ -39,7 +39,7 @@ ERRORS = np.concatenate([[0.0], np.geomspace(1e-5, WORST, 100)])
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """What stood on a plate: n weights on k cells.
+    """Weights that stood on a plate in turn, n on k cells.
 
     Attributes:
         readings: (n, k) [V] means less the zero.
