@@ -21,6 +21,7 @@ from palpate_lab.simulation.contacts import contact_wrenches
 from palpate_lab.simulation.forearm import Forearm
 from palpate_lab.simulation.load_cell_bench import BENCHES
 from palpate_lab.simulation.load_cell_files import voltage_columns, write_bench_log
+from palpate_lab.simulation.plate import Plate, write_plate_session
 from palpate_lab.simulation.poke_bench import PokeBench, PokeErrors
 from palpate_lab.simulation.poke_session_files import write_poke_session
 from palpate_lab.simulation.session import Session, simulate_session
@@ -172,6 +173,36 @@ def _load_cells(folder: Path, run: Callable[..., str]) -> Files:
         mount=MOUNT,
         models=(folder / "tip.toml",),
         calibrations=(calibrate,),
+    )
+
+
+def _plate_cells(folder: Path, run: Callable[..., str]) -> Files:
+    """A plate that bends on four single-axis cells, calibrated by weights at known places, and pressed at six."""
+    rng = np.random.default_rng(6)
+    plate = Plate.drawn(rng)
+    write_plate_session(plate, rng, folder)
+    rig = (folder / "rig.toml").read_text().replace("[load_cells]", f"{POSE}\n[load_cells]")
+    (folder / "rig.toml").write_text(rig)
+    (folder / "plain.toml").write_text(rig.replace("model =", "# model ="))
+    calibrate = ("load-cells", f"{folder}/bench_log.csv", "--rig", f"{folder}/plain.toml", "-o", f"{folder}/plate.toml")
+    run("calibrate", *calibrate)
+    points = np.column_stack([rng.uniform(-0.12, 0.12, (6, 2)), np.zeros(6)])
+    time, wrenches, truth = pressed(points, np.tile([0.0, 0.0, 1.0], (6, 1)), rng, tan_theta=0.0)
+    touched = np.abs(wrenches[:, 2]) > 0
+    at = np.zeros((len(time), 3))
+    at[touched, :2] = wrenches[touched][:, [4, 3]] * [-1.0, 1.0] / wrenches[touched, 2:3]
+    volts = rng.normal(0.0, 0.02, 4) + plate.voltages(at, wrenches[:, :3], rng)
+    columns = {f"u{cell + 1}": each for cell, each in enumerate(volts.T)}
+    write_table(folder / "log.csv", {"time": time} | columns | base_poses(time))
+    return Files(
+        log=folder / "log.csv",
+        rig=folder / "rig.toml",
+        truth=truth,
+        rest=0.8,
+        mount=MOUNT,
+        models=(folder / "plate.toml",),
+        calibrations=(calibrate,),
+        mesh=folder / "plate.stl",
     )
 
 
@@ -414,6 +445,7 @@ UNFILTERED = {
 SENSORS = (
     Sensor("six-axis", "force_torque", _six_axis, 1.0e-3, 0.03, ignores=("--unit", "--cutoff")),
     Sensor("load cells", "load_cells", _load_cells, 0.2e-3, 0.05, ignores=CELLS),
+    Sensor("plate on load cells", "load_cells", _plate_cells, 1.0e-3, 0.02, ignores=CELLS[:-1]),
     Sensor("skin", "skin", _skin, 1.5e-3, 0.1, ignores=TAXELS),
     Sensor("skin and wrench", "fusion", _fused, 1.5e-3, 0.1, ignores=FUSED),
     Sensor("poked taxels", "skin", _poked, 1.0e-3, 0.03, ignores=TAXELS),

@@ -188,7 +188,7 @@ REFUSED: dict[str, tuple[str, Write, str]] = {  # file, writer, words of the rea
     "axes_blocks": ("t.csv", table([f"{axis}{k}" for axis in "XYZ" for k in NUMBERS], _XYZ), "three axes"),
     "axes_array": ("t.npz", _npz(time=TIME, frames=np.repeat(FRAMES[..., None], 3, axis=3)), "three axes"),
     "axes_layout": ("bag", _multi_array(("taxel", 24), ("axis", 3), count=72), "three axes"),
-    "plate": ("t.csv", table([f"LC{k}_kg" for k in range(4)], FLAT[:, :4]), "single-axis cells.*not read yet"),
+    "plate": ("t.csv", table([f"pad{k}_kg" for k in range(4)], FLAT[:, :4]), "single-axis cells.*load_cells"),
     "untimed": ("t.csv", table([f"taxel_{k}" for k in NUMBERS], time=""), "Add --rate HZ"),
 }
 """Formats that are refused with the reason."""

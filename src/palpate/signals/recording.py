@@ -25,7 +25,7 @@ AVERAGED = "averaged"  # (n, 1) readings of the wrench of which FORCE and TORQUE
 TEMPERATURE = "temperature"  # (n, 1) K or degrees C: of the sensor, of which only changes matter
 VOLTAGE = "voltage"  # (n, 3 k) V: of load cells, cell by cell x, y, z
 CELLS = "cells"  # (n, rows, columns) or (n, k): raw readings of taxels
-REFERENCE = "reference"  # (n, 6) of a bench: force [N] on the fingertip, and the centre of the ball [m]
+REFERENCE = "reference"  # (n, 6), (n, 3) or (n, 1) of a bench: force or weight [N], then centre or place [m]
 IMAGE = "image"  # (n, height, width, 3) uint8, blue, green, red: all zero where a frame could not be read
 
 _SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always the same
@@ -38,7 +38,6 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always 
     VIBRATION: (1,),
     AVERAGED: (1,),
     TEMPERATURE: (1,),
-    REFERENCE: (6,),
 }
 
 

@@ -138,8 +138,8 @@ def three_axes(path: Path, what: str, one: str = "") -> InputError:
 
 def single_cells(path: Path, names: Sequence[str]) -> InputError:
     """Return the error of a log with the forces of a few load cells."""
-    what = f"has {len(names)} single-axis cells ({shortened(names)}), as under a plate, which are not read yet."
-    hint = "Sum them to one force, or name a skin's taxels in [skin] of a rig: cells = [...]."
+    what = f"has {len(names)} single-axis cells ({shortened(names)}), as under a plate, not taxels."
+    hint = 'Name them in [load_cells] of a rig: axes = ["z"], columns = [...], positions = [[x, y, z], ...] in m.'
     return InputError(what, where=str(path), hint=hint)
 
 

@@ -32,20 +32,20 @@ def _mapped(readings, n, channels, mapping, out):
 @inner
 def _saturated(readings, n, channels, bounds):
     """Return the explanation that omits the channels at their range; -1 if there are none, -2 if none omits all."""
-    full, cell = -1, -1
+    full, cell, axes = -1, -1, len(channels) // (len(bounds) - 1 - len(channels))
     for j in range(len(channels)):
         if readings[n, j] <= channels[j, 1] or readings[n, j] >= channels[j, 2]:
-            if full >= 0 and cell != j // 3:
+            if full >= 0 and cell != j // axes:
                 return -2
-            full = len(channels) // 3 + j if full < 0 else j // 3
-            cell = j // 3
+            full = len(channels) // axes + j if full < 0 else j // axes
+            cell = j // axes
     if full >= 0 and bounds[1 + full] < 0.0:
         full = cell
     return -2 if full >= 0 and bounds[1 + full] < 0.0 else full
 
 
 @inner
-def _stuck(readings, n, last, repeats):
+def _stuck(readings, n, last, repeats, axes):
     """Return the explanation of the one channel that repeats itself exactly, or of its cell if several do; else -1.
 
     A channel at a range that the model does not state does so, and a dead one. Coarse voltages repeat themselves too,
@@ -57,10 +57,10 @@ def _stuck(readings, n, last, repeats):
         repeats[j] = repeats[j] + 1.0 if readings[n, j] == last[j] else 0.0
         last[j] = readings[n, j]
         if repeats[j] >= _STUCK:
-            if found >= 0 and cell != j // 3:
+            if found >= 0 and cell != j // axes:
                 many = True
-            found = channels // 3 + j if found < 0 else j // 3
-            cell = j // 3
+            found = channels // axes + j if found < 0 else j // axes
+            cell = j // axes
     return -1 if many else found
 
 
@@ -103,13 +103,12 @@ def _fits(out, square, e, ways, bounds, settings, w):
 
 
 @inner
-def _believed(out, square, ways, bounds, settings, found, fitting):
+def _believed(out, square, cells, ways, bounds, settings, found, fitting):
     """Write which explanations fit into fitting, and their wrenches into found; return the number that fit.
 
     Explanations of complete cells are tried only if none of a single channel fits.
     """
     count, total = len(ways), 0
-    cells = count // 4
     fitting[:cells] = False
     for e in range(cells, count):
         fitting[e] = _fits(out, square, e, ways, bounds, settings, found[e])
@@ -142,7 +141,7 @@ def _mixed(found, fitting, total, covariances, factor, w, extra):
 
 
 @inner
-def _judged(out, square, stuck, agreed, ways, covariances, bounds, settings, blame, w, extra, found, fitting):
+def _judged(out, square, stuck, agreed, cells, ways, covariances, bounds, settings, blame, w, extra, found, fitting):
     """Return the explanation used, its wrench in w: 0 none is needed, 1 + e, 1 + s several; -2 nothing fits.
 
     Blame grows where one explanation alone fits, and fades; an explanation with enough blame, or a channel that repeats
@@ -158,7 +157,7 @@ def _judged(out, square, stuck, agreed, ways, covariances, bounds, settings, bla
     sure = most >= _ENOUGH and _fits(out, square, suspect, ways, bounds, settings, w)
     if agreed:
         return 1 + suspect if sure else 0
-    total = _believed(out, square, ways, bounds, settings, found, fitting)
+    total = _believed(out, square, cells, ways, bounds, settings, found, fitting)
     alone = -1
     if total == 1:
         for e in range(count):
@@ -182,7 +181,7 @@ def _judged(out, square, stuck, agreed, ways, covariances, bounds, settings, bla
 
 @released(
     """
-    readings n v, channels v 3, mapping v w, ways w 3 v, covariances a 6 6, bounds a, settings 7 6, state out s,
+    readings n m, channels m 3, mapping m w, ways e 3 v, covariances a 6 6, bounds a, settings 7 6, state out s,
     wrenches out n 6, statuses out int8 n, which out int64 n, extra out n 6 6
     """
 )
@@ -197,6 +196,7 @@ def measure(readings, channels, mapping, ways, covariances, bounds, settings, st
     covariance where several fit.
     """
     width, count = readings.shape[1], len(ways)
+    cells = count - width
     blame, last, repeats = state[:count], state[count : count + width], state[count + width :]
     out, found, fitting = np.empty(mapping.shape[1]), np.empty((count, 6)), np.zeros(count, np.bool_)
     for n in range(len(readings)):
@@ -205,7 +205,7 @@ def measure(readings, channels, mapping, ways, covariances, bounds, settings, st
             sound = sound and abs(readings[n, j]) <= _LARGEST
         w, chosen = wrenches[n], -2
         if sound:
-            stuck = _stuck(readings, n, last, repeats)
+            stuck = _stuck(readings, n, last, repeats, width // cells)
             full = _saturated(readings, n, channels, bounds)
             _mapped(readings, n, channels, mapping, out)
             for i in range(6):
@@ -221,7 +221,20 @@ def measure(readings, channels, mapping, ways, covariances, bounds, settings, st
                     square += out[i] * out[i]
                 agreed = square <= bounds[0] * _expected(w, settings)
                 chosen = _judged(
-                    out, square, stuck, agreed, ways, covariances, bounds, settings, blame, w, extra[n], found, fitting
+                    out,
+                    square,
+                    stuck,
+                    agreed,
+                    cells,
+                    ways,
+                    covariances,
+                    bounds,
+                    settings,
+                    blame,
+                    w,
+                    extra[n],
+                    found,
+                    fitting,
                 )
             if chosen == 0:
                 for i in range(6):

@@ -204,7 +204,7 @@ def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Bloc
     """
     size, m = log.rows(BLOCK), log.voltages.shape[1]
     rows = np.column_stack([log.time, log.voltages, log.forces, log.centres, log.torques])
-    rows[:, 1 : m + 4] -= _zeros(log, found)
+    rows[:, 1 : m + 4] -= zeros(log, found)
     loaded = np.linalg.norm(rows[:, m + 1 : m + 4], axis=1) >= least
     pieces = list[np.ndarray]()
     for run in log.runs:
@@ -221,7 +221,7 @@ def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Bloc
     return Blocks(time[:, 0], voltages, forces, centres, torques[:, 0], number, size)
 
 
-def _zeros(log: BenchLog, found: list[UnloadedStretch]) -> Float[np.ndarray, "n k"]:
+def zeros(log: BenchLog, found: list[UnloadedStretch]) -> Float[np.ndarray, "n k"]:
     """Return unloaded voltages and reference forces, (n, m + 3); a run without a rest uses the one before."""
     zero = np.empty((len(log.time), log.voltages.shape[1] + 3))
     for run in log.runs:

@@ -56,7 +56,7 @@ class LoadCellArray:
 
     Args:
         cells: the model.
-        sound: (k,) cells or (3 k,) channels to use; None: all.
+        sound: (k,) cells or (a k,) channels to use; None: all.
         zero: unloaded reading of the cells; None: that of the calibration.
         names: names of the channels, for messages.
         seconds: [s] at a later start in which nothing is touched; a `tare` sets it to the length of its window.
@@ -121,7 +121,7 @@ class LoadCellArray:
         """Yield the same rows, cut where the log begins anew; the zero is taken there before they are yielded.
 
         Raises:
-            InputError: the log has no voltages, or not three per cell.
+            InputError: the log has no voltages, or not as many as the cells have.
         """
         waiting, begun, last = list[Recording](), np.nan, np.nan
         for block in blocks:
@@ -144,7 +144,7 @@ class LoadCellArray:
         """Return a recording as `Measured`: wrenches (n, 6) [N, N m] in the sensor's frame, and statuses (n,).
 
         Raises:
-            InputError: the log has no voltages, or not three per cell.
+            InputError: the log has no voltages, or not as many as the cells have.
         """
         voltages = self._voltages(recording)
         self._keep(recording.time, voltages)
@@ -157,7 +157,7 @@ class LoadCellArray:
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> _Weighed:
-        """Return a sample of voltages (3 k,) [V] as `Measured`, a wrench (1, 6); rotation, acceleration are not used.
+        """Return a sample of voltages (a k,) [V] as `Measured`, a wrench (1, 6); rotation, acceleration are not used.
 
         Raises:
             InputError: the reading has another shape, or the time is no number.
@@ -168,7 +168,7 @@ class LoadCellArray:
         return self._weighed(np.array([time], dtype=np.float64), self.live_inputs[None])
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """Write the voltages (3 k,) [V] of one sample into `live_inputs`; the other arguments are not used.
+        """Write the voltages (a k,) [V] of one sample into `live_inputs`; the other arguments are not used.
 
         Raises:
             InputError: the reading has another shape.
@@ -188,7 +188,7 @@ class LoadCellArray:
         readings: Float[np.ndarray, "n m"],
         extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
-        """Return the live inputs (3 k n,) of n samples: their readings (n, 3 k) [V] in turn; only these are used.
+        """Return the live inputs (a k n,) of n samples: their readings (n, a k) [V] in turn; only these are used.
 
         Raises:
             InputError: the readings have another shape.
@@ -228,7 +228,7 @@ class LoadCellArray:
         """Take the zero from a window in which nothing touches, use it from now on, and return a `Tare`.
 
         Raises:
-            InputError: the window is not at rest, is too short, or has no voltages, or not three per cell.
+            InputError: the window is not at rest, is too short, or has no voltages, or not as many as the cells have.
         """
         zero = self._take([self._voltages(recording)], recording.source)
         time = recording.time[np.isfinite(recording.time)]
@@ -238,16 +238,16 @@ class LoadCellArray:
     coefficients = np.zeros(0)
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n m"]:
-        """Return a copy of the voltages (n, 3 k) [V] of a recording.
+        """Return a copy of the voltages (n, a k) [V] of a recording.
 
         Raises:
-            InputError: there are none, or not three per cell.
+            InputError: there are none, or not as many as the cells have.
         """
         return self._voltages(recording)
 
     @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n m"]:
-        """Return the voltages (n, 3 k) [V] from the live inputs (3 k n,) of `count` = n samples.
+        """Return the voltages (n, a k) [V] from the live inputs (a k n,) of `count` = n samples.
 
         Raises:
             InputError: inputs has another shape.
@@ -256,7 +256,7 @@ class LoadCellArray:
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n m"]) -> Free:
-        """Return a `Free` of voltages (n, 3 k) [V], rows NaN where a used channel is at its range or not finite.
+        """Return a `Free` of voltages (n, a k) [V], rows NaN where a used channel is at its range or not finite.
 
         Raises:
             InputError: kept has another shape.
@@ -272,7 +272,7 @@ class LoadCellArray:
     def window_noise(
         self, kept: Float[np.ndarray, "n m"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
-        """Return covariances (3 k, 3 k) [V^2] of a window's mean: by the noise of usable samples (n,), and zeros.
+        """Return covariances (a k, a k) [V^2] of a window's mean: by the noise of usable samples (n,), and zeros.
 
         Raises:
             InputError: arrays of other shapes.
@@ -284,19 +284,19 @@ class LoadCellArray:
     def as_wrench(
         self, change: Float[np.ndarray, "n m"], covariance: Float[np.ndarray, "m m"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
-        """Return changes (n, 3 k) [V] as wrenches (n, 6) [N, N m], and the covariance (6, 6) of the last wrench.
+        """Return changes (n, a k) [V] as wrenches (n, 6) [N, N m], and the covariance (6, 6) of the last wrench.
 
-        To the covariance (3 k, 3 k) [V^2] of the change the calibration's error is added.
+        To the covariance (a k, a k) [V^2] of the change the calibration's error is added.
 
         Raises:
             InputError: arrays of other shapes.
         """
         wrenches = change @ self._inverse.T
-        spread = self._inverse @ covariance @ self._inverse.T
+        spread = self.cells.complete(self._inverse @ covariance @ self._inverse.T)
         return wrenches, spread + self.cells.calibration_covariance(wrenches[-1]) if len(wrenches) else spread
 
     def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "m q"]]:
-        """Return NaN for the time, the last zero taken as a `ZeroState` [V], and an empty regressor (3 k, 0)."""
+        """Return NaN for the time, the last zero taken as a `ZeroState` [V], and an empty regressor (a k, 0)."""
         spread = self.cells.noise * (self.zero.share + self.cells.drift**2)
         return np.nan, ZeroState(np.array(self.zero.voltage), np.zeros(0), spread), np.zeros((len(spread), 0))
 
@@ -413,7 +413,7 @@ def _padded(matrix: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n q"]:
 
 def _unsure(cells: LoadCells, matrix: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "21 q"]:
     """Return the map from the upper triangle of w w' to the covariance of E w in the surface's frame."""
-    whole = np.einsum("pi,iajb,qj->paqb", matrix, cells.covariance.reshape(6, 6, 6, 6), matrix)
+    whole = np.einsum("pi,iajb,qj->paqb", matrix, cells.errors.reshape(6, 6, 6, 6), matrix)
     both = whole + whole.transpose(0, 3, 2, 1)  # of w_a w_b and w_b w_a
     rows, columns = UPPER
     unsure = both[rows[None], rows[:, None], columns[None], columns[:, None]]  # [of w w', of the covariance]

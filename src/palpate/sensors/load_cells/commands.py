@@ -18,12 +18,13 @@ from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.logs import read_recording
 from palpate.sensors.load_cells.calibrate import CalibrationOptions, LoadCellCalibration, identify_load_cells
+from palpate.sensors.load_cells.calibrate_plate import PlateCalibration, identify_plate
 from palpate.sensors.load_cells.design_report import Design, compose, tiles, warnings
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.sensors.load_cells.section import LoadCellSection, RigLoadCells, load_cells_layout
 from palpate.setup import load_rig
-from palpate.signals.recording import REFERENCE, VOLTAGE
+from palpate.signals.recording import REFERENCE, VOLTAGE, Recording
 from palpate.viewer.report import render, require_report
 
 STEP = 0.25  # relative change of the cells' distances in the variants
@@ -31,14 +32,18 @@ STEP = 0.25  # relative change of the cells' distances in the variants
 
 @dataclass(frozen=True)
 class CalibrateLoadCells(Calibration):
-    """Calibrate 3-axis load cells under a fingertip on a test bench.
+    """Calibrate load cells: three-axis ones under a fingertip on a bench, or single-axis ones under a plate.
 
     Let a ball slide over the whole surface, in directions that cross, starting unloaded. The model holds the
     sensitivity of all cells together, the noise, and the covariance of both.
 
+    Of a plate (axes = ["z"] in [load_cells]), put known weights on it in turn, each for some seconds, and at known
+    places if you can: weights at unknown places show all gains of three cells, and three combinations of more.
+
     Args:
         log: CSV or Parquet with time,u1x,u1y,u1z,u2x,... [V], ref_fx,ref_fy,ref_fz [N] on the fingertip, and
-            ref_x,ref_y,ref_z [m] of the ball's centre, both in the surface's frame.
+            ref_x,ref_y,ref_z [m] of the ball's centre, both in the surface's frame; of a plate, time,u1,u2,u3,...,
+            ref_f [N] of the weight, 0 without one, and ref_x,ref_y [m] of where it stands, empty if not known.
         rig: TOML with [surface] and [load_cells].
         output: model to write, such as fingertip.toml.
     """
@@ -61,6 +66,8 @@ class CalibrateLoadCells(Calibration):
         setup = self.stated.resolve()
         table = setup.of(LoadCellSection).table
         recording = read_recording(self.log, load_cells_layout(setup, bench=True))
+        if len(table.axes) == 1:
+            return self._plate(table, recording)
         reference, voltages = recording.channels[REFERENCE], recording.channels[VOLTAGE]
         cells = table.count()
         found = identify_load_cells(
@@ -84,8 +91,50 @@ class CalibrateLoadCells(Calibration):
             found.cells,
             notes=recording.notes,
             warnings=found.cells.notes,
-            next=[f'name it in the rig: model = "{self.output.name}" under [load_cells]'],
+            next=[self._named],
         )
+
+    @property
+    def _named(self) -> str:
+        return f'name it in the rig: model = "{self.output.name}" under [load_cells]'
+
+    def _plate(self, table: RigLoadCells, recording: Recording) -> CalibrationResult:
+        if not table.positions:
+            raise InputError("is missing: [x, y, z] in m of each cell.", where="load_cells.positions")
+        reference = recording.channels[REFERENCE]
+        places = reference[:, 1:] if reference.shape[1] > 1 else np.full((len(reference), 2), np.nan)
+        found = identify_plate(
+            recording.time,
+            recording.channels[VOLTAGE],
+            reference[:, 0],
+            places,
+            np.array(table.positions),
+            axis=table.axes[0],
+            limits=table.limits(table.count()),
+            provenance=self.record(axes=table.axes[0]),
+        )
+        notes = found.cells.notes
+        return CalibrationResult(
+            _plate_figures(found), found.cells, notes=recording.notes, warnings=notes, next=[self._named]
+        )
+
+
+def _plate_figures(found: PlateCalibration) -> list[tuple[str, str]]:
+    (weight, place), gains = found.rms, found.found
+    deviation = 100.0 * np.sqrt(np.diag(gains.covariance)) / np.abs(gains.gains)
+    each = ", ".join(f"{value:.5g}" for value in gains.gains)
+    placed = "no place was known" if np.isnan(place) else f"{1e3 * place:.2g} mm of the place"
+    return [
+        ("cells", f"{found.cells.cells}, gains {each} N/V, known to {deviation.min():.2g} to {deviation.max():.2g} %"),
+        (
+            "weights",
+            f"{len(found.weights.weight)}, {found.weights.weight.min():.3g} to {found.weights.weight.max():.3g} N",
+        ),
+        ("residual", f"{100 * weight:.2g} % of the weight, {placed} (rms)"),
+        ("left out", str(found.validation)),
+        ("a cell's error", f"{100 * gains.error:.2g} % of its load"),
+        ("uneven", f"{100 * found.cells.misfit:.2g} % of a reading that no load explains"),
+    ]
 
 
 def _figures(found: LoadCellCalibration) -> list[tuple[str, str]]:
@@ -155,7 +204,8 @@ def design_load_cells(
 def _variants(table: RigLoadCells, cells: LoadCells) -> Iterator[tuple[str, LoadCells]]:
     """Yield names and cells of changed layouts, to compare; none for a calibrated model."""
     places = cells.positions
-    if table.model is not None or table.sensitivity is None or table.noise is None:
+    sensitivity = 1.0 if table.newtons else table.sensitivity
+    if table.model is not None or sensitivity is None or table.noise is None:
         return
     middle, drift = places.mean(axis=0), cells.drift * table.noise
     for name, spread, noise in (
@@ -164,4 +214,5 @@ def _variants(table: RigLoadCells, cells: LoadCells) -> Iterator[tuple[str, Load
         (f"cells {100 * STEP:g} % further apart", 1.0 + STEP, 1.0),
     ):
         moved = middle + spread * (places - middle)
-        yield name, nominal_cells(moved, table.sensitivity, noise * table.noise, table.range or inf, drift=drift)
+        limit = table.range or inf
+        yield name, nominal_cells(moved, sensitivity, noise * table.noise, limit, drift=drift, axes=table.axes)

@@ -14,7 +14,7 @@ CHANCE = 1e-6  # that sound channels leave more than the bound
 
 @frozen_value
 class Explanations:
-    """The s = 4 k explanations of k cells: explanation e is that cell e is wrong, for e < k, or else channel e - k.
+    """The explanations of k cells of a axes: e is that cell e is wrong, for e < k, or else channel e - k; s = k + a k.
 
     Readings u without zero are a wrench w = A u, and v = Q u that no wrench makes, of unit variance. With U an
     orthonormal basis of Q_J, J the omitted channels, the rest of |v|^2 is |v|^2 - |U v|^2, and the wrench without J is
@@ -41,18 +41,19 @@ class Explanations:
     def metric(self) -> Float[np.ndarray, "6 6"]:
         """Return the metric (6, 6) of a wrench's squared length in whitened voltages, per degree of freedom of v."""
         matrix = self.cells.matrix
-        return matrix.T @ np.linalg.solve(self.cells.noise, matrix) / max(1, len(matrix) - 6)
+        spare = len(matrix) - self.cells.measured.shape[1]
+        return matrix.T @ np.linalg.solve(self.cells.noise, matrix) / max(1, spare)
 
     def channels(self, which: int) -> Bool[np.ndarray, " m"]:
         """Return a mask (m,) of the channels that an explanation omits."""
         count = self.cells.cells
         numbers = np.arange(len(self.cells.matrix))
-        return numbers // 3 == which if which < count else numbers == which - count
+        return numbers // len(self.cells.axes) == which if which < count else numbers == which - count
 
     def cell(self, which: int) -> int:
         """Return the number, from 0, of the cell that an explanation is about."""
         count = self.cells.cells
-        return which if which < count else (which - count) // 3
+        return which if which < count else (which - count) // len(self.cells.axes)
 
     def fits(self, readings: Float[np.ndarray, "n m"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, "n s"]]:
         """Return masks for readings [V] less the zero: all channels agree (n,), and each explanation fits (n, s).
@@ -98,7 +99,7 @@ class Explanations:
 
 @takes_arrays
 def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = None) -> Explanations:
-    """Return the `Explanations` for sound cells (k,) or channels (3 k,); None: all.
+    """Return the `Explanations` for sound cells (k,) or channels (a k,); None: all.
 
     Raises:
         InputError: sound has another shape.

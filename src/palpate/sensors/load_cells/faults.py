@@ -61,8 +61,8 @@ def find_faults(
 
     Args:
         cells: the model.
-        readings: (n, 3 k) [V] less the zero; rows that are not finite are omitted.
-        sound: (k,) cells or (3 k,) channels to judge; None: all.
+        readings: (n, a k) [V] less the zero; rows that are not finite are omitted.
+        sound: (k,) cells or (a k,) channels to judge; None: all.
         names: names of the channels, for messages.
         time: (n,) [s] of the readings, for the message on a channel that dies during the log; None: not known.
 
@@ -81,8 +81,9 @@ def find_faults(
     share = float(bad.mean())
     if share <= RARE:
         return []
-    whole = np.asarray(kept.reshape(-1, 3).any(axis=1))
-    cause = _explained(made, usable, bad, fits, names, when) or _swapped(cells, usable[bad], whole, share)
+    whole = np.asarray(kept.reshape(-1, len(cells.axes)).any(axis=1))
+    cause = _explained(made, usable, bad, fits, names, when) or _other_gain(cells, usable[bad], kept, share)
+    cause = cause or _swapped(cells, usable[bad], whole, share)
     if cause is None and int(whole.sum()) == 3:
         cause = _still(cells, usable, whole, share)
     said = (
@@ -137,7 +138,8 @@ def _far(gains: np.ndarray) -> np.ndarray:
 
 def _unclear(made: Explanations, candidates: list[int], share: float) -> CellFault:
     count, cells = made.cells.cells, tuple(made.cell(e) for e in candidates)
-    axes = {"xyz"[(e - count) % 3] if e >= count else "" for e in candidates}
+    names = made.cells.axes if len(made.cells.axes) > 1 else ("",)
+    axes = {names[(e - count) % len(names)] if e >= count else "" for e in candidates}
     if len(axes) == 1:
         axis, numbers = axes.pop(), ", ".join(str(cell + 1) for cell in cells)
         which = f"channel {axis} of one of cells {numbers}" if axis else f"one of cells {numbers}"
@@ -153,8 +155,7 @@ def _unclear(made: Explanations, candidates: list[int], share: float) -> CellFau
 
 def _label(made: Explanations, which: int) -> str:
     count = made.cells.cells
-    name = f"cell {made.cell(which) + 1}"
-    return name if which < count else f"channel {'xyz'[(which - count) % 3]} of {name}"
+    return f"cell {which + 1}" if which < count else made.cells.label(which - count)
 
 
 def _died(
@@ -198,7 +199,7 @@ def _named(
     odd = np.flatnonzero(_far(gains) & ~_repeats(seen, AGREE))
     if len(odd):
         channel = channels[int(odd[0])]
-        label = names[channel] if names else f"channel {'xyz'[channel % 3]} of cell {channel // 3 + 1}"
+        label = names[channel] if names else made.cells.label(channel)
         factor = abs(gains[odd[0]])
         return fault("unit", f"{label} reads {factor:.3g} times what it should: check its unit (mV for V)")
     if _repeats(seen).any() and clipped:
@@ -241,12 +242,40 @@ def _steady(off: np.ndarray, due: np.ndarray) -> bool:
     return bool(np.sum(explained) < 0.1 * np.sum(off**2))
 
 
+def _other_gain(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
+    """Return the fault of the one cell of a single axis that agrees with the others if its gain is another.
+
+    Of four cells, no three can judge the fourth in a sample; that the error grows with its load can, over many.
+    """
+    if len(cells.axes) > 1:
+        return None
+    _, _, rest = cells.inverse(kept)
+    bound, more, agreeing = unlikely(len(rest)), np.zeros(cells.cells), np.zeros(cells.cells)
+    for cell in np.flatnonzero(kept).tolist():
+        alone = np.outer(some[:, cell], rest[:, cell])
+        part = float(np.sum(alone * (some @ rest.T)) / max(float(np.sum(alone**2)), 1e-300))
+        mended = some.copy()
+        mended[:, cell] *= 1.0 - part
+        more[cell] = part / (1.0 - part) if part < 1.0 else np.inf
+        agreeing[cell] = np.mean(cells.chi_square(mended, kept) <= bound)
+    named = np.flatnonzero(agreeing > max(AGREE, agreeing.max() - RARE))
+    if not len(named) or not np.isfinite(more[named]).all():
+        return None
+    numbers = ", ".join(str(cell + 1) for cell in named)
+    which = f"cell {numbers} reads" if len(named) == 1 else f"one of cells {numbers} reads"
+    size = ", ".join(f"{100 * abs(more[cell]):.2g} % {'more' if more[cell] > 0 else 'less'}" for cell in named)
+    said = f"{which} {size} than when it was calibrated: check what else carries it, and calibrate again"
+    kind = "gain" if len(named) == 1 else "unclear"
+    return CellFault(tuple(named.tolist()), kind, share, said, tuple(named.tolist()))
+
+
 def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
     """Return the fault of the two cells that agree with the others when exchanged."""
-    bound = unlikely(3 * int(kept.sum()) - 6)
+    each = len(cells.axes)
+    bound = unlikely(each * int(kept.sum()) - cells.measured.shape[1])
 
     def agreeing(pair: tuple[int, int]) -> float:
-        order = np.arange(len(some.T)).reshape(-1, 3)
+        order = np.arange(len(some.T)).reshape(-1, each)
         order[list(pair)] = order[list(pair[::-1])]
         return float(np.mean(cells.chi_square(some[:, order.reshape(-1)], kept) <= bound))
 
@@ -259,10 +288,10 @@ def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float)
 
 def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
     """Return the fault of the cell, of three, that does not move or repeats its readings alone."""
-    size = np.sqrt(np.diag(cells.noise)).reshape(-1, 3)
-    moves = (usable.std(axis=0).reshape(-1, 3) / size).max(axis=1)
+    each = len(cells.axes)
+    moves = (usable.std(axis=0) / np.sqrt(np.diag(cells.noise))).reshape(-1, each).max(axis=1)
     for cell in np.flatnonzero(kept).tolist():
-        others, its = kept & (np.arange(len(kept)) != cell), slice(3 * cell, 3 * cell + 3)
+        others, its = kept & (np.arange(len(kept)) != cell), slice(each * cell, each * (cell + 1))
         column = usable[:, its]
         if moves[cell] <= STILL * moves[others].max() or moves[cell] < 0.1:
             kind = "dead"

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from palpate.contact.indentation import Indentation
 from palpate.files.models.model import Lines, Model, span
 from palpate.files.schema import Key, TableForm
-from palpate.sensors.load_cells.model import LoadCells
+from palpate.sensors.load_cells.model import AXES, LoadCells
 
 
 def of_load_cells(cells: LoadCells) -> Lines:
@@ -17,13 +17,14 @@ def of_load_cells(cells: LoadCells) -> Lines:
     deviation = np.sqrt(np.diag(cells.inverse()[1]))
     wrench = f"{1e3 * deviation[:3].max():.2g} mN and {1e3 * deviation[3:].max():.2g} N mm"
     # k cells of S [N/V] share a force F, so that the lengths of their readings add up to F/S or a little more
-    sensitivity = 1.0 / np.linalg.norm(cells.matrix[:, :3].reshape(-1, 3, 3), axis=1).sum(axis=0)
+    axes = [AXES.index(axis) for axis in cells.axes]
+    sensitivity = 1.0 / np.linalg.norm(cells.matrix[:, axes].reshape(-1, len(axes), len(axes)), axis=1).sum(axis=0)
     along, law = ", ".join(f"{value:.3g}" for value in sensitivity), cells.indentation
     said = [
         ("cells", f"{cells.cells}, {'places known' if known.all() else f'places of {known.sum()} known'}"),
         ("noise", f"{span(np.sqrt(np.diag(cells.noise)))} V of a reading, {wrench} of the wrench"),
         ("range", _limits(cells.limits)),
-        ("sensitivity", f"({along}) N/V a cell along x, y, z, roughly"),
+        ("sensitivity", f"({along}) N/V a cell along {', '.join(cells.axes)}, roughly"),
         ("misfit", f"{100 * cells.misfit:.2g} % of a reading"),
         ("drift", f"of the zero: {cells.drift:.2g} standard deviations of a reading"),
         ("samples", f"{cells.samples:,}, {cells.correlation:.3g} of which tell as much as one independent sample"),
@@ -55,6 +56,8 @@ LOAD_CELLS = Model(
                 "misfit": Key("share of a reading that no wrench explains", least=0.0),
                 "correlation": Key("samples that tell as much as one independent sample", least=1.0),
                 "samples": Key("of the calibration", least=0.0),
+                "axes": Key("of the surface's frame that each cell measures"),
+                "shear": Key("of a touch, over its force, where it is not measured", least=0.0),
                 "bias": Key("V, of each channel, in the calibration", required=True),
                 "positions": Key("m, of the cells; nan: not known", unknown=True),
                 "limits": Key("V, lowest and highest of each channel; inf: none", infinite=True, required=True),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
-from palpate.sensors.load_cells.model import LoadCells
+from palpate.sensors.load_cells.model import AXES, LoadCells, with_changes
+from palpate.sensors.load_cells.plate import plate_cells
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import skew
@@ -27,7 +30,8 @@ class Resolution:
         calibration: (n,) [m] position error from the calibration.
         force: (n,) [N] error of the force from the noise.
         scale: (n,) error of the force from the calibration, over the force.
-        torque: (n,) [N m] error of the torque about the normal from the noise; NaN for contacts without torque.
+        torque: (n,) [N m] error of the torque about the normal from the noise; NaN if there is none or it is not
+            measured.
         largest: (n,) [N] force at which the first cell leaves its range; inf where none is known.
     """
 
@@ -125,11 +129,18 @@ def position_slope(
 
 @takes_arrays
 def nominal_cells(
-    positions: ArrayLike, sensitivity: float, noise: float, limit: float = np.inf, *, drift: float = 0.0
+    positions: ArrayLike,
+    sensitivity: float,
+    noise: float,
+    limit: float = np.inf,
+    *,
+    drift: float = 0.0,
+    axes: Sequence[str] = AXES,
 ) -> LoadCells:
     """Return the `LoadCells` of a layout: springs of equal stiffness, without cross-coupling.
 
-    The frame's balance gives f_i = B_i' (sum B_j B_j')^-1 w with B_i = (1; [l_i]x).
+    The frame's balance gives f_i = B_i' (sum B_j B_j')^-1 w with B_i = (1; [l_i]x). A cell of one axis reads more, the
+    harder something presses against that axis, and its sensitivity is known to 1 %.
 
     Args:
         positions: (k, 3) [m] of at least three cells.
@@ -137,12 +148,17 @@ def nominal_cells(
         noise: [V] standard deviation of a reading.
         limit: [V] range of a reading, to either side.
         drift: [V] standard deviation of the bias's drift after it was taken.
+        axes: that each cell measures, see `LoadCells`.
 
     Raises:
         InputError: sensitivity or noise is 0, or there are fewer than three positions; or arrays of other shapes.
         NotIdentifiable: the positions do not determine a wrench.
     """
     places = shaped(positions, (None, 3), "positions")
+    if len(axes) == 1:
+        ends = np.tile([-limit, limit], (len(places), 1))
+        gains, spread = np.full(len(places), sensitivity), noise**2 * np.eye(len(places))
+        return with_changes(plate_cells(places, gains, spread, axes[0], ends), drift=drift / noise)
     maps = np.hstack([np.zeros((6, 0)), *(np.vstack([np.eye(3), skew(place)]) for place in places)])
     balance = maps @ maps.T
     if np.linalg.cond(balance / np.outer(_ARMS, _ARMS)) > _FLAT:
@@ -174,7 +190,9 @@ def _at(
         _rms(place @ unsure @ np.swapaxes(place, 1, 2)),
         np.full(len(points), np.sqrt(np.trace(spread[:3, :3]))),
         _rms(unsure[:, :3, :3]),
-        np.sqrt(np.einsum("ni,ij,nj->n", slope[:, 3], spread, slope[:, 3])) if soft else np.full(len(points), np.nan),
+        np.sqrt(np.einsum("ni,ij,nj->n", slope[:, 3], spread, slope[:, 3]))
+        if soft and len(cells.axes) > 1
+        else np.full(len(points), np.nan),
         wrench @ cells.matrix.T,
     )
 

@@ -69,6 +69,7 @@ def load_cells(cells: LoadCells, *, excluded: Sequence[int], warnings: Sequence[
         ("left out", unused or "none"),
         ("noise", f"{1e3 * noise.mean():.3g} mV of a reading (one standard deviation, mean of the channels)"),
         ("drift of the zero", f"{1e3 * cells.drift * noise.mean():.3g} mV (one standard deviation)"),
+        ("not measured", "shear and torque" if len(cells.axes) == 1 else "nothing"),
         ("soft layer", "none" if cells.indentation is None else f"{1e3 * cells.indentation.depth:.3g} mm deep at 1 N"),
     )
     return Section("Load cells", settings=facts, points=(*warnings, *cells.notes))
@@ -96,7 +97,7 @@ def loads(
     """
     wrench = np.concatenate([force, np.cross(point, force) + torque[..., None] * normal], axis=-1)
     readings = wrench @ cells.matrix.T
-    return np.linalg.norm(readings.reshape(*readings.shape[:-1], -1, 3), axis=-1)
+    return np.linalg.norm(readings.reshape(*readings.shape[:-1], cells.cells, len(cells.axes)), axis=-1)
 
 
 class LoadCellLayer:

@@ -67,14 +67,14 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
     change = np.abs(second.mean(axis=0) - first.mean(axis=0))
     allowed = noise * (DRIFT * 2.0 / np.sqrt(count) + WARMS + cells.drift)
     off = np.maximum(deviation / (SCATTER * noise * (1.0 + cells.drift)), change / allowed)
-    restless = np.unique(np.flatnonzero(off > 1.0) // 3)
+    restless = np.unique(np.flatnonzero(off > 1.0) // len(cells.axes))
     if len(restless) > 1 or (len(restless) and cells.cells < 4):
         worst = int(off.argmax())
         raise InputError(
             f"the cells are not at rest at the start: channel {worst + 1} scatters by {deviation[worst]:.2g} V and "
             f"changes by {change[worst]:.2g} V, and its noise is {noise[worst]:.2g} V.",
             where=where,
-            hint="Let the log begin with nothing touching the fingertip, and set tare to that time [s].",
+            hint="Let the log begin with nothing touching the body, and set tare to that time [s].",
         )
     zero = usable.mean(axis=0)
     said = (

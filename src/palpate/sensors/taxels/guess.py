@@ -103,7 +103,7 @@ def guess_skin(log: Path, contents: LogContents, body: GivenBody | None) -> Gues
     """Return the `Guess` of a skin: images, arrays of frames, or many columns of numbers; None: there are none.
 
     Raises:
-        InputError: the log cannot be read, or has three axes a taxel or a few single-axis cells, which are not read.
+        InputError: the log cannot be read, or has three axes a taxel, or a few single-axis cells.
     """
     cells = _of_topics(log, contents) if contents.topics else _of_arrays(contents) or _of_columns(log, contents)
     if cells is None:
