@@ -27,6 +27,8 @@ from palpate_lab.simulation.poke_session_files import write_poke_session
 from palpate_lab.simulation.session import Session, simulate_session
 from palpate_lab.simulation.session_files import write_session
 from palpate_lab.simulation.skin_session import SkinSession, simulate_protocol
+from palpate_lab.simulation.three_axis_skins import pillar_array
+from palpate_lab.simulation.three_axis_touches import RATE, TIPS, UNSEEN_TIPS, Loads, three_axis_touches
 from tests.support.simulated import Truth, base_poses, pressed, write_table
 from tests.support.skin_session_files import write_skin_session
 
@@ -325,6 +327,43 @@ def _poked(folder: Path, run: Callable[..., str]) -> Files:
     )
 
 
+def _three_axes(folder: Path, run: Callable[..., str]) -> Files:
+    """Pillars that feel shear, calibrated by known forces, then pressed at five places by other tips."""
+    skin, names = pillar_array(4, 4, 5), [f"{k + 1}_{axis}" for k in range(16) for axis in "xyz"]
+    write_table(folder / "places.csv", dict(zip(("x", "y", "z"), skin.positions.T, strict=True)))
+    made = dict[str, Loads]()
+    for name, touches, tips in (("presses", 60, TIPS), ("log", 5, UNSEEN_TIPS)):
+        loads = three_axis_touches(skin.positions, np.random.default_rng(touches), touches, tips=tips)
+        readings, made[name] = skin.readings(loads, touches)
+        time = np.arange(len(readings)) / RATE
+        numbers = dict(zip(names, readings.reshape(len(time), -1).T, strict=True))
+        write_table(folder / f"{name}.csv", {"time": time} | numbers | base_poses(time))
+    known, pressed = made["presses"], made["log"]
+    columns = np.column_stack([known.frame / RATE, known.place, known.force]).T
+    write_table(folder / "truth.csv", dict(zip(("time", "px", "py", "pz", "fx", "fy", "fz"), columns, strict=True)))
+    plain = (
+        f'[surface]\nkind = "plane"\nhalf_width = 0.02\n{POSE}\n[skin]\ntaxels = "places.csv"\nbits = 0\n'
+        'axes = ["x", "y", "z"]\ntare = 0.8\n'
+    )
+    (folder / "plain.toml").write_text(plain)
+    (folder / "rig.toml").write_text(f'{plain}response = "response.toml"\n')
+    truth = ("--truth", f"{folder}/truth.csv", "--rig", f"{folder}/plain.toml")
+    calibrate = ("response", f"{folder}/presses.csv", *truth, "-o", f"{folder}/response.toml")
+    run("calibrate", *calibrate)
+    full = [pressed.full & (pressed.touch == touch) for touch in range(5)]
+    start, end = (np.array([pick(pressed.frame[each]) for each in full]) / RATE for pick in (np.min, np.max))
+    point, force = (np.array([values[each].mean(axis=0) for each in full]) for values in (pressed.place, pressed.force))
+    return Files(
+        log=folder / "log.csv",
+        rig=folder / "rig.toml",
+        truth=Truth(start, end, point, force),
+        rest=0.8,
+        mount=MOUNT,
+        models=(folder / "response.toml",),
+        calibrations=(calibrate,),
+    )
+
+
 def _marker_ring(folder: Path, run: Callable[..., str]) -> Files:
     """A video of the coarse simulated barrel, which tips press in turn, and its calibration from another video."""
     from palpate_lab.simulation.barrel import Barrel, Indenter
@@ -449,6 +488,7 @@ SENSORS = (
     Sensor("skin", "skin", _skin, 1.5e-3, 0.1, ignores=TAXELS),
     Sensor("skin and wrench", "fusion", _fused, 1.5e-3, 0.1, ignores=FUSED),
     Sensor("poked taxels", "skin", _poked, 1.0e-3, 0.03, ignores=TAXELS),
+    Sensor("three-axis skin", "skin", _three_axes, 1.0e-3, 0.1, ignores=TAXELS),
     Sensor("marker ring", "marker_ring", _marker_ring, 1.0e-3, 0.2, UNFILTERED, RING),
     Sensor("plate", "plate", _plate, 0.2e-3, 0.02, NEWTONS, CELLS, "tests.conformance.plate"),
     Sensor("ball", "ball", _ball, 1.5e-3, 0.05, {}, TAXELS, "tests.conformance.ball"),

@@ -89,7 +89,6 @@ def test_what_was_observed_before_a_lost_command_was_known_is_forgotten(held: Lo
     controller.update(held.count / RATE, wrench, controller._feedback)  # no new feedback
     held.count += 1
     assert law.bank.predict(0.0)[0].tolist() != known.tolist()
-    controller._heed(at, Feedback.ODD)  # says nothing: it neither keeps nor forgets
     controller._heed(at, Feedback.LOST)
     assert law.bank.predict(0.0)[0].tolist() == known.tolist()
     assert law._time == at
@@ -129,6 +128,42 @@ def test_too_much_force_ends_it_and_the_probe_retreats(held: Loop) -> None:
     forces, _, states = held.run(2.5)
     assert states == {State.STOPPED}
     assert forces[-1] == 0.0
+
+
+def test_one_reading_alone_stops_nothing(held: Loop) -> None:
+    """A spike of 60 N, saturation, feedback that jumps, a stamp of tomorrow: each is a single sample."""
+    loop = Loop()
+    loop.run(3.0)
+    for spike in (60.0, 250.0, -60.0):
+        wrench, joints = loop.plant.read(loop.count / RATE)
+        loop.controller.update(loop.count / RATE, wrench - [0.0, 0.0, spike, 0.0, 0.0, 0.0], joints)
+        loop.count += 1
+        forces, _, states = loop.run(0.5)
+        assert states == {State.HOLD}
+        assert np.abs(forces - WANTED).max() < 0.6
+    wrench, joints = loop.plant.read(loop.count / RATE)
+    loop.controller.update(loop.count / RATE, wrench, joints + 0.1)
+    loop.controller.update(loop.count / RATE + 1e5, wrench, joints)
+    loop.count += 1
+    forces, _, states = loop.run(0.5)
+    assert states == {State.HOLD}
+    assert np.abs(forces - WANTED).max() < 0.6
+
+
+def test_a_start_makes_a_new_object_of_it() -> None:
+    """All commands after it are to the last bit those of a controller that never ran."""
+    used, fresh = Loop(), Loop()
+    used.run(3.0, lost=10)
+    for loop in (used, fresh):
+        loop.controller.start(-0.005, bent())
+    used.plant, used.count, used.sent = fresh.plant, 0, bent()
+    for k in range(400):
+        wrench, joints = fresh.plant.read(k / RATE)
+        commands = [loop.controller.update(k / RATE, wrench, joints) for loop in (used, fresh)]
+        assert np.array_equal(*commands)
+        if k % 4 == 0:
+            fresh.plant.robot.send(k / RATE, commands[0])
+    assert used.controller.state == fresh.controller.state != State.APPROACH
 
 
 def test_a_robot_that_takes_no_commands_stops_the_loop() -> None:

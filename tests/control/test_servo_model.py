@@ -148,13 +148,14 @@ def test_a_command_that_never_came_is_taken_out(phase: int, late: int) -> None:
     assert model.missed == len(LOST)
     wrong = {4 * each + k for each in LOST for k in range(4, 8 + phase + late)}
     right = [k for k in range(len(off)) if k not in wrong]
-    assert off[right].max() < 2e-4
+    assert off[right].max() < 3e-4  # 0.3 ms of delay and lag, which are learnt, at 0.9 rad/s
     assert phase > 1 or off[sorted(wrong)].max() > 1e-3  # it does make a difference, if it is found late
 
 
 def test_a_command_that_never_came_is_found_behind_a_larger_one_that_did() -> None:
     """A lost step of 4 mrad shows only in the feedback in which the next, of 0.8 rad, shows three times as much."""
-    model, robot, said = ServoModel(Servo(), 1), ServoModel(Servo(), 1), list[Feedback]()
+    exact = Servo(known=0.0)
+    model, robot, said = ServoModel(exact, 1), ServoModel(exact, 1), list[Feedback]()
     for each in (model, robot):
         each.start(0.0, np.zeros(1))
     model.send(0.0, np.array([4e-3]))
@@ -167,15 +168,37 @@ def test_a_command_that_never_came_is_found_behind_a_larger_one_that_did() -> No
             said.append(model.correct(time, robot.joints.copy()))
     assert said == [Feedback.AGREES, Feedback.LOST]
     assert model.missed == 1
-    assert model.joints[0] == pytest.approx(robot.joints[0], abs=1e-5)  # of 16 urad, in the first feedback, a part
+    assert model.joints[0] == pytest.approx(robot.joints[0], abs=2e-5)  # the first feedback was off by 16 urad
 
 
-def test_a_robot_that_is_slower_than_stated_is_not_taken_for_one_that_loses_commands() -> None:
-    """It is off by what the lag that the model does not know of makes, 15 ms at 0.9 rad/s, less what feedback adds."""
-    model, off = driven(0.045, set())
-    assert model.missed <= 5  # at the very beginning, until it is known how far off it is usually
-    assert off.max() < 0.9 * 0.015 * 1.2
-    assert off[400:].mean() < 0.5 * 0.9 * 0.015
+@pytest.mark.parametrize("wrong", [0.010, -0.010])
+def test_a_robot_whose_servo_is_stated_wrongly_is_not_taken_for_one_that_loses_commands(wrong: float) -> None:
+    """Their sum is found instead, in spite of encoders' noise, and of slow motion each of them less sharply."""
+    model, off = driven(0.030 + wrong, set())
+    assert model.missed == 0
+    assert model.total_delay == pytest.approx(0.070 + wrong, abs=2e-4)
+    assert (model.found.delay, model.found.lag) == pytest.approx((0.020, 0.030 + wrong), abs=2e-3)
+    assert off[400:].max() < 1e-4
+
+
+def test_a_start_forgets_what_was_learnt() -> None:
+    model, _ = driven(0.040, {40})
+    model.start(0.0, np.zeros(2))
+    fresh = ServoModel(Servo(), 2)
+    assert (model.found, model.missed, model.total_delay) == (fresh.found, 0, fresh.total_delay)
+
+
+def test_feedback_that_jumps_once_is_ignored_and_twice_is_followed() -> None:
+    """The joints were stopped on their way, by a brake or by torque: from there the model goes on."""
+    model = ServoModel(Servo(), 1)
+    model.start(0.0, np.zeros(1))
+    said = list[Feedback]()
+    for k in range(1, 60):
+        model.advance(0.02 * k)
+        said.append(model.correct(0.02 * k, np.array([0.5 if k in (30, 50, 51) else 0.0])))
+    assert [k + 1 for k, each in enumerate(said) if each == Feedback.ODD][:3] == [30, 50, 51]
+    assert said[30] == Feedback.AGREES
+    assert abs(model.joints[0]) < 0.05
 
 
 def test_feedback_that_is_none_says_nothing() -> None:

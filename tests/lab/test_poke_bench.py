@@ -10,8 +10,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.sensors.taxels.modules import LAYOUTS
 from palpate.spatial.pose import Pose
-from palpate.surfaces.mesh import Mesh
-from palpate_lab.simulation.forearm import Cone, Forearm, SurfaceSkin, places_near
+from palpate_lab.simulation.forearm import Cone, Forearm, places_near
 from palpate_lab.simulation.poke_bench import MIX, Elbow, PokeBench, PokeErrors, PokeSession, boussinesq
 
 NONE = PokeErrors(1e-9, 1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # a covariance must not be singular
@@ -227,21 +226,6 @@ def test_pokes_at_given_places_are_there() -> None:
     assert strongest == list(range(9))
     with pytest.raises(ValueError, match="within friction"):
         bench.poke_at(points, -bench.directions(points, rng), 0, rng)
-
-
-def test_a_mesh_with_taxels_feels_as_the_cone_does() -> None:
-    """The same pokes on facets of the cone: contacts and answers agree as far as a plane is a cone within 7 mm."""
-    arm = Forearm.of()
-    mesh = Mesh.from_arrays(*arm.cone.mesh())
-    flat = SurfaceSkin(mesh, arm.places, 1.0 / arm.cone.radius)
-    rng = np.random.default_rng(11)
-    bench = PokeBench.drawn(rng, skin=arm, errors=NONE)
-    other = replace(bench, skin=flat)
-    points = places_near(flat, rng, 60)
-    directions = -flat.frame(points)[0][:, 2]
-    first, second = (each.poke_at(points, directions, 0, np.random.default_rng(1)) for each in (bench, other))
-    assert np.linalg.norm(first.contacts - second.contacts, axis=1).max() < 0.3e-3
-    assert abs(len(first.pokes.taxel) - len(second.pokes.taxel)) < 0.1 * len(first.pokes.taxel)
 
 
 def test_a_big_skin_fits_its_link_or_says_so() -> None:

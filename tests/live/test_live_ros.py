@@ -263,10 +263,21 @@ def test_arrays_and_images_come_in_their_shape(domain: int) -> None:
         each.close()
 
 
+@pytest.mark.parametrize("shape", [(24, 3), (3, 24), (72,)])
+def test_axes_come_last_whatever_the_layout_of_arrays_states(domain: int, shape: tuple[int, ...]) -> None:
+    cells = ArrayChannel("cells", (6, 4, 3), topic="/skin", axes=("x", "y", "z"))
+    device, source = _opened(domain, shape, "/skin", LogLayout(wrench=None, arrays=(cells,)))
+    sent = np.random.default_rng(4).normal(size=(2, 24, 3))
+    assert device.send(np.arange(2), (sent.swapaxes(1, 2) if shape[0] == 3 else sent).reshape(2, -1)) == 2
+    np.testing.assert_array_equal(_gathered(source, 2)[1], sent.reshape(2, 6, 4, 3))
+    for each in (source, device):
+        each.close()
+
+
 def test_images_come_as_they_were_sent(domain: int) -> None:
     pytest.importorskip("cv2", reason="images need OpenCV")
     image = np.random.default_rng(5).integers(0, 255, (48, 64, 3), dtype=np.uint8)
-    device = RosDevice("/camera", image.shape, domain)
+    device = RosDevice("/camera", image.shape, domain, images=True)
     device.open()
     layout = LogLayout(wrench=None, images=ImageChannel("/camera", "marker_ring"))
     with pytest.raises(InputError, match="no readable image came on '/camera'"):

@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 ROWS, COLUMNS, COUNT, PITCH = 6, 4, 40, 0.005
 RNG = np.random.default_rng(49)
+XYZ = np.random.default_rng(50).integers(20_000, 40_000, (COUNT, ROWS, COLUMNS, 3)).astype(np.float64)
 TIME = np.round(0.01 * np.arange(COUNT), 3)
 FRAMES = RNG.integers(20_000, 40_000, (COUNT, ROWS, COLUMNS)).astype(np.float64)
 FLAT = FRAMES.reshape(COUNT, -1)
@@ -28,7 +29,7 @@ def table(
 
     def write(path: Path) -> None:
         rows = [sep.join([*([time] if time else []), *names, *more])]
-        for k, row in enumerate(values):
+        for k, row in enumerate(values.reshape(len(values), -1)):
             fields = [*([f"{TIME[k]:.3f}"] if time else []), *(f"{each:.12g}" for each in row)]
             rows.append(sep.join([*fields, *(str(extra[name][k]) for name in more)]))
         path.write_text("\n".join([*rows, ""]))
@@ -98,11 +99,11 @@ def _header(types: dict[str, type], k: int) -> object:
     return types["std_msgs/msg/Header"](stamp=stamp, frame_id="pad")
 
 
-def _multi_array(*sides: tuple[str, int], count: int = 24) -> Write:
+def _multi_array(*sides: tuple[str, int], values: np.ndarray = FLAT) -> Write:
     def message(types: dict[str, type], k: int) -> object:
         dim = [types["std_msgs/msg/MultiArrayDimension"](label=label, size=size, stride=0) for label, size in sides]
         layout = types["std_msgs/msg/MultiArrayLayout"](dim=dim, data_offset=0)
-        return types["std_msgs/msg/Float32MultiArray"](layout=layout, data=np.resize(FLAT[k], count).astype(np.float32))
+        return types["std_msgs/msg/Float32MultiArray"](layout=layout, data=values[k].ravel().astype(np.float32))
 
     return _bag("std_msgs/msg/Float32MultiArray", {}, message)
 
@@ -125,7 +126,28 @@ def _pad(types: dict[str, type], k: int) -> object:
     return types[_PAD](cells=cells, note="")
 
 
-_XYZ = np.repeat(FLAT, 3, axis=1)
+def _members(types: dict[str, type], k: int) -> object:
+    """Return a message with a list of taxels, whose members are in another order than the axes."""
+    each = enumerate(XYZ[k].reshape(-1, 3).astype(int).tolist())
+    taxels = [types[_TAXEL](id=i, z=z, x=x, y=y) for i, (x, y, z) in each]
+    return types[_MODULES](modules=[types[_MODULE](name="m", taxels=taxels)])
+
+
+def _xela(types: dict[str, type], k: int) -> object:
+    return types["xela_msgs/msg/Xela"](header=_header(types, k), board_id=1, data=XYZ[k].ravel().astype(np.float32))
+
+
+def _blocks_of_axes(names: Sequence[str]) -> Write:
+    return table([f"{axis}{k}" for axis in names for k in NUMBERS], XYZ.reshape(COUNT, -1, 3).swapaxes(1, 2))
+
+
+_MODULES, _MODULE, _TAXEL = "skin_msgs/msg/Modules", "skin_msgs/msg/Module", "skin_msgs/msg/Taxel"
+_OF_MODULES = {
+    _TAXEL: "int32 id\nuint16 z\nuint16 x\nuint16 y\n",
+    _MODULE: "string name\nskin_msgs/Taxel[] taxels\n",
+    _MODULES: "skin_msgs/Module[] modules\n",
+}
+_OF_XELA = {"xela_msgs/msg/Xela": "std_msgs/Header header\nint32 board_id\nfloat32[] data\n"}
 _TEKSCAN = (
     "DATA_TYPE MOVIE\nROWS 6\nCOLS 4\nROW_SPACING 5 mm\nCOL_SPACING 5 mm\nSECONDS_PER_FRAME 0.01\nUNITS KPa\n"
     "ASCII_DATA @@\n\n"
@@ -183,11 +205,29 @@ RIGHT: dict[str, tuple[str, Write, float, float | None]] = {  # file, writer, ne
     "cells_of_messages": ("bag", _bag(_PAD, _OF_PAD, _pad), 1.0, None),
 }
 """Formats that hold enough: each is read as `FRAMES`, times the force of a unit."""
+_TAXELS = XYZ.reshape(COUNT, -1, 3)
+_SHUFFLED = np.random.default_rng(2).permutation(72)
+THREE: dict[str, tuple[str, Write]] = {  # file, writer
+    "axes": ("t.csv", table([f"{k + 1}_{axis}" for k in NUMBERS for axis in "xyz"], XYZ)),
+    "axes_blocks": ("t.csv", _blocks_of_axes("XYZ")),
+    "axes_forces": ("t.csv", table([f"p{k}_f{axis}_N" for k in NUMBERS for axis in "xyz"], XYZ, more=("temp",))),
+    "axes_cells": ("t.csv", table([f"r{r}c{c}_{axis}" for r, c in CELLS for axis in "xyz"], XYZ)),
+    "axes_shuffled": (
+        "t.csv",
+        table([f"{k // 3 + 1}_{'xyz'[k % 3]}" for k in _SHUFFLED], XYZ.reshape(COUNT, -1)[:, _SHUFFLED]),
+    ),
+    "axes_array": ("t.npz", _npz(time=TIME, frames=XYZ)),
+    "axes_taxels": ("t.npz", _npz(time=TIME, tactile=_TAXELS)),
+    "axes_first": ("t.npz", _npz(time=TIME, tactile=_TAXELS.swapaxes(1, 2))),
+    "axes_images": ("t.npz", _npz(time=TIME, tactile=np.moveaxis(XYZ, 3, 1))),
+    "axes_nested_list": ("t.parquet", _parquet(pl.Series("observation.tactile", _TAXELS))),
+    "axes_layout": ("bag", _multi_array(("taxel", 24), ("axis", 3), values=XYZ)),
+    "axes_layout_first": ("bag", _multi_array(("axis", 3), ("taxel", 24), values=_TAXELS.swapaxes(1, 2))),
+    "axes_members": ("bag", _bag(_MODULES, _OF_MODULES, _members)),
+    "axes_xela": ("bag", _bag("xela_msgs/msg/Xela", _OF_XELA, _xela)),
+}
+"""Formats with three numbers a taxel: each is read as `XYZ`."""
 REFUSED: dict[str, tuple[str, Write, str]] = {  # file, writer, words of the reason
-    "axes": ("t.csv", table([f"{k + 1}_{axis}" for k in NUMBERS for axis in "xyz"], _XYZ), "three axes.*_z"),
-    "axes_blocks": ("t.csv", table([f"{axis}{k}" for axis in "XYZ" for k in NUMBERS], _XYZ), "three axes"),
-    "axes_array": ("t.npz", _npz(time=TIME, frames=np.repeat(FRAMES[..., None], 3, axis=3)), "three axes"),
-    "axes_layout": ("bag", _multi_array(("taxel", 24), ("axis", 3), count=72), "three axes"),
     "plate": ("t.csv", table([f"pad{k}_kg" for k in range(4)], FLAT[:, :4]), "single-axis cells.*load_cells"),
     "untimed": ("t.csv", table([f"taxel_{k}" for k in NUMBERS], time=""), "Add --rate HZ"),
 }

@@ -22,7 +22,7 @@ class Sizes:
 
     bodies: int = 50
     touches: int = 30
-    searched: int = 10
+    searched: int = 50
     searches: int = 20
 
 

@@ -99,7 +99,7 @@ class Trace:
         """How many times the contact was lost, or the loop left `hold`, after the motion began."""
         touching = (self.column("press") > 0)[self.since >= 0]
         begun = self.condition.settings.motion.begin
-        left = sum(at >= begun and state not in ("contact", "hold") for at, state, _ in self.states)
+        left = sum(at >= begun and state not in ("contact", "hold", "follow") for at, state, _ in self.states)
         return left + int(np.sum(touching[:-1] & ~touching[1:]))
 
     @property

@@ -76,6 +76,11 @@ _CALIBRATIONS = {  # name -> module, class, and the first paragraph of its docst
         "CalibrateRegistration",
         "Find the surface's pose among places of taxels.",
     ),
+    "response": (
+        "palpate.sensors.taxels.response_command",
+        "CalibrateResponse",
+        "Fit what taxels with three axes read under known forces.",
+    ),
     "taxels": (_POKING, "CalibrateTaxels", "Find where each taxel sits, from the wrenches of pokes."),
 }
 _ROWS = {  # name of a command -> module, function, and the first paragraph of its docstring

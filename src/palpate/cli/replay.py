@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.console.console import announce, lines, title
@@ -96,7 +97,7 @@ def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, top
         return SerialDevice(framing=framing)
     from palpate.live.ros_device import RosDevice
 
-    return RosDevice(topic, source.shape, domain=domain)
+    return RosDevice(topic, source.shape, domain=domain, images=np.dtype(source.dtype) == np.uint8)
 
 
 def _played(source: Replay, device: Device, seconds: float | None) -> int:

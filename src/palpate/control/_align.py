@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._vectors import cross_into
 
 MISJUDGED = 0.25  # of what the payload's motion takes
 STEEPEST = 0.866  # sine of the largest angle that a place on the face can mean
@@ -25,13 +26,6 @@ def _back(matrix, vector, out):
         out[i] = matrix[0, i] * vector[0] + matrix[1, i] * vector[1] + matrix[2, i] * vector[2]
 
 
-@inner
-def _cross(a, b, out):
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
 @entry("motion 12, sensor 3 3, inertia 3 3, load 3, wrench 6, out out 6, acceleration out 3, moved out 3")
 def felt(motion, sensor, inertia, load, wrench, out, acceleration, moved):
     """Write the wrench (6,) plus the moment that turns the payload, M + I al + w x I w, and its centre's acceleration.
@@ -45,8 +39,8 @@ def felt(motion, sensor, inertia, load, wrench, out, acceleration, moved):
     _back(sensor, motion[6:9], acceleration)
     _back(sensor, motion[9:12], speeding)
     _turned(inertia, turning, momentum)
-    _cross(turning, momentum, gyro)
-    _cross(load, acceleration, moved)
+    cross_into(turning, momentum, gyro)
+    cross_into(load, acceleration, moved)
     for i in range(3):
         spent = gyro[i]
         for j in range(3):
@@ -169,11 +163,11 @@ def target(values, axes, origin, depth, rotation, tip, out):
     upright = n[0] * axes[0, 2] + n[1] * axes[1, 2] + n[2] * axes[2, 2]
     for i in range(3):
         out[i] = origin[i] + (values[2] - depth / upright) * axes[i, 2] + depth * n[i] - tip[i]
-    _cross(axes[:, 2], n, v)
+    cross_into(axes[:, 2], n, v)
     one, two = np.empty(3), np.empty(3)
     for j in range(3):
-        _cross(v, axes[:, j], one)
-        _cross(v, one, two)
+        cross_into(v, axes[:, j], one)
+        cross_into(v, one, two)
         for i in range(3):
             turned[i, j] = axes[i, j] + one[i] + two[i] / (1.0 + upright)
     _vector(turned, rotation, out[3:])

@@ -40,28 +40,61 @@ def _along(state, line, begun, ramp, lag, start, end):
         state[2, j] = -w * b * decay - w * change
 
 
-@entry("state out 3 n, line 2 n, begun float, ramp float, lag float, start float, end float")
-def follow(state, line, begun, ramp, lag, start, end):
-    """Advance state (3, n) from `start` to `end` [s] as `_along` does, also across the end of the ramp."""
-    middle = begun + ramp
+@inner
+def _follow(state, line, clock, ramp, lag, end):
+    """Advance state (3, n) and clock, begin of the line and present time [s], to `end`, also across the ramp's end."""
+    start, middle = clock[1], clock[0] + ramp
     if start < middle < end:
-        _along(state, line, begun, ramp, lag, start, middle)
+        _along(state, line, clock[0], ramp, lag, start, middle)
         start = middle
     if start < end:
-        _along(state, line, begun, ramp, lag, start, end)
+        _along(state, line, clock[0], ramp, lag, start, end)
+    clock[1] = max(clock[1], end)
 
 
-@entry("past k n, times k, time float, joints n, offset n, out out n")
-def separate(past, times, time, joints, offset, out):
-    """Write feedback (n,) less offset (n,) and the past (m, n) at the nearest of the times (m,) into out (n,).
+@entry("state out 3 n, line out 2 n, clock out 2, times k, targets k n, span int64 3, times_of 3, end float")
+def run(state, line, clock, times, targets, span, times_of, end):
+    """Advance joints through the commands that begin until `end` [s]; return the index of the first one that does not.
 
-    The root mean square of out is returned; NaN if the feedback is not finite.
+    times (k,), targets (k, n): commands, when they were sent and where they lead. span (3,): the first that is taken,
+    the first that is not, and one that is omitted, or -1. times_of (3,): delay, ramp and lag.
     """
-    nearest, total = 0, 0.0
-    for k in range(1, len(times)):
-        if abs(times[k] - time) < abs(times[nearest] - time):
-            nearest = k
+    delay, ramp, lag = times_of[0], times_of[1], times_of[2]
+    k = span[0]
+    while k < span[1] and times[k] + delay <= end:
+        begins = times[k] + delay
+        if k != span[2]:
+            _follow(state, line, clock, ramp, lag, begins)
+            share = 1.0 if ramp == 0.0 else min(1.0, (begins - clock[0]) / ramp)
+            for j in range(line.shape[1]):
+                line[0, j] += share * (line[1, j] - line[0, j])
+                line[1, j] = targets[k, j]
+            clock[0] = begins
+        k += 1
+    _follow(state, line, clock, ramp, lag, end)
+    return k
+
+
+@entry("joints n, modelled n, slopes 2 n, variance float, values out m, covariance out m m, gain out m")
+def learn(joints, modelled, slopes, variance, values, covariance, gain):
+    """Correct values (2 + n,), delay, lag and the offset of each joint, by one feedback; return its chi-square.
+
+    A joint's feedback is modelled + slopes . (delay, lag) + offset, with noise of this variance; modelled (n,) is that
+    of the values as they are given. A Kalman filter takes joint after joint, whose squared innovations over their
+    variances add up to the chi-square. NaN if the feedback is not finite: the values are then of no use.
+    """
+    m, total = len(values), 0.0
+    delay, lag = values[0], values[1]
     for j in range(len(joints)):
-        out[j] = joints[j] - past[nearest, j] - offset[j]
-        total += out[j] * out[j]
-    return np.sqrt(total / len(joints)) if total < np.inf else np.nan
+        one, two = slopes[0, j], slopes[1, j]
+        for i in range(m):
+            gain[i] = one * covariance[i, 0] + two * covariance[i, 1] + covariance[i, 2 + j]
+        spread = one * gain[0] + two * gain[1] + gain[2 + j] + variance
+        off = joints[j] - modelled[j] - one * (values[0] - delay) - two * (values[1] - lag) - values[2 + j]
+        total += off * off / spread
+        for i in range(m):
+            values[i] += gain[i] / spread * off
+        for i in range(m):
+            for k in range(m):
+                covariance[i, k] -= gain[i] * gain[k] / spread
+    return total if total < np.inf else np.nan

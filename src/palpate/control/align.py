@@ -15,7 +15,7 @@ from palpate.control.arm import Arm
 from palpate.control.control_law import MotionLaw, Sensed
 from palpate.control.probe_face import ProbeFace
 from palpate.control.servo import Feedback, Servo, ServoModel
-from palpate.control.supervisor import Limits, State, Supervisor
+from palpate.control.supervisor import ENOUGH, PRESSING, Limits, State, Supervisor
 from palpate.control.tracking_law import Follow
 from palpate.errors import InputError
 from palpate.signals.payload import Payload
@@ -44,9 +44,10 @@ class AlignController:
         estimator: of the contact, live; without a filter for `Follow`, which filters itself.
         force: [N] wanted contact force.
         face: of the probe, in the surface's frame; None: the face along z of the estimator's mesh.
-        servo: model of how the robot follows commands; None: `Servo()`.
+        servo: how the robot follows commands, from which delay and lag are learnt; None: `Servo()`.
         limits: limits of force, motion and time; None: `Limits()`.
         law: law of motion; None: `Follow`.
+        within: [N] difference from the wanted force within which it counts as held: `State.HOLD`, or else FOLLOW.
         inertia: (3, 3) [kg m^2] of the payload about its centre, in the sensor's frame; an error in it moves the
             contact whenever the robot turns the probe. None: that of the mesh's hull, filled evenly with the payload.
 
@@ -67,6 +68,7 @@ class AlignController:
         servo: Servo | None = None,
         limits: Limits | None = None,
         law: MotionLaw | None = None,
+        within: float = 1.0,
         inertia: ArrayLike | None = None,
     ) -> None:
         from palpate.control import _align, _arm  # compiled: loaded when first needed
@@ -87,7 +89,7 @@ class AlignController:
         self.limits = Limits() if limits is None else limits
         self.law: MotionLaw = Follow(face, self.force) if law is None else law
         self.law.delay = self.servo.total_delay
-        self.supervisor = Supervisor(self.limits, self.force)
+        self.supervisor = Supervisor(self.limits, self.force, float(within))
         self.model = ServoModel(self.servo, len(arm.names))
         mount = estimator.mount
         self._axes = np.ascontiguousarray(mount.rotation @ face.axes)  # of the face, in the sensor's frame
@@ -108,7 +110,7 @@ class AlignController:
         self._sensor, self._place = np.eye(3), np.zeros(3)  # pose of the sensor in the base, now
         self._stance, self._foremost = np.eye(3), np.zeros(3)  # axes of the face and its tip, as commanded last
         self._motion, self._e, self._last = np.zeros(12), np.zeros(6), np.zeros(count)
-        self._command, self._feedback, self._unheard = np.zeros(count), np.zeros(count), 0
+        self._command, self._feedback, self._unheard, self._jumps = np.zeros(count), np.zeros(count), 0, 0
         self._bounds = np.array([DAMPING, self.limits.speed, self.limits.turn])
         self._fed, self._read = list[float](), list[float]()
         self._wrench, self._felt = np.full(6, np.nan), np.zeros(6)
@@ -126,6 +128,11 @@ class AlignController:
     def why(self) -> str:
         """Reason for the present state, as a sentence."""
         return self.supervisor.why
+
+    @property
+    def within(self) -> float:
+        """Difference [N] from the wanted force within which it counts as held."""
+        return self.supervisor.within
 
     @property
     def contact(self) -> Float[np.ndarray, " 22"]:
@@ -153,6 +160,8 @@ class AlignController:
     def start(self, time: float, joints: ArrayLike) -> None:
         """Begin anew at a time [s] at rest at joints (n,) [rad, m] with the approach; the first `update` does it.
 
+        Everything but the tare is as in a new controller: servo and stiffness as stated, no state, no reading.
+
         Raises:
             InputError: joints of another number than the arm's, or not finite.
         """
@@ -161,8 +170,12 @@ class AlignController:
             raise InputError("the joints to start from must be finite.", where="joints")
         self.model.start(time, self._command)
         self.supervisor.start(time)
+        self.law.reset()
+        self.law.delay = self.model.total_delay
         self.estimator.reset()
-        self._last[:], self._unheard = 0.0, 0
+        self._last[:] = self._e[:] = 0.0
+        self._unheard = self._jumps = 0
+        self._wrench[:], self._read = np.nan, []
         self._time = self._due = time
         self._fed = self._command.tolist()
         self._moves.pose.unchecked(self.arm.chain, self.model.joints, self._sensor, self._place)
@@ -198,15 +211,17 @@ class AlignController:
         if self._time == -np.inf:
             self.start(time, feedback)
         elif not time > self._time or not time < self._time + JUMP:
-            if JUMP < abs(time - self._time) < np.inf:
+            self._jumps = self._jumps + 1 if JUMP < abs(time - self._time) < np.inf else 0
+            if self._jumps >= ENOUGH:
                 self.supervisor.stop(self._time, f"the clock jumped by {time - self._time:.3g} s")
             return self._command
-        self._time = time
+        self._time, self._jumps = time, 0
         self.model.advance(time)
         fed = feedback.tolist()  # of six numbers a list compares ten times as fast as an array
         if fed != self._fed:
             self._fed = fed
             self._heed(time, self.model.correct(time, feedback))
+            self.law.delay = self.model.total_delay
         self._moves.pose.unchecked(self.arm.chain, self.model.joints, self._sensor, self._place)
         if self._new(wrench):
             self._sense(time, acceleration)
@@ -222,9 +237,10 @@ class AlignController:
         if said == Feedback.AGREES:
             self._unheard = 0
             self.law.keep()
-        elif said == Feedback.LOST:
+            return
+        self.law.forget()
+        if said == Feedback.LOST:
             self._unheard += 1
-            self.law.forget()
             if self._unheard >= DEAF:
                 self.supervisor.stop(time, f"the robot has not followed the last {self._unheard} commands")
 
@@ -247,8 +263,10 @@ class AlignController:
         row = self._row
         status = Status(int(row[ROW.status]))
         before, force = self.supervisor.state, math.hypot(*row[ROW.force].tolist())
-        self.supervisor.fresh(time, status, force if math.isfinite(force) else 0.0)
-        if status > Status.AMBIGUOUS:
+        pressing = -float(row[ROW.force] @ row[ROW.normal])
+        known = math.isfinite(force) and math.isfinite(pressing)
+        self.supervisor.fresh(time, status, force if known else 0.0, pressing if known else 0.0)
+        if status > Status.AMBIGUOUS or force > self.limits.force:
             return
         seen, state = self.seen, self.supervisor.state
         seen.time = time
@@ -258,9 +276,9 @@ class AlignController:
         if state == State.CONTACT and before != State.CONTACT:
             self.law.start(seen)
             self._home[:], self._upright[:] = seen.tip, seen.rotation[:, 2]
-        if state in (State.CONTACT, State.HOLD):
+        if state in PRESSING:
             self.law.observe(seen)
-        if state == State.CONTACT and self.law.ready:
+        if state in (State.CONTACT, State.FOLLOW) and self.law.ready:
             self.supervisor.pressed(time)
 
     def _acceleration(self, said: ArrayLike | None) -> Float[np.ndarray, " 3"]:
@@ -287,7 +305,7 @@ class AlignController:
             self._e[:3] = self.limits.approach * period * axes[:, 2]
         elif state == State.CONTACT:
             self.law.press(self.seen, period, self._e)
-        elif state == State.HOLD:
+        elif state in PRESSING:
             self.law.hold(time, axes, tip, period, self._e)
         elif self.supervisor.retreating:
             self._e[:3] = -self.limits.approach * period * axes[:, 2]

@@ -42,6 +42,9 @@ class MotionLaw(Protocol):
     ready: bool
     """True once everything that `hold` needs is known."""
 
+    def reset(self) -> None:
+        """Set everything that was learnt to what was stated."""
+
     def start(self, seen: Sensed) -> None:
         """Set the law's state from the first reading of a touch."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
@@ -103,6 +105,17 @@ class MotionBank:
             step = number(step, "step")
         readings, variances = shaped(readings, shape, "readings"), shaped(variances, shape, "variances")
         self._advance(readings, variances, step, self._densities, self._rates, self._filters, self._mixed)
+
+    def far(self, readings: Float[np.ndarray, " c"], variances: Float[np.ndarray, " c"], step: float) -> float:
+        """Return the most standard deviations by which a reading, `step` [s] from now, differs from the prediction.
+
+        Raises:
+            InputError: another number of readings or variances.
+        """
+        shape = self.sizes.shape
+        off = shaped(readings, shape, "readings") - self.predict(step)[0]
+        known = self._mixed[:, 3] + shaped(variances, shape, "variances")
+        return math.sqrt(max(0.0, float(np.max(off * off / known))))  # 0 if no reading is finite
 
     def predict(self, delay: float) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
         """Return values (c,) and rates (c,) [unit, unit/s] `delay` [s] from now; the next call overwrites them."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -13,13 +12,21 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
-REMEMBERED = 64  # past moments, with the nearest of which feedback is compared
-BEGUN = 4  # commands that are remembered
-SHOWN = 2  # of them that may be lost: an older lost one would have shown in earlier feedback
+BEGUN = 4  # commands that are kept when what they did has decayed
+SHOWN = 2  # of the begun that may be lost: an older lost one would have shown in earlier feedback
+SETTLED = 6.0  # lags after which a motion has decayed, to (1 + 12) exp(-12)
 FAINT = 2e-5  # rad or m: least difference of feedback from the model (encoders)
-ODD = 4.0  # times the usual difference
-CORRECTION = 0.1  # s: time constant by which feedback corrects the model
+SAG = 1e-3  # rad or m, of joints from their commands at the start
+ODD = 16.0  # chi-square per joint above which the model does not explain feedback
+LESS = 0.1  # of it that remains without a command that was lost
+CORRECTION = 0.1  # s: time constant by which feedback corrects the offset
+WANDER = 2e-4  # s per square root of a second, of delay and lag
+SOUND = 2.0  # chi-square per joint up to which another servo explains feedback that is odd
+WIDENED = 2e-3  # s, by which delay and lag may be other than was learnt, where feedback is odd
+BOUND = 3.0  # standard deviations of delay and lag as stated, beyond which neither is looked for
+STEP = 5e-4  # s, of the lag, of a finite difference
 USUAL = 0.05  # share of the newest feedback in the usual difference
+_Course = list[Float[np.ndarray, "..."]]  # state (3, n), line (2, n), begin of the line and present time (2,)
 
 
 @dataclass(frozen=True)
@@ -36,6 +43,7 @@ class Servo:
         delay: [s] from a command until the robot begins to follow it.
         ramp: [s] in which it interpolates between commands, usually the period; 0: none.
         lag: [s] by which its joints lag behind a ramp; 0: none.
+        known: [s] standard deviation of delay and lag as they are stated; 0: exact, nothing is learnt from feedback.
 
     Raises:
         InputError: a period that is not positive, or another time that is negative or not finite.
@@ -45,6 +53,7 @@ class Servo:
     delay: float = 0.02
     ramp: float = 0.02
     lag: float = 0.03
+    known: float = 0.01
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -67,54 +76,18 @@ class Feedback(Enum):
     """The newest command that should show in the feedback never came."""
 
 
-class _Course:
-    """Motion of joints: exact from one change of the line that they follow to the next."""
-
-    def __init__(self, servo: Servo, time: float, joints: Float[np.ndarray, " n"]) -> None:
-        from palpate.control import _servo as kernel  # compiled: loaded when first needed
-
-        self.servo, self.time, self.begun, self._follow = servo, time, -np.inf, kernel.follow.unchecked
-        self.state, self.line = np.zeros((3, len(joints))), np.zeros((2, len(joints)))
-        self.state[0] = self.line[:] = joints
-
-    def copy(self) -> _Course:
-        """Return a copy that continues from the present state."""
-        made = object.__new__(_Course)  # for every command
-        made.servo, made.time, made.begun, made._follow = self.servo, self.time, self.begun, self._follow
-        made.state, made.line = self.state.copy(), self.line.copy()
-        return made
-
-    def follow(self, time: float) -> None:
-        """Advance to a later time [s]; earlier times are ignored."""
-        self._follow(self.state, self.line, self.begun, self.servo.ramp, self.servo.lag, self.time, time)
-        self.time = max(self.time, time)
-
-    def take(self, begins: float, target: Float[np.ndarray, " n"]) -> None:
-        """Let the line lead to a new command from this time on."""
-        self.follow(begins)
-        share = 1.0 if self.servo.ramp == 0.0 else min(1.0, (begins - self.begun) / self.servo.ramp)
-        self.line[0] += share * (self.line[1] - self.line[0])
-        self.line[1], self.begun = target, begins
-
-
-@dataclass(frozen=True, eq=False)
-class _Begun:
-    """A command, when it began, and the course before it."""
-
-    time: float
-    target: Float[np.ndarray, " n"]
-    before: _Course
-
-
 @takes_arrays
 class ServoModel:
-    """A model of joints, their speeds and accelerations, between and before the robot's feedback.
+    """A model of joints, their speeds and accelerations, between and before the robot's feedback, from which it learns.
 
-    The model is exact for ramps of commands. The difference of the feedback from it (sag, deflection, friction) is
-    followed with a time constant of 0.1 s and added. A command that the feedback shows as lost is removed.
+    The model is exact for ramps of commands. Delay, lag and each joint's offset from the model (sag, deflection,
+    friction) are states of a Kalman filter that feedback corrects: delay and lag from what was stated, with
+    `Servo.known` as standard deviation; the offset follows with a time constant of 0.1 s. A command that the feedback
+    shows as lost is removed. Feedback that nothing explains is ignored; where the next one agrees with it, the model
+    begins from there.
 
     Args:
-        servo: times with which the robot follows commands.
+        servo: times with which the robot follows commands, as stated.
         count: n, the number of joints.
 
     Attributes:
@@ -126,29 +99,35 @@ class ServoModel:
     def __init__(self, servo: Servo, count: int) -> None:
         from palpate.control import _servo as kernel  # compiled: loaded when first needed
 
-        self.servo, self._apart = servo, kernel.separate.unchecked
-        self.offset, self.joints, self._off = np.zeros(count), np.zeros(count), np.zeros(count)
-        self._waiting: deque[tuple[float, np.ndarray]] = deque()
-        self._begins = deque[_Begun](maxlen=BEGUN)
-        self._past, self._times, self._kept = np.zeros((REMEMBERED, count)), np.zeros(REMEMBERED), 0
+        self.servo, self._run, self._learn = servo, kernel.run.unchecked, kernel.learn.unchecked
+        slowest = servo.total_delay + SETTLED * servo.lag + 2.0 * (1.0 + SETTLED) * servo.known
+        kept = math.ceil(slowest / servo.period) + BEGUN
+        self._sent, self._targets = np.zeros(kept), np.zeros((kept, count))
+        self._now, self._base, self._trial = ([np.zeros((m, count)) for m in (3, 2)] + [np.zeros(2)] for _ in range(3))
+        self._span, self._slopes, self._gain = np.zeros(3, dtype=np.int64), np.zeros((2, count)), np.zeros(2 + count)
+        self.joints, self._times = np.zeros(count), np.zeros(3)
+        self._least = np.maximum(0.0, np.array([servo.delay, servo.lag]) - BOUND * servo.known)
+        self._most = np.array([servo.delay, servo.lag]) + BOUND * servo.known
         self.start(0.0, np.zeros(count))
         self.advance(1e-3)  # compiles
         self.correct(1e-3, np.zeros(count))
         self.start(0.0, np.zeros(count))
 
     def start(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
-        """Begin at rest at joints (n,) [rad, m] at a time [s], without commands, offset and `missed`.
+        """Begin at rest at joints (n,) [rad, m] at a time [s], with the stated servo, without commands and `missed`.
 
         Raises:
             InputError: joints has another shape.
         """
-        self._course, self._fed = _Course(self.servo, time, joints), time
-        self.offset[:], self.joints[:] = 0.0, joints
-        self._waiting.clear()
-        self._begins.clear()
-        self._usual, self.missed = 5.0 * FAINT, 0  # what feedback is off usually
-        self._times[:] = -np.inf
-        self._kept = 0
+        state, line, clock = self._base
+        state[:], line[:], clock[:] = 0.0, joints, (-np.inf, time)
+        state[0] = self.joints[:] = joints
+        self._count = self._next = self.missed = 0
+        self._values = np.concatenate([[self.servo.delay, self.servo.lag], np.zeros(len(joints))])
+        self._covariance = np.diag([self.servo.known**2] * 2 + [SAG**2] * len(joints))
+        self._usual, self._fed, self._off = 5.0 * FAINT, time, np.full(len(joints), np.inf)
+        self._take(self._values, self._covariance)
+        self._again(time)
 
     def send(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
         """Add a command (n,) [rad, m] sent at a time [s].
@@ -156,16 +135,16 @@ class ServoModel:
         Raises:
             InputError: joints has another shape.
         """
-        self._waiting.append((time + self.servo.delay, joints.copy()))
+        if self._count == len(self._sent):
+            self._advance(self._base, 0, self._sent[0] + self._times[0], last=1)
+            self._remove(0)
+        self._sent[self._count], self._targets[self._count] = time, joints
+        self._count += 1
 
     def advance(self, time: float) -> None:
         """Advance the model to a later time [s]; earlier times are ignored."""
-        while self._waiting and self._waiting[0][0] <= time:
-            self._take(*self._waiting.popleft())
-        self._course.follow(time)
-        np.add(self._course.state[0], self.offset, out=self.joints)
-        self._past[self._kept], self._times[self._kept] = self._course.state[0], time
-        self._kept = (self._kept + 1) % REMEMBERED
+        self._next = self._advance(self._now, self._next, time)
+        np.add(self._now[0][0], self.offset, out=self.joints)
 
     def correct(self, time: float, joints: Float[np.ndarray, " n"]) -> Feedback:
         """Correct the model by the joints (n,) [rad, m] at a time [s], at most some cycles ago; return a `Feedback`.
@@ -175,63 +154,117 @@ class ServoModel:
         """
         if joints.shape != self.offset.shape:
             raise InputError(f"feedback must have {len(self.offset)} joints, not shape {joints.shape}.", where="joints")
-        off = self._apart(self._past, self._times, time, joints, self.offset, self._off)
-        if not off < np.inf:
+        size, *learnt = self._explained(time, joints)
+        if not 0.0 <= size < np.inf:
             return Feedback.ODD
-        odd, without, lost = off > ODD * self._usual, off, None
-        begun = [each for each in self._begins if each.time <= time][-SHOWN:]
-        for each in begun if odd else ():
-            if (gap := self._without(each, time, joints)) < without:
-                without, lost = gap, each
-        size = min(off, without, 2.0 * self._usual)  # one that is odd counts little
-        self._usual = max(FAINT, math.sqrt(self._usual**2 + USUAL * (size**2 - self._usual**2)))
-        passed, self._fed = max(0.0, time - self._fed), max(time, self._fed)
-        if lost is not None and without < 0.5 * off:
-            self._take_out(lost)
-            return Feedback.LOST
-        self.offset += (1.0 - math.exp(-passed / CORRECTION)) * self._off
-        return Feedback.ODD if odd else Feedback.AGREES
+        found, lost = Feedback.AGREES, -1
+        if size > ODD:
+            first, (size, *learnt) = size, self._explained(time, joints, widened=WIDENED)
+            found = Feedback.ODD if size > SOUND else found
+            lost, other = self._lost(time, joints)
+            if other < min(ODD, LESS * first):
+                found, size = Feedback.LOST, other
+        self._usual = max(FAINT, self._usual * math.sqrt(1.0 + USUAL * (min(size, 4.0) - 1.0)))
+        if found == Feedback.ODD:
+            self._begin_again(time, joints)
+        else:
+            self._off = np.full(len(joints), np.inf)
+        if found == Feedback.LOST:  # what it showed before, if little, was taken for another servo: learn nothing more
+            self._remove(lost)
+            self.missed += 1
+        elif found == Feedback.AGREES:
+            self._take(*learnt)
+        self._fed = max(time, self._fed)
+        self._again(self._now[2][1])
+        return found
+
+    @property
+    def found(self) -> Servo:
+        """The servo with the delay and lag that were found so far, and the larger of their standard deviations."""
+        delay, lag = self._values[:2].tolist()
+        known = float(np.sqrt(np.diag(self._covariance)[:2].max()))
+        return replace(self.servo, delay=delay, lag=lag, known=known)
+
+    @property
+    def total_delay(self) -> float:
+        """Present delay [s] of joints that follow a ramp of commands."""
+        return float(self._times.sum())
 
     @property
     def speeds(self) -> Float[np.ndarray, " n"]:
         """Present joint speeds (n,) [rad/s, m/s]."""
-        return self._course.state[1]
+        return self._now[0][1]
 
     @property
     def accelerations(self) -> Float[np.ndarray, " n"]:
         """Present joint accelerations (n,) [rad/s^2, m/s^2]."""
-        return self._course.state[2]
+        return self._now[0][2]
 
-    def _take(self, begins: float, target: Float[np.ndarray, " n"]) -> None:
-        """Begin a command."""
-        self._course.follow(begins)
-        self._begins.append(_Begun(begins, target, self._course.copy()))
-        self._course.take(begins, target)
+    def _advance(self, course: _Course, first: int, time: float, *, last: int | None = None, omitted: int = -1) -> int:
+        """Advance a course through the commands from the first on; return the first that has not begun by then."""
+        self._span[:] = first, self._count if last is None else last, omitted
+        return self._run(*course, self._sent, self._targets, self._span, self._times, time)
 
-    def _after(self, command: _Begun) -> list[_Begun]:
-        return [each for each in self._begins if each.time > command.time]
+    def _replay(self, course: _Course, time: float, omitted: int = -1) -> int:
+        """Let a course begin at the oldest commands again."""
+        for to, of in zip(course, self._base, strict=True):
+            to[:] = of
+        return self._advance(course, 0, time, omitted=omitted)
 
-    def _without(self, command: _Begun, time: float, joints: Float[np.ndarray, " n"]) -> float:
-        """Return the root mean square difference of the feedback from joints without this command."""
-        course = command.before.copy()
-        for each in self._after(command):
-            if each.time <= time:
-                course.take(each.time, each.target)
-        course.follow(time)
-        return math.dist(joints, course.state[0] + self.offset) / math.sqrt(len(joints))
+    def _again(self, time: float) -> None:
+        self._next = self._replay(self._now, time)
+        np.add(self._now[0][0], self.offset, out=self.joints)
 
-    def _take_out(self, command: _Begun) -> None:
-        """Remove a command that never came, and model the time since again."""
-        later = deque(self._after(command))
-        while self._begins and self._begins[-1].time >= command.time:
-            self._begins.pop()
-        self._course = command.before
-        for k in np.argsort(self._times, kind="stable").tolist():
-            moment = float(self._times[k])
-            if moment >= command.time:
-                while later and later[0].time <= moment:
-                    self._take(later[0].time, later.popleft().target)
-                self._course.follow(moment)
-                self._past[k] = self._course.state[0]
-        np.add(self._course.state[0], self.offset, out=self.joints)
-        self.missed += 1
+    def _lost(self, time: float, joints: Float[np.ndarray, " n"]) -> tuple[int, float]:
+        """Return the command without which the feedback is explained best, and chi-square per joint without it."""
+        begun = np.flatnonzero(self._sent[: self._count] + self._times[0] <= time)[-SHOWN:]
+        sizes = [self._explained(time, joints, k)[0] for k in begun.tolist()]
+        best = int(np.argmin(sizes)) if sizes else -1
+        return (int(begun[best]), sizes[best]) if sizes else (-1, np.inf)
+
+    def _begin_again(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
+        """Begin from odd feedback that agrees with the one before: joints were stopped, by torque or a contact."""
+        state, passed = self._trial[0], max(time - self._fed, self.servo.period)
+        self._replay(self._trial, time)
+        off = joints - state[0] - self.offset
+        change, self._off = off - self._off, off
+        if float(change @ change) < float(off @ off):
+            state[0] += off
+            state[1] += change / passed
+            for to, of in zip(self._base, self._trial, strict=True):
+                to[:] = of
+            while self._count and self._sent[0] + self._times[0] <= time:
+                self._remove(0)
+
+    def _remove(self, k: int) -> None:
+        """Remove a command from those that are kept."""
+        for rows in (self._sent, self._targets):
+            rows[k : self._count - 1] = rows[k + 1 : self._count]
+        self._count -= 1
+        self._next -= self._next > k
+
+    def _take(self, values: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "m m"]) -> None:
+        values[:2] = np.clip(values[:2], self._least, self._most)
+        self._values, self._covariance, self.offset = values, covariance, values[2:]
+        self._times[:] = values[0], self.servo.ramp, values[1]
+
+    def _explained(
+        self, time: float, joints: Float[np.ndarray, " n"], omitted: int = -1, *, widened: float = 0.0
+    ) -> tuple[float, Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
+        """Return chi-square per joint of feedback, if a command is omitted, and what the filter learns from it.
+
+        `widened` [s] is added to the standard deviations of delay and lag.
+        """
+        passed = max(0.0, time - self._fed)
+        values, covariance, state = self._values.copy(), self._covariance.copy(), self._trial[0]
+        added = np.full(len(values), (self._usual * passed / CORRECTION) ** 2)
+        added[:2] = WANDER**2 * passed + widened**2 if self.servo.known > 0.0 else 0.0
+        covariance.flat[:: len(values) + 1] += added
+        self._times[2] += STEP
+        self._replay(self._trial, time, omitted)
+        self._slopes[1] = state[0]
+        self._times[2] -= STEP
+        self._replay(self._trial, time, omitted)
+        self._slopes[0], self._slopes[1] = -state[1], (self._slopes[1] - state[0]) / STEP
+        given = self._slopes, self._usual**2, values, covariance, self._gain
+        return self._learn(joints, state[0], *given) / len(joints), values, covariance

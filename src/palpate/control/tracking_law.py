@@ -21,6 +21,7 @@ SOFTEST = 0.02  # of the stiffest
 SETTLED = 0.1  # of the wanted force
 SETTLING = 0.25  # s that the force is to be there
 RECALLED = 0.1  # s: what was known before that says less than readings from a wrong place
+FAR = 8.0  # standard deviations
 PATIENCE = 6.0  # s, after which the stiffness stays as it was stated
 
 
@@ -54,8 +55,8 @@ class Follow:
                 f"force ({force:g} N) must be positive, and stiffness ({stiffness:g} N/m) above 0 and at "
                 f"most stiffest ({stiffest:g} N/m)."
             )
-        self.face, self.force, self.stiffness, self.stiffest = face, float(force), float(stiffness), float(stiffest)
-        self.delay, self.ready = 0.07, False
+        self.face, self.force, self._stated, self.stiffest = face, float(force), float(stiffness), float(stiffest)
+        self.delay = 0.07
         self.bank = MotionBank(SIZES)
         self._axes, self._origin = np.eye(3), np.zeros(3)
         self._readings, self._variances = np.zeros(3), np.zeros(3)
@@ -63,28 +64,41 @@ class Follow:
         self._grid = np.geomspace(SOFTEST * self.stiffest, self.stiffest, 10)
         self._table = np.array([face.radii(self.force, each) for each in self._grid])  # now: it takes 20 ms each
         self.radii = np.zeros(2)
-        self._know_radii()
         self._observed, self._smoothed = kernel.observed.unchecked, kernel.smoothed.unchecked
         self._target = kernel.target.unchecked
         self._sums, self._right = np.zeros((3, 3)), np.zeros(3)
+        self._smooth, self._rate = np.zeros(3), np.zeros(3)
+        self.reset()
+
+    def reset(self) -> None:
+        """Set stiffness and radii to what was stated, and forget the surface."""
+        self.stiffness, self.ready, self._odd = self._stated, False, False
         self._begun = self._time = self._kept = self._reached = 0.0
         self._pressing = self._touch = self.depth = 0.0
-        self._smooth, self._rate = np.zeros(3), np.zeros(3)
+        self._smooth[:], self._rate[:] = 0.0, 0.0
+        self._know_radii()
+        self.bank.start(np.zeros(3))
 
     def start(self, seen: Sensed) -> None:
         """Take axes and origin from the first reading of a touch; the stiffness is kept, and `ready` is False."""
         self._axes[:], self._origin[:] = seen.rotation, seen.tip
         self._sums[:], self._right[:] = 0.0, 0.0
         self._begun = self._time = seen.time
-        self._reached, self.ready, self._pressing = np.inf, False, 0.0
+        self._reached, self.ready, self._odd, self._pressing = np.inf, False, False, 0.0
         self._read(seen)
         self.bank.start([*self._readings[:2], 0.0])
         self._kept = seen.time
         self._touch = float(np.sqrt(seen.force @ seen.force))
 
     def observe(self, seen: Sensed) -> None:
-        """Correct the surface's estimate by one reading, and fit the stiffness until `ready`."""
+        """Correct the surface's estimate by one reading, and fit the stiffness until `ready`.
+
+        A reading that is far from what the bank predicts is ignored, unless the one before was, too.
+        """
         pressing = self._read(seen)
+        self._odd = not self._odd and self.bank.far(self._readings, self._variances, seen.time - self._time) > FAR
+        if self._odd:
+            return
         self.bank.update(seen.time - self._time, self._readings, self._variances)
         self._pressing += min(1.0, (seen.time - self._time) / 0.05) * (pressing - self._pressing)
         self._time = seen.time

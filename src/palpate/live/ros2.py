@@ -12,10 +12,11 @@ from jaxtyping import Int
 from numpy.typing import DTypeLike
 
 from palpate.errors import InputError
-from palpate.files.logs.decoding import decode, has_header
+from palpate.files.logs.decoding import ARRAYS, decode, has_header, shape_of
 from palpate.files.logs.image_messages import image_messages
 from palpate.files.logs.layout import ImageChannel, LogLayout
 from palpate.files.logs.log import LogContents
+from palpate.files.logs.numbering import stated_order
 from palpate.files.logs.topics import NONE, choose, choose_images, main_channel
 from palpate.files.messages import MessageBlock, Topic
 from palpate.live.dds import DEPTH, DdsNode, DdsReader, ros_name
@@ -65,6 +66,8 @@ class RosTopics:
         self._missed = 0
         self._unread = False
         self._alike: _Alike | None = None
+        self._order: list[int] | None = None  # of the numbers, as the layout of the first array states it
+        self._ordered = False  # once it is known
         self._last: tuple[int, int] | None = None  # stamp of the newest sample, and when [ns] it came
         self._heard, self._quiet = 0.0, False
 
@@ -190,7 +193,7 @@ class RosTopics:
             return quick[0], messages.time, quick[1]
         else:
             stamps, values, sound = decode(messages, self.topic, self.shape)
-            values = values.reshape(-1, *self.shape)
+            values = self._in_order(messages, values).reshape(-1, *self.shape)
             if sound.any() and self.topic.kind == _WRENCH:
                 self._alike = _Alike(messages.data[int(messages.start[sound][0]) :])
         if not sound.all():
@@ -201,6 +204,13 @@ class RosTopics:
                 self._said.append(f"messages of {self.topic.name!r} that do not contain {made} numbers are ignored")
             return stamps[sound], messages.time[sound], values[sound]
         return stamps, messages.time, values
+
+    def _in_order(self, messages: MessageBlock, values: np.ndarray) -> np.ndarray:
+        """Return the numbers of arrays in the order of the channel; the first array states their order."""
+        if self._array is not None and self.topic.kind in ARRAYS and not self._ordered and len(values):
+            stated, self._ordered = shape_of(messages, self.topic) or (), True
+            self._order = stated_order(self._array, stated, self.topic.name, Path(self._node.where))
+        return values if self._order is None else values[:, self._order]
 
     def _images(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count = len(messages.time)

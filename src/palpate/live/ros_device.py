@@ -16,12 +16,15 @@ class RosDevice:
 
     Args:
         topic: topic to publish.
-        shape: shape of one sample: (6,) for a wrench, (height, width, 3) for an image, any other for an array.
+        shape: shape of one sample: (6,) for a wrench.
         domain: number of the domain, on this machine.
+        images: whether samples are images, (height, width, 3).
     """
 
-    def __init__(self, topic: str = "/wrench", shape: tuple[int, ...] = (6,), domain: int = 0) -> None:
-        self._topic, self._shape = topic, shape
+    def __init__(
+        self, topic: str = "/wrench", shape: tuple[int, ...] = (6,), domain: int = 0, *, images: bool = False
+    ) -> None:
+        self._topic, self._shape, self._images = topic, shape, images
         self._node = DdsNode(domain)
         self._writer: Writer | None = None
 
@@ -30,8 +33,7 @@ class RosDevice:
         """Type of the messages, such as "geometry_msgs/WrenchStamped"."""
         if self._shape == (6,):
             return "geometry_msgs/WrenchStamped"
-        images = len(self._shape) == 3 and self._shape[2] == 3
-        return "sensor_msgs/Image" if images else "std_msgs/Float64MultiArray"
+        return "sensor_msgs/Image" if self._images else "std_msgs/Float64MultiArray"
 
     def open(self) -> str:
         """Join the domain, and return the [source] of a rig as TOML.

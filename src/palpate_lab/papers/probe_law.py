@@ -76,6 +76,12 @@ class Plain:
         self._time, self._place = np.zeros(1), np.zeros((1, 2))
         self._off, self._turn, self._speed = 0.0, np.zeros(2), 0.0
 
+    def reset(self) -> None:
+        """Set the speeds of motion, and the force error and contact point of the last reading, to 0."""
+        self._low_pass.reset()
+        self._off, self._speed = 0.0, 0.0
+        self._turn[:], self._place[:] = 0.0, 0.0
+
     def start(self, seen: Sensed) -> None:
         """Set the speeds of motion to 0, and restart the low-pass of the contact point."""
         self._low_pass.reset()

@@ -17,7 +17,6 @@ from palpate.errors import InputError
 from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial._arrays import Value, frozen
-from palpate.surfaces.surface import Surface
 
 _TRIES = 200  # rounds of drawing places before an error
 
@@ -276,48 +275,6 @@ class Forearm(Value):
         turn = np.arctan2(here[:, 0], self.cone.apex - here[:, 1])[poke]
         c, s = np.cos(turn), np.sin(turn)
         return np.stack([c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]], axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class SurfaceSkin(Value):
-    """Taxels on any surface, taken as flat around each poke.
-
-    Attributes:
-        surface: surface of the link.
-        places: true places and normals of the taxels on it.
-        curvature: curvature [1/m] round the link that a tip feels.
-    """
-
-    surface: Surface
-    places: TaxelPlaces
-    curvature: float = 0.0
-
-    def offset_from(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-        """Return the points (n, 3) [m] of the surface nearest to offsets [m] in the tangent planes of taxels."""
-        axes = _tangents(self.places.normals[taxel])
-        return self.surface.project(self.places.positions[taxel] + np.einsum("ni,nij->nj", offset, axes[:, :2]))[0]
-
-    def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
-        """Return axes (n, 3, 3) at points, and the constant curvature (n,) [1/m].
-
-        The rows of the axes are two tangents and the surface normal.
-        """
-        return _tangents(self.surface.project(points)[1]), np.full(len(points), self.curvature)
-
-    def offsets(
-        self, points: Float[np.ndarray, "n 3"], poke: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"]
-    ) -> Float[np.ndarray, "m 2"]:
-        """Return the offsets (m, 2) [m] of taxels from points, in the tangent plane of the points."""
-        axes, _ = self.frame(points)
-        return np.einsum("mij,mj->mi", axes[poke, :2], self.places.positions[taxel] - points[poke])
-
-
-def _tangents(normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return right-handed axes whose last is the normal; the first is across the frame's axis farthest from it."""
-    least = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    first = np.cross(least, normals)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(normals, first), normals], axis=1)
 
 
 def nearby(tree: Any, points: Float[np.ndarray, "n 3"], reach: float) -> tuple[np.ndarray, np.ndarray]:

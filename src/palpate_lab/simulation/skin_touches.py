@@ -18,7 +18,6 @@ from palpate_lab.simulation.forearm import Skin, places_near
 from palpate_lab.simulation.poke_bench import PokeBench
 
 RATE = 50.0  # Hz, of frames
-_RINGS = 8  # of points in a disc, sixteen in each
 _TRIES = 400
 
 
@@ -110,7 +109,7 @@ def simulate_touches(
     points = points if points is not None else places_near(bench.skin, rng, touches, reach=finger.reach)
     touch = np.repeat(np.arange(touches), 2 if spacing else 1)
     newtons = rng.uniform(finger.light, finger.heavy, len(points))
-    x, y, load = _discs(finger.radius * np.cbrt(newtons), newtons)
+    x, y, load = hertz_discs(finger.radius * np.cbrt(newtons), newtons)
     which, taxel, exact = bench.answers(points, x, y, load)
     peaks = np.zeros((touches, len(bench.skin.places)))
     np.add.at(peaks, (touch[which], taxel), exact)
@@ -135,12 +134,18 @@ def simulate_touches(
     )
 
 
-def _discs(
-    radius: Float[np.ndarray, " n"], newtons: Float[np.ndarray, " n"]
+def hertz_discs(
+    radius: Float[np.ndarray, " n"], newtons: Float[np.ndarray, " n"], rings: int = 8
 ) -> tuple[Float[np.ndarray, "n c"], Float[np.ndarray, "n c"], Float[np.ndarray, "n c"]]:
-    """Return points that bear equal areas of discs, and the force on each."""
-    ring = np.repeat(np.sqrt((np.arange(_RINGS) + 0.5) / _RINGS), 2 * _RINGS)
-    angle = pi * np.arange(ring.size) / _RINGS + 2.4 * np.repeat(np.arange(_RINGS), 2 * _RINGS)
+    """Return points that bear equal areas of discs under Hertz's pressure, and the force on each.
+
+    Args:
+        radius: (n,) [m] of the discs.
+        newtons: (n,) [N] force on each disc.
+        rings: number of rings of points, twice as many points in each.
+    """
+    ring = np.repeat(np.sqrt((np.arange(rings) + 0.5) / rings), 2 * rings)
+    angle = pi * np.arange(ring.size) / rings + 2.4 * np.repeat(np.arange(rings), 2 * rings)
     weight = np.sqrt(1.0 - ring**2)
     flat = np.stack([ring * np.cos(angle), ring * np.sin(angle)])
     x, y = flat[:, None] * radius[:, None]

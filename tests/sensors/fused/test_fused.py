@@ -217,7 +217,7 @@ def test_frames_are_fused_as_each_alone(friction: float) -> None:
     for k in np.flatnonzero(np.isfinite(found.p)).tolist():
         np.testing.assert_array_equal(found.whitened[k], alone[k].whitened[0])
         np.testing.assert_array_equal(found.factors[k], alone[k].factors[0])
-    none = locator.fuse_frames(np.empty((0, 17)), np.empty(0, np.int64), np.empty((0, 6)), np.empty((0, 6, 6)))
+    none = locator.fuse_frames(np.empty((0, 21)), np.empty(0, np.int64), np.empty((0, 6)), np.empty((0, 6, 6)))
     assert [len(each) for each in none] == [0] * len(none)
     with pytest.raises(InputError, match="add up to the 11 contacts"):
         locator.fuse_frames(np.concatenate(rows), counts[::-1] + 1, wrenches, np.zeros((6, 6, 6)))
@@ -494,3 +494,18 @@ def test_what_does_not_fit_is_said(change: dict[str, np.ndarray], said: str) -> 
 def test_settings_are_checked(change: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(change))):
         FusionSettings(**change)
+
+
+def test_shear_that_the_skin_feels_is_a_measurement() -> None:
+    """Without a wrench, the force is the mean of prior and measurement, by their variances."""
+    known = FusionSettings(friction=2.0, tangential=0.25, gain=0.0)
+    locator, normal, felt, sure = FusedLocator(SURFACE, known), 3.0, np.array([0.8, -0.4, 0.0]), 1.0 / 0.2**2
+    shear = np.array([[*felt, sure]])
+    skin = (np.array([[0.0, 0.0, 0.03]]), np.array([[0.0, 0.0, 1.0]]), [normal], [0.0], np.zeros((1, 3, 3)))
+    wide = 1e9 * np.eye(6)[None]
+    found = locator.fuse(*skin, np.zeros((1, 6)), wide, shear=shear)
+    prior = (0.25 * normal) ** 2
+    share = prior * sure / (1.0 + prior * sure)
+    np.testing.assert_allclose(found.force[0], share * felt - [0.0, 0.0, normal], atol=1e-6)
+    np.testing.assert_allclose(found.covariance[0, 0], prior * (1.0 - share), rtol=1e-6)
+    np.testing.assert_allclose(found.expected[0, :3], share * felt - [0.0, 0.0, normal], atol=1e-9)

@@ -99,6 +99,22 @@ def test_each_cell_has_its_gain() -> None:
     assert any("3 of 15 cells" in note for note in found.notes)
 
 
+@pytest.mark.parametrize("flat", [np.inf, 6.0])
+def test_gains_that_differ_by_a_third_are_not_taken_for_saturation(flat: float) -> None:
+    """Raw readings scatter as if they went flat; over their gains only those beyond `flat` do, cell by cell."""
+    rng = np.random.default_rng(1)
+    gain, zero = np.exp(0.3 * rng.standard_normal(12)), rng.uniform(3.0, 8.0, 12)
+    number, force = np.repeat(np.arange(12), 40), rng.uniform(0.0, 10.0, 480)
+    exact = gain[number] * (20.0 * np.minimum(force, flat) - 0.6 * np.minimum(force, flat) ** 2)
+    reading = zero[number] + exact + 0.5 * rng.standard_normal(480)
+    found = identify_intensity(force, reading, np.stack([number // 4, number % 4], axis=1))
+    assert found.curves[0].largest > (9.9 if flat > 10.0 else 5.0)
+    for cell, curve in enumerate(found.curves[1:]):
+        assert curve.force(np.array([gain[cell] * (20.0 * 4.0 - 0.6 * 16.0)]))[0] == pytest.approx(4.0, rel=0.03)
+        end = zero[cell] + gain[cell] * (20.0 * 6.0 - 0.6 * 36.0)
+        assert np.isnan(curve.saturation) if flat > 10.0 else curve.saturation == pytest.approx(end, rel=0.05)
+
+
 def test_what_cannot_be_determined_is_said() -> None:
     with pytest.raises(NotIdentifiable, match="too few"):
         identify_intensity(np.arange(4.0), np.arange(4.0))

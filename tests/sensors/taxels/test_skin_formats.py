@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,11 @@ from palpate.errors import InputError
 from palpate.files.logs import read_recording
 from palpate.files.logs.samples import SampleReader
 from palpate.live.replay import bare
+from palpate.sensors.taxels.section import SkinSection
 from palpate.setup import load_rig
 from palpate.setup.new import Proposal, propose_rig
 from palpate.signals.recording import CELLS
-from tests.support.skin_formats import COLUMNS, FRAMES, PITCH, REFUSED, RIGHT, ROWS, TIME, table
+from tests.support.skin_formats import COLUMNS, FRAMES, PITCH, REFUSED, RIGHT, ROWS, THREE, TIME, XYZ, table
 
 
 def _frames(log: Path, proposal: Proposal, *more: str) -> tuple[np.ndarray, np.ndarray]:
@@ -54,13 +56,71 @@ def test_a_format_that_holds_too_little_is_refused(name: str, tmp_path: Path) ->
 
 @pytest.mark.parametrize(("name", "path"), [("axes", "*_z"), ("axes_blocks", "z*")])
 def test_a_field_path_picks_one_axis(name: str, path: str, tmp_path: Path) -> None:
-    file, write, _ = REFUSED[name]
+    file, write = THREE[name]
     write(tmp_path / file)
     stated = Proposal(f'[skin]\ncells = "{path}"\n', "", "", ())
-    if name == "axes":
-        np.testing.assert_array_equal(_frames(tmp_path / file, stated)[1], FRAMES)
-    else:
-        assert _frames(tmp_path / file, stated)[1].shape == FRAMES.shape
+    np.testing.assert_array_equal(_frames(tmp_path / file, stated)[1], XYZ[..., 2])
+
+
+@pytest.mark.parametrize("name", THREE)
+def test_three_axes_are_read_taxel_by_taxel(name: str, tmp_path: Path) -> None:
+    """By a sheet as proposed, and by taxels anywhere in a list; a skin of one axis names the key that is missing."""
+    file, write = THREE[name]
+    write(tmp_path / file)
+    proposal = propose_rig(tmp_path / file, None, tmp_path)
+    assert "three axes" in proposal.why + " ".join(proposal.remarks)
+    more = [] if "axes = " in proposal.text else ['axes = ["x", "y", "z"]']  # 3 x 24 may be a sheet of three rows
+    time, frames = _frames(tmp_path / file, proposal, *more)
+    np.testing.assert_array_equal(frames, XYZ)
+    np.testing.assert_allclose(time, TIME, atol=1e-6)
+    (tmp_path / "places.csv").write_text("\n".join(["x,y,z", *(f"{0.01 * k},0,0" for k in range(24)), ""]))
+    sheet = [line for line in proposal.text.splitlines() if not line.startswith(("pitch", "rows", "columns"))]
+    rig = tmp_path / "rig.toml"
+    listed = "\n".join(['[skin]\ntaxels = "places.csv"', *more])
+    rig.write_text("\n".join(sheet).replace("[skin]", listed))
+    recording = read_recording(tmp_path / file, load_rig(rig).layout())
+    body = load_rig(rig).resolve().of(SkinSection).body
+    normal, sideways = body.loads(recording)  # a count is taken for a newton
+    np.testing.assert_array_equal(np.stack([*np.split(sideways, 2, axis=1), normal], axis=2).reshape(XYZ.shape), XYZ)
+    with pytest.raises(InputError, match=r"frames of 24 x 3 cells.* need axes"):
+        replace(body, response=None).readings(recording)
+    if name not in ("axes_members", "axes_xela"):  # their field paths are of three axes
+        one = "\n".join(line for line in sheet if not line.startswith("axes"))
+        rig.write_text(one.replace("[skin]", '[skin]\ntaxels = "places.csv"'))
+        with pytest.raises(InputError, match=r"three axes a taxel.*axes = \["):
+            read_recording(tmp_path / file, load_rig(rig).layout())
+
+
+def test_axes_that_a_log_has_not_are_named(tmp_path: Path) -> None:
+    names = [f"{k}_{axis}" for k in range(24) for axis in "xyz"]
+    values, skin = XYZ.reshape(len(XYZ), -1), f'{SHEET}axes = ["x", "y", "z"]'
+    for picked, reason in (
+        ([k for k in range(72) if k != 22], r"no axis 'y' \(\*_y\) of taxel 7"),
+        (range(69), "names 69 columns|has 69 columns"),
+        (range(2, 72, 3), r"one column a taxel.*Remove axes"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            _read(tmp_path, skin, [names[k] for k in picked], values[:, list(picked)])
+    np.savez(tmp_path / "log.npz", time=TIME, frames=FRAMES)
+    with pytest.raises(InputError, match=r"array 'frames' holds n x 6 x 4 numbers, one a taxel.*names axes x, y, z"):
+        read_recording(tmp_path / "log.npz", load_rig(tmp_path / "rig.toml").layout())
+    hands = [f"{side}_{name}" for side in "lr" for name in names]
+    with pytest.raises(InputError, match=r'2 could be the cells: l_\*_\*, r_\*_\*.*cells = "l_\*_\*"'):
+        _read(tmp_path, skin, hands, np.concatenate([values, values], axis=1))
+    right = _read(tmp_path, f'{skin}\ncells = "r_*_*"', hands, np.concatenate([0 * values, values], axis=1))
+    np.testing.assert_array_equal(right, XYZ)
+    for axes in ('["z", "y", "x"]', '["x", "y"]', '["x", "y", "w"]'):
+        with pytest.raises(InputError, match="end in x, y and z, in this order"):
+            _read(tmp_path, f"{SHEET}axes = {axes}", names, values)
+
+
+def test_axes_of_a_sheet_that_runs_down_its_columns(tmp_path: Path) -> None:
+    skin = f'{SHEET}order = "columns"\naxes = ["x", "y", "z"]'
+    down = XYZ.swapaxes(1, 2).reshape(len(XYZ), -1)
+    names = [f"{k}_{axis}" for k in range(24) for axis in "xyz"]
+    np.testing.assert_array_equal(_read(tmp_path, skin, names, down), XYZ)
+    layout = load_rig(tmp_path / "rig.toml").layout()
+    np.testing.assert_array_equal(SampleReader(layout, tmp_path).readings(down), XYZ)  # as a live source gives them
 
 
 def _read(folder: Path, skin: str, names: list[str], values: np.ndarray) -> np.ndarray:

@@ -106,7 +106,7 @@ def test_a_table_of_another_sheet_is_refused_with_both_sizes(tmp_path: Path) -> 
     with pytest.raises(InputError, match=r"12 columns in addition to the time, but 132 cells .6 x 22. are needed"):
         _read(_csv(tmp_path / "log.csv"), _layout(6, 22))
     np.savez(tmp_path / "log.npz", time=TIME, frames=CELLS)
-    with pytest.raises(InputError, match="frames of shape n x 3 x 4, not n x 6 x 22"):
+    with pytest.raises(InputError, match="array 'frames' holds n x 3 x 4 numbers, not 6 x 22"):
         _read(tmp_path / "log.npz", _layout(6, 22))
 
 

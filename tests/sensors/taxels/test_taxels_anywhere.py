@@ -158,6 +158,34 @@ def test_touches_whose_skirts_connect_around_a_link_are_each_at_their_place(widt
         assert apart.min(axis=1).max() < 1e-3
 
 
+def test_touches_two_spacings_apart_are_as_uncertain_as_each_makes_the_other() -> None:
+    """Stress under a soft layer has wider skirts than the Gaussians: fitted one by one, 5 % are 5 deviations off."""
+    rng, pitch, depth = np.random.default_rng(3), 2.0 * np.pi * RADIUS / 11, 0.009
+    length, around = (each.ravel() for each in np.meshgrid(pitch * np.arange(-6, 7), pitch * np.arange(11.0)))
+    points, normals = _unrolled(length, around)
+    none, deviations = np.zeros(len(points), dtype=bool), list[float]()
+    health = Health(np.zeros(len(points)), np.full(len(points), NOISE), none, none)
+    estimator = TaxelEstimator(TaxelBody.anywhere(points, normals), health=health)
+    for k in range(60):
+        one, turn = rng.uniform((-0.05, 0.0), (0.05, 0.19)), rng.uniform(0.0, 2.0 * np.pi)
+        pair = np.stack([one, one + 2.0 * pitch * np.array([np.cos(turn), np.sin(turn)])])
+        loads = NOISE * rng.standard_normal(len(points))
+        for (along, across), newtons in zip(pair, rng.uniform(2.0, 6.0, 2), strict=True):
+            way = (around - across + np.pi * RADIUS) % (2.0 * np.pi * RADIUS) - np.pi * RADIUS
+            square = (length - along) ** 2 + way**2 + depth**2
+            loads += newtons * depth**3 * pitch**2 / square**2.5
+        found = estimator.update(100.0 * k, loads)
+        if len(found) == 2:
+            off = found.point[:, None] - _unrolled(*pair.T)[0]
+            away = np.take_along_axis(off, np.linalg.norm(off, axis=-1).argmin(axis=1)[:, None, None], axis=1)[:, 0]
+            values, axes = np.linalg.eigh(found.covariance)
+            inside = np.einsum("kia,ki->ka", axes[:, :, 1:], away) ** 2 / values[:, 1:]
+            deviations += np.sqrt(inside.sum(axis=1)).tolist()
+    assert len(deviations) > 100
+    assert np.mean(np.array(deviations) < 2.4477) >= 0.93
+    assert max(deviations) < 5.0
+
+
 def test_a_rigid_motion_moves_the_answer() -> None:
     pose = Pose.from_rotation_vector([0.4, -1.1, 0.7], [0.2, -0.1, 0.4])
     loads = _pressed(TAXELS[37], 3.0)[0] + _pressed(-TAXELS[90], 2.0)[0]

@@ -38,6 +38,7 @@ class ArrayChannel:
         order: "rows", or "columns" where the numbers of a sheet are recorded column by column.
         ids: of the numbers, as the names of columns state them; None: they are counted.
         unit: in which the numbers are read; None: as the log has them, whatever it states.
+        axes: names of the axes of a taxel, of which each has a number: the last side of the shape; (): one number.
         table: of the rig that declares this channel, for messages.
     """
 
@@ -50,6 +51,12 @@ class ArrayChannel:
     order: str = "rows"
     ids: tuple[int, ...] | None = None
     unit: str | None = None
+    axes: tuple[str, ...] = ()
+
+    @property
+    def taxels(self) -> tuple[int, ...]:
+        """The shape without the axes of a taxel."""
+        return self.shape[:-1] if self.axes else self.shape
 
     @property
     def size(self) -> int:
@@ -64,7 +71,7 @@ class ArrayChannel:
     @property
     def recorded(self) -> tuple[int, ...]:
         """The shape in which numbers are recorded: (columns, rows) if they run column by column."""
-        return self.shape[::-1] if self.order == "columns" else self.shape
+        return (*self.taxels[::-1], *self.shape[len(self.taxels) :]) if self.order == "columns" else self.shape
 
     @property
     def mend(self) -> str:

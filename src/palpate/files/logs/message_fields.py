@@ -85,11 +85,17 @@ def _paths(types: _Types, kind: str, deepest: int) -> Iterator[str]:
             yield from (f"{member.name}[].{each.name}" for each in numbers)
 
 
-def field_of(topic: Topic, path: str) -> FieldPath | None:
-    """Return the reader of a field path; None if the messages of the topic have no such list of numbers."""
-    generic = re.sub(r"\[\d+\]", "[0]", path.removesuffix("[]"))
-    known = generic in paths_of(topic)
-    return FieldPath(_types(topic.definition, topic.kind), topic.kind, path.removesuffix("[]")) if known else None
+def field_of(topic: Topic, path: str, axes: tuple[str, ...] = ()) -> FieldPath | None:
+    """Return the reader of a field path; None if the messages of the topic have no such list of numbers.
+
+    With axes, the path may be that of a list of messages ("taxels[]"), each with a number of every axis.
+    """
+    generic, known = re.sub(r"\[\d+\]", "[0]", path.removesuffix("[]")), paths_of(topic)
+    each = tuple(f"{generic}[].{axis}" for axis in axes)
+    if each and set(each) <= set(known):
+        return FieldPath(_types(topic.definition, topic.kind), topic.kind, path.removesuffix("[]"), axes)
+    found = generic in known
+    return FieldPath(_types(topic.definition, topic.kind), topic.kind, path.removesuffix("[]")) if found else None
 
 
 class FieldPath:
@@ -99,8 +105,8 @@ class FieldPath:
         stamped: whether the messages begin with a header.
     """
 
-    def __init__(self, types: _Types, kind: str, path: str) -> None:
-        self._types, self._kind = types, kind
+    def __init__(self, types: _Types, kind: str, path: str, members: tuple[str, ...] = ()) -> None:
+        self._types, self._kind, self._members = types, kind, members
         self._parts = [(match[1], match[2]) for match in _PART.finditer(path)]
         self.stamped = [member.kind for member in types[kind][:1]] == ["std_msgs/Header"]
 
@@ -128,20 +134,23 @@ class FieldPath:
                 for _ in range(int(index)):
                     self._skip(cursor, _Member(member.kind, ""))
                 return self._read(cursor, member.kind, rest, count)
+            held = held * max(1, len(self._members))
             if count is None:
                 return held[:, None]
             cursor.sound &= held == count
             if member.code is not None:
                 return cursor.numbers(member.code, count)
-            return np.concatenate([self._one(cursor, member.kind, rest[0][0]) for _ in range(count)], axis=1)
+            names = self._members or (rest[0][0],)
+            each = [self._some(cursor, member.kind, names) for _ in range(count // len(names))]
+            return np.concatenate(each, axis=1)
         raise KeyError(name)
 
-    def _one(self, cursor: Cursor, kind: str, name: str) -> np.ndarray:
-        """Return a number (n, 1) of a message, and go on to its end."""
-        found = np.zeros((len(cursor.at), 1))
+    def _some(self, cursor: Cursor, kind: str, names: tuple[str, ...]) -> np.ndarray:
+        """Return numbers (n, k) of a message by the names of its members, and go on to its end."""
+        found = np.zeros((len(cursor.at), len(names)))
         for member in self._types[kind]:
-            if member.name == name and member.code is not None:
-                found = cursor.numbers(member.code, 1).astype(np.float64)
+            if member.name in names and member.code is not None:
+                found[:, names.index(member.name)] = cursor.numbers(member.code, 1)[:, 0]
             else:
                 self._skip(cursor, member)
         return found

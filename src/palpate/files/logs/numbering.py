@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 
@@ -24,7 +25,8 @@ _ROW_FIRST = re.compile(rf"(?:^|[^a-z])(?:r|row|y){_JOIN}\*{_JOIN}(?:c|col|colum
 _COLUMN_FIRST = re.compile(rf"(?:^|[^a-z])(?:c|col|column|x){_JOIN}\*{_JOIN}(?:r|row|y){_JOIN}\*", re.IGNORECASE)
 _GRID = re.compile(rf"\*{_JOIN}\*", re.IGNORECASE)
 _LOAD_CELL = re.compile(r"(?:lc|load[\W_]*cell)", re.IGNORECASE)
-_AXIS = re.compile(r"(?<![a-z])[xyz](?![a-z])", re.IGNORECASE)
+AXES = ("x", "y", "z"), ("fx", "fy", "fz")
+"""Usual names of the three numbers of a taxel."""
 _BESIDE = re.compile(  # names of columns that sit next to taxels and are none
     r"(?:.*[\W_])?(?:frames?|frame_?id|seq|sequence|samples?|index|idx|counter|count|packet|no|nr|sum|total|max|min|"
     r"mean|avg|average|temp\w*|label|class|phase|state|event|status|mode|type|id|board_?id|sensor_?id|cop\w*|"
@@ -118,21 +120,31 @@ def _group(pattern: str, group: Mapping[tuple[int, ...], str]) -> NumberedColumn
     return NumberedColumns(text, tuple(group.values()), tuple(numbers), grid, sure)
 
 
-def axes_of(groups: Sequence[NumberedColumns]) -> tuple[NumberedColumns, ...]:
-    """Return three groups that differ in x, y, z alone, as the three axes of taxels; () if there are none."""
-    alike: dict[str, dict[str, NumberedColumns]] = {}
-    for group in groups:
-        for match in _AXIS.finditer(group.pattern):
-            head, tail = group.pattern[: match.start()], group.pattern[match.end() :]
-            alike.setdefault(f"{head}?{tail}".lower(), {})[match[0].lower()] = group
-    threes = (tuple(three[axis] for axis in "xyz") for three in alike.values() if three.keys() == set("xyz"))
-    return next((three for three in threes if len({each.numbers for each in three}) == 1), ())
+def axes_of(groups: Sequence[NumberedColumns], axes: tuple[str, ...] = ()) -> dict[str, dict[str, NumberedColumns]]:
+    """Return groups that differ in the names of axes alone: the field path of all -> name of an axis -> its group.
+
+    Args:
+        groups: columns that are numbered alike.
+        axes: the names; (): x, y, z, or fx, fy, fz.
+    """
+    for names in (axes,) if axes else AXES:
+        axis = re.compile(rf"(?<![a-z])(?:{'|'.join(map(re.escape, names))})(?![a-z])", re.IGNORECASE)
+        alike: dict[str, dict[str, NumberedColumns]] = {}
+        for group in groups:
+            for match in axis.finditer(group.pattern):
+                path = f"{group.pattern[: match.start()]}*{group.pattern[match.end() :]}"
+                alike.setdefault(path.lower(), {})[match[0].lower()] = group
+        whole = {path: found for path, found in alike.items() if len(found) == len(names)}
+        if whole:
+            return {path: {name: found[name.lower()] for name in names} for path, found in whole.items()}
+    return {}
 
 
-def three_axes(path: Path, what: str, one: str = "") -> InputError:
+def three_axes(path: Path, what: str, axes: Sequence[str] = AXES[0], one: str = "") -> InputError:
     """Return the error of a log with three numbers a taxel; `one` is the field path of a single axis."""
-    hint = f'To use the normal axis alone, write cells = "{one}" in [skin].' if one else ""
-    what = f"has three axes a taxel ({what}), and a skin is read with one number a taxel."
+    hint = f"Write axes = {json.dumps([*axes])} in [skin]."
+    hint = f'{hint[:-1]}, or cells = "{one}" to use the normal axis alone.' if one else hint
+    what = f"has three axes a taxel ({what}), but the skin of the rig has one."
     return InputError(what, where=str(path), hint=hint)
 
 
@@ -195,7 +207,8 @@ def _array(array: ArrayChannel, made: Shapes, path: Path) -> str | None:
         return array.columns if array.columns in made else None
     names = USUAL if array.name == CELLS else (array.name, SINGLE)
     usual = next((name for name in names if name in made), None)
-    fitting = [name for name, shape in made.items() if prod(shape) in (array.size, 3 * array.size)]
+    sizes = (array.size, prod(array.taxels), 3 * prod(array.taxels))
+    fitting = [name for name, shape in made.items() if prod(shape) in sizes]
     if usual is None and len(fitting) > 1:
         raise _several(array, fitting, path)
     return usual or next(iter(fitting), None)
@@ -203,14 +216,52 @@ def _array(array: ArrayChannel, made: Shapes, path: Path) -> str | None:
 
 def _array_names(array: ArrayChannel, name: str, shape: tuple[int, ...], path: Path) -> Sequence[str]:
     """Return the names of an array's numbers; raise InputError if the array has another shape than the channel."""
-    there, wanted = (tuple(side for side in sides if side != 1) for sides in (shape, array.recorded))
-    if there not in (wanted, (array.size,)):
-        said = " x ".join(map(str, shape))
-        if prod(shape) == 3 * array.size:
-            raise three_axes(path, f"{name} of shape n x {said}")
-        what = f"holds {name} of shape n x {said}, not n x {' x '.join(map(str, array.recorded))}."
-        raise InputError(what, where=str(path), hint=array.mend)
-    return [f"{name}[{k}]" for k in range(array.size)]
+    return [f"{name}[{k}]" for k in arranged(array, shape, f"array {name!r} holds n x", path)]
+
+
+def arranged(array: ArrayChannel, shape: tuple[int, ...], called: str, path: Path) -> Sequence[int]:
+    """Return the index of each number of a channel in an array of a log, whose axes may be the first side or the last.
+
+    Args:
+        array: the channel.
+        shape: of the log's array.
+        called: the array and a verb, for messages.
+        path: of the log.
+
+    Raises:
+        InputError: the array has another shape than the channel.
+    """
+    there, wanted, taxels = (
+        tuple(side for side in sides if side != 1)
+        for sides in (shape, array.recorded, array.recorded[: len(array.taxels)])
+    )
+    alike = taxels, (prod(taxels),)
+    if there in (wanted, (array.size,)):
+        return range(array.size)
+    in_rows = len(taxels) == 1 and prod(there) == array.size  # of a sheet, whose taxels the rig lists
+    if array.axes and there[-1:] == (3,) and (in_rows or there[:-1] in alike):
+        return range(array.size)
+    if array.axes and there[:1] == (3,) and (in_rows or there[1:] in alike):
+        return [taxel + axis * prod(taxels) for taxel in range(prod(taxels)) for axis in range(3)]
+    what = f"{called} {' x '.join(map(str, shape))} numbers"
+    if array.name == CELLS and not array.axes and prod(shape) == 3 * array.size and 3 in (there[0], there[-1]):
+        raise three_axes(path, what)
+    if array.axes and prod(shape) == prod(taxels):
+        raise one_axis(array, path, f"{what}, one a taxel")
+    raise InputError(f"{what}, not {' x '.join(map(str, array.recorded))}.", where=str(path), hint=array.mend)
+
+
+def stated_order(array: ArrayChannel, shape: tuple[int, ...], topic: str, path: Path) -> list[int] | None:
+    """Return the index of each number in a message whose layout states a shape; None: they are in order.
+
+    Raises:
+        InputError: the shape is another than the channel's.
+    """
+    listed = len(array.shape) == 1 and prod(shape) == array.size
+    if len(shape) < 2 or listed or prod(shape) not in (array.size, prod(array.taxels), 3 * array.size):
+        return None  # messages of other sizes cannot be read, and are counted
+    order = arranged(array, shape, f"the layout of {topic!r} states", path)
+    return None if isinstance(order, range) else [*order]
 
 
 def _by_names(array: ArrayChannel, names: Sequence[str], path: Path) -> Sequence[str]:
@@ -218,17 +269,45 @@ def _by_names(array: ArrayChannel, names: Sequence[str], path: Path) -> Sequence
     stated = array.columns if isinstance(array.columns, str) else None
     names = names if stated is None else matching(stated, names)
     groups = numbered_alike(names)
-    axes = axes_of(groups)
-    fitting = [group for group in groups if group not in axes and len(group.names) >= array.size]
+    axes = axes_of(groups, array.axes)
+    if array.axes and axes:
+        return _by_axes(array, axes, path)
+    first = next(iter(axes.values()), dict[str, NumberedColumns]())
+    triple = [*first.values()]
+    fitting = [group for group in groups if group not in triple and len(group.names) >= array.size]
     fitting = [group for group in fitting if array.ids is not None or len(group.names) == array.size]
-    if len(axes) and not fitting and array.size in (len(axes[0].names), 3 * len(axes[0].names)):
-        raise three_axes(path, f"{axes[0].pattern}, {axes[1].pattern}, {axes[2].pattern}", axes[2].pattern)
+    if triple and not fitting and array.size in (len(triple[0].names), 3 * len(triple[0].names)):
+        raise three_axes(path, ", ".join(each.pattern for each in triple), [*first], triple[2].pattern)
+    if array.axes and not fitting and (alone := [each for each in groups if len(each.names) >= prod(array.taxels)]):
+        raise one_axis(array, path, f"has one column a taxel ({alone[0].pattern})")
     if len(fitting) > 1:
         raise _several(array, [group.pattern for group in fitting], path)
     if fitting:
         return _numbered(array, fitting[0], path)
     taxels = [name for name in names if is_taxel(name)]
     return array.sized(taxels if len(taxels) == array.size else names, path)
+
+
+def _by_axes(array: ArrayChannel, found: Mapping[str, Mapping[str, NumberedColumns]], path: Path) -> Sequence[str]:
+    """Return columns of several axes, taxel by taxel; raise InputError if there are too few, too many or several."""
+    if len(found) > 1:
+        raise _several(array, [*found], path)
+    (axes,) = found.values()
+    every = set[tuple[int, ...]]().union(*(group.numbers for group in axes.values()))
+    for axis, group in axes.items():
+        if lacking := sorted(every.difference(group.numbers)):
+            what = f"has no axis {axis!r} ({group.pattern}) of taxel {' '.join(map(str, lacking[0]))}."
+            raise InputError(what, where=str(path), hint="Each taxel needs a column of every axis.")
+    one = replace(array, shape=array.taxels, axes=())
+    each = [_numbered(one, group, path) for group in axes.values()]
+    return array.sized([name for taxel in zip(*each, strict=True) for name in taxel], path)
+
+
+def one_axis(array: ArrayChannel, path: Path, what: str) -> InputError:
+    """Return the error of a log with one number a taxel, for which a rig names axes."""
+    names = ", ".join(f"1_{axis}" for axis in array.axes)
+    hint = f"Remove axes from [{array.table}], or name the columns with their axes, such as {names}."
+    return InputError(f"{what}, but the rig names axes {', '.join(array.axes)}.", where=str(path), hint=hint)
 
 
 def _numbered(array: ArrayChannel, group: NumberedColumns, path: Path) -> Sequence[str]:

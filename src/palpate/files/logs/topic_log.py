@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
-from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from palpate.files.logs.joints import JointPoses, joint_stamps, joint_topic
 from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.logs.log import Log, LogContents, Stored
 from palpate.files.logs.message_fields import field_of
-from palpate.files.logs.numbering import three_axes
+from palpate.files.logs.numbering import stated_order
 from palpate.files.logs.pose_table import PoseTable, converted
 from palpate.files.logs.samples import NUMBERS, WRENCH, SampleReader, rows_at_once
 from palpate.files.logs.topics import (
@@ -115,7 +114,7 @@ class TopicLog(Log):
         """Return a new join, and the names of the topics that it needs."""
         layout, array, chosen = self._layout, main_channel(self._layout), self._chosen()
         if "both" in chosen and array is not None:
-            array = replace(array, shape=(array.size + BESIDE,))
+            array = replace(array, shape=(array.size + BESIDE,), axes=())
         main = _Stream(chosen.get("both") or chosen["main"], self._source, array)
         poses = self._poses(chosen, layout.offset)
         sources: dict[str, _Source] = {} if poses is None else {"pose": poses}
@@ -221,9 +220,11 @@ class _Stream:
         self._shape = () if array is None else array.recorded
         self.count = self.unread = 0
         path = None if array is None or topic.kind in ARRAYS or not isinstance(array.columns, str) else array.columns
-        self._field = None if path is None else field_of(topic, path)
-        if array is not None and topic.kind in ARRAYS and len(self._shape) > 1:
-            _require_shape(topic, source, array)
+        self._field = None if path is None or array is None else field_of(topic, path, array.axes)
+        self._order = None
+        if array is not None and topic.kind in ARRAYS:
+            stated = source.first(topic, lambda messages: shape_of(messages, topic)) or ()
+            self._order = stated_order(array, stated, topic.name, source.path)
         headed = has_header(topic.kind) if self._field is None else self._field.stamped
         self._stamped = headed and source.has_stamps(topic, self._stamps)
 
@@ -233,6 +234,7 @@ class _Stream:
         stamps, values, sound = decode(messages, self.topic, self._shape, self._field)
         self.count += len(sound)
         self.unread += int(np.count_nonzero(~sound))
+        values = values if self._order is None else values[:, self._order]
         if not self._stamped:
             return seconds(messages.time), values
         return np.where(sound, seconds(stamps), np.nan), values
@@ -243,6 +245,7 @@ class _Stream:
         values, sound = decode_array(messages, self.topic, self._shape)
         self.count += len(sound)
         self.unread += int(np.count_nonzero(~sound))
+        values = values if self._order is None else values[:, self._order]
         return seconds(messages.time[sound]), values if sound.all() else values[sound]
 
     def notes(self) -> tuple[str, ...]:
@@ -257,18 +260,6 @@ class _Stream:
     def _stamps(self, messages: MessageBlock) -> Int[np.ndarray, " n"]:
         stamps, _, sound = decode(messages, self.topic, self._shape, self._field)
         return stamps[sound]
-
-
-def _require_shape(topic: Topic, source: MessageFile, array: ArrayChannel) -> None:
-    """Raise InputError if the layout in the first message states other rows and columns than the channel."""
-    stated = source.first(topic, lambda messages: shape_of(messages, topic)) or ()
-    there, wanted = (tuple(side for side in sides if side != 1) for sides in (stated, array.recorded))
-    if len(there) > 1 and there != wanted and prod(there) == array.size:
-        said = " x ".join(map(str, there))
-        if there[-1] == 3:
-            raise three_axes(source.path, f"the layout of {topic.name!r} states {said} numbers")
-        what = f"the layout of {topic.name!r} states {said} numbers, not {' x '.join(map(str, wanted))}."
-        raise InputError(what, where=str(source.path), hint=array.mend)
 
 
 class _Tracked:

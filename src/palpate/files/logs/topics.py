@@ -39,8 +39,8 @@ class _Wanted:
         if self.role == "image":
             return topic.encoding in _ENCODINGS and topic.kind in IMAGES
         if self.array is not None and isinstance(self.array.columns, str) and topic.kind not in ARRAYS:
-            return topic.encoding in _ENCODINGS and field_of(topic, self.array.columns) is not None
-        flat = self.array is not None and len(self.array.shape) != 2
+            return topic.encoding in _ENCODINGS and field_of(topic, self.array.columns, self.array.axes) is not None
+        flat = self.array is not None and (len(self.array.shape) != 2 or bool(self.array.axes))
         return topic.encoding in _ENCODINGS and role(topic.kind) == self.role and not (flat and topic.kind == IMAGE)
 
 
@@ -145,7 +145,7 @@ def sentence(torn: str) -> str:
 
 def _wanted(array: ArrayChannel) -> _Wanted:
     kinds = ", ".join(name.split("/")[1] for name in ARRAYS)
-    image = ", or an Image of one channel" if len(array.shape) == 2 else ""
+    image = ", or an Image of one channel" if len(array.shape) == 2 and not array.axes else ""
     read = f"Arrays are read from {kinds}{image}, of {array.described} numbers each."
     return _Wanted("array", array.table, read, array)
 

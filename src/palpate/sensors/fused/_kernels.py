@@ -4,7 +4,8 @@ For contact i, at p_i with outward normal n_i, the skin gives a normal force s_i
 
     f_i = -n_i x_i + t_i,   x_i ~ N(s_i, d_i^2),   t_i ~ N(0, u^2 (s_i^2 + d_i^2) I),
 
-t_i in the tangent plane. Sensor k feels W_k = sum over i of c_ki (f_i; p_i x f_i) + noise. An error of the place, with
+t_i in the tangent plane. A skin that feels shear adds a measurement of t_i.
+Sensor k feels W_k = sum over i of c_ki (f_i; p_i x f_i) + noise. An error of the place, with
 covariance Q_i, adds a moment with covariance Q_i xx E[f_i f_i^T], the cross product of two matrices:
 
     A xx B = (tr A tr B - tr AB) I + AB + BA - tr(A) B - tr(B) A    (symmetric A, B).
@@ -21,8 +22,10 @@ import math
 import numpy as np
 
 from palpate.surfaces._jit import entry, inlined, inner, released
+from palpate.surfaces._vectors import cross_into
 
-ROW = 17  # of a contact: point, outward normal, normal force, its standard deviation, covariance of the place by rows
+# of a contact: point, outward normal, normal force, its standard deviation, covariance of the place by rows, tangential
+ROW = 21  # force that the skin feels, and one over the variance of each of its components: 0 where it feels none
 OUT = 5  # of a contact: force, standard deviation of the tangential force now over before, slack of the cone
 
 
@@ -67,22 +70,42 @@ def _first(contacts, settings, frames, mean, variance, second):
         mean[3 * i], mean[3 * i + 1], mean[3 * i + 2] = force, 0.0, 0.0
         variance[i] = contacts[i, 7] ** 2 + (settings[1] * force) ** 2 + settings[2] ** 2
         across = settings[0] ** 2 * (force * force + variance[i])
+        share, along, aside = _sheared(contacts[i], frames[i], across)
+        across *= 1.0 - share
         for r in range(3):
             for q in range(3):
                 second[i, r, q] = (force * force + variance[i] - across) * frames[i, 0, r] * frames[i, 0, q]
             second[i, r, r] += across
+        if share > 0.0:
+            mean[3 * i + 1], mean[3 * i + 2] = share * along, share * aside
+            for r in range(3):
+                for q in range(3):
+                    one, other = frames[i, 0], share * (along * frames[i, 1] + aside * frames[i, 2])
+                    second[i, r, q] += force * (one[r] * other[q] + other[r] * one[q]) + other[r] * other[q]
 
 
 @inner
-def _prior(contacts, settings, level, variance, root):
+def _sheared(contact, frame, across):
+    """Return the share that a felt tangential force has against a prior of variance `across`, and both components."""
+    share = across * contact[20] / (1.0 + across * contact[20])
+    along = frame[1, 0] * contact[17] + frame[1, 1] * contact[18] + frame[1, 2] * contact[19]
+    return share, along, frame[2, 0] * contact[17] + frame[2, 1] * contact[18] + frame[2, 2] * contact[19]
+
+
+@inner
+def _prior(contacts, settings, frames, level, variance, root, before):
     """Write prior standard deviations of each contact's (normal, tangential, tangential) force into `root`.
 
-    `level` is the normal force to which they are proportional.
+    `level` is the normal force to which they are proportional. Tangential forces that the skin feels go to `before`.
     """
     for i in range(len(contacts)):
         square = contacts[i, 7] ** 2 + (settings[1] * level[i]) ** 2 + settings[2] ** 2
         root[3 * i] = np.sqrt(square)
         root[3 * i + 1] = root[3 * i + 2] = settings[0] * np.sqrt(level[i] ** 2 + variance[i])
+        share, along, aside = _sheared(contacts[i], frames[i], root[3 * i + 1] ** 2)
+        if share > 0.0:
+            root[3 * i + 1] = root[3 * i + 2] = root[3 * i + 1] * np.sqrt(1.0 - share)
+            before[3 * i + 1], before[3 * i + 2] = share * along, share * aside
 
 
 @inner
@@ -313,6 +336,7 @@ def _expected(rows, carries, wrenches, mean, totals, off):
             for i in range(count):
                 if carries[k, i]:
                     totals[k, r] += rows[r, 3 * i] * mean[3 * i]
+                    totals[k, r] += rows[r, 3 * i + 1] * mean[3 * i + 1] + rows[r, 3 * i + 2] * mean[3 * i + 2]
             off[6 * k + r] = wrenches[k, r] - totals[k, r]
 
 
@@ -335,7 +359,7 @@ def _taken(work, begin, size):
 
 @entry(
     """
-    contacts n 17, wrench 6, covariance 6 6, settings 5, work out w, out out n 5, out_covariance out 3n 3n, total
+    contacts n 21, wrench 6, covariance 6 6, settings 5, work out w, out out n 5, out_covariance out 3n 3n, total
     out 16
     """
 )
@@ -362,7 +386,7 @@ def fuse_one(contacts, wrench, covariance, settings, work, out, out_covariance, 
 
 @released(
     """
-    contacts n 17, counts int64 k, wrenches k 6, covariances k 6 6, settings 5, out out n 5, spreads out n 6,
+    contacts n 21, counts int64 k, wrenches k 6, covariances k 6 6, settings 5, out out n 5, spreads out n 6,
     covariance out c, totals out k 16, factors out k 6 6, broken out int64 k
     """
 )
@@ -403,7 +427,7 @@ def room(count, sensors):
 
 @released(
     """
-    contacts n 17, wrenches k 6, covariances k 6 6, carries bool k n, settings 5, work out w, out out n 5,
+    contacts n 21, wrenches k 6, covariances k 6 6, carries bool k n, settings 5, work out w, out out n 5,
     covariance out 3n 3n, totals out k 16, factors out k 6 6
     """
 )
@@ -467,7 +491,7 @@ def _fuse(given, work, out, covariance, totals, factors):
         before[a] = mean[a]
     turns = int(settings[4])
     for turn in range(turns + 1):
-        _prior(contacts, settings, level, variance, root)
+        _prior(contacts, settings, frames, level, variance, root, before)
         _noise(contacts, second, covariances, carries, noise)
         if turn == 0:
             _expected(rows, carries, wrenches, mean, totals, off)
@@ -519,9 +543,9 @@ def explained(places, whitened, factor, tangential, magnitudes, out):
             for r in range(3):
                 columns[e, r] = tangent[r] if e < 3 else 0.0
             if e < 3:
-                _cross(places[c, :3], tangent, columns[e, 3:])
+                cross_into(places[c, :3], tangent, columns[e, 3:])
             else:
-                _cross(tangent, frame[0], columns[e, 3:])
+                cross_into(tangent, frame[0], columns[e, 3:])
             _whiten(factor, columns[e])
             for r in range(6):
                 if e == 0:
@@ -549,13 +573,6 @@ def explained(places, whitened, factor, tangential, magnitudes, out):
             out[c, 1 + e] = 0.0
             for q in range(3):
                 out[c, 1 + e] += best[q] / total * frame[q, e]
-
-
-@inner
-def _cross(a, b, out):
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 @inlined

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from math import prod
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -40,13 +41,15 @@ FEATURES = (
     "force_yz",
     "force_zz",
 )
-SHARE, BOUND, UNEXPLAINED, BELIEF, SPREAD = range(5)  # their columns after the skin's
+SHARE, BOUND, UNEXPLAINED, BELIEF = range(4)  # their columns after the skin's
+_WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # of a covariance by its six numbers
 
 
 class FusedEstimator(ContactEstimator):
     """An estimator of the contacts on a link with a skin and a force/torque sensor, each with its force in 3-D.
 
-    A reading is (k + 7,): the cells row by row, force [N] and torque [N m] as measured, NaN where there is none, and
+    A reading is (k + 7,), or (3 k + 7,) with three axes: the cells row by row, force [N] and torque [N m]
+    as measured, NaN where there is none, and
     the number of readings of which they are the mean (0: interpolated).
 
     The skin gives places, normals and normal forces, the wrench their sum (`FusedLocator`); without a wrench forces are
@@ -95,10 +98,9 @@ class FusedEstimator(ContactEstimator):
                 where="force_torque.noise",
                 hint="State noise in the rig's [force_torque], or use a log that begins untouched.",
             )
-        super().__init__(
-            (CELLS, FORCE, TORQUE, AVERAGED), (*taxels.features, *FEATURES), taxels.most + 1, mount, taxels.filter
-        )
+        super().__init__((CELLS, FORCE, TORQUE, AVERAGED), _features(taxels), taxels.most + 1, mount, taxels.filter)
         self.taxels, self.sensor, self.fused = taxels, sensor, fused
+        self._covers = ROW.length + self.features.index("force_xx")
         self._covered, self.kelvin, shape = covered, np.nan, None
         placement = Placement(self.mount, mount_covariance)
         if drift is not None:
@@ -187,7 +189,7 @@ class FusedEstimator(ContactEstimator):
         return (*self.taxels.warnings(), *self._wrenches.warnings(), *self._agreement.warnings())
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
-        values = shaped(reading, (len(self.taxels.body) + 7,), "reading")
+        values = shaped(reading, (prod(self.taxels.body.one) + 7,), "reading")
         cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
         count = self.taxels.update_into(time, cells, self._rows)
         skin = self._rows[:count]
@@ -258,10 +260,10 @@ class FusedEstimator(ContactEstimator):
         touched = usable & (pressed > 0)
         self._agreement.add(skin[touching, ROW.force], frame[touching], wrenches, touched, fused.alarm)
         after = ROW.length + len(self.taxels.features)
-        rows = np.full((len(skin), after + len(FEATURES) + 1), np.nan)
+        rows = np.full((len(skin), self._width), np.nan)
         rows[:, :after], rows[:, -1] = skin[:, :-1], skin[:, -1]
         rows[touching, after + UNEXPLAINED], rows[touching, after + BELIEF] = fused.p[frame[touching]], 1.0
-        _write(fused, rows, touching, after)
+        _write(fused, rows, touching, after, self._covers)
         alone = touching & ~usable[frame]
         rows[alone, ROW.force] = skin[alone, ROW.force]
         found = self._unseen.found(time, felt & (usable | (pressed > 0)), usable, fused)
@@ -277,20 +279,34 @@ class FusedEstimator(ContactEstimator):
         fused = fuse_with_unseen(self.fused, *given)
         self._noted |= dict.fromkeys(fused.notes)
         pushed = np.insert(touching & within, ends, True)[kept]
-        _write(fused, rows, pushed, after)
+        _write(fused, rows, pushed, after, self._covers)
         return rows, np.where(instead, 0, counts) + more
 
-    def _pressing(self, skin: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n 17"]:
-        """Return contacts of the skin as rows (n, 17) of `FusedLocator.rows`."""
+    def _pressing(self, skin: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n 21"]:
+        """Return contacts of the skin as rows (n, 21) of `FusedLocator.rows`."""
         normals, status = skin[:, ROW.normal], skin[:, ROW.status]
         normal = np.maximum(-np.sum(normals * skin[:, ROW.force], axis=1), 0.0)
         deviations = np.where(status == Status.SATURATED, np.maximum(normal, 1.0), 0.0)
         spreads = np.nan_to_num(skin[:, ROW.covariance].reshape(-1, 3, 3))
-        return self.fused.rows(skin[:, ROW.point], normals, normal, deviations, spreads)
+        shear = None
+        if self.taxels.body.response is not None:
+            six = skin[:, self._covers : self._covers + 6]
+            along = np.einsum("nij,ni,nj->n", six[:, _WHOLE].reshape(-1, 3, 3), normals, normals)
+            across = 0.5 * (six[:, [0, 3, 5]].sum(axis=1) - along)
+            deviations = np.hypot(deviations, np.sqrt(np.maximum(along, 0.0)))
+            shear = np.column_stack([skin[:, ROW.force] + normal[:, None] * normals, 1.0 / across])
+        return self.fused.rows(skin[:, ROW.point], normals, normal, deviations, spreads, shear)
 
 
-def _write(fused: FusedFrames, rows: Float[np.ndarray, "r w"], which: Bool[np.ndarray, " r"], after: int) -> None:
+def _features(taxels: TaxelEstimator) -> tuple[str, ...]:
+    """Return the skin's features, then those of the fusion; a force's covariance replaces that of a skin with shear."""
+    return (*taxels.features, *(name for name in FEATURES if name not in taxels.features))
+
+
+def _write(
+    fused: FusedFrames, rows: Float[np.ndarray, "r w"], which: Bool[np.ndarray, " r"], after: int, covers: int
+) -> None:
     """Write forces, shares, bounds and covariances into the rows of the mask `which`."""
     rows[which, ROW.force] = fused.force
     rows[which, after + SHARE], rows[which, after + BOUND] = fused.share, fused.bound
-    rows[which, after + SPREAD : after + SPREAD + 6] = fused.spread
+    rows[which, covers : covers + 6] = fused.spread

@@ -12,7 +12,7 @@ from palpate.spatial.arguments import takes_arrays
 
 LOOKS = 0.1  # s between two searches for the place of an unseen contact, which take milliseconds
 PERSISTS = 0.05  # s that a wrench must be unexplained before it is a contact: a touch that begins is felt first
-_Place = tuple[Float[np.ndarray, " w"], Float[np.ndarray, "p 17"]]
+_Place = tuple[Float[np.ndarray, " w"], Float[np.ndarray, "p 21"]]
 
 
 class LastingUnseen:
@@ -40,7 +40,7 @@ class LastingUnseen:
         usable: Bool[np.ndarray, " n"],
         fused: FusedFrames,
     ) -> dict[int, _Place]:
-        """Return frame number -> unseen contact where it lasts: its row of the estimator (w,), and of `fused` (p, 17).
+        """Return frame number -> unseen contact where it lasts: its row of the estimator (w,), and of `fused` (p, 21).
 
         The latter are of places that are equally likely.
 
@@ -84,9 +84,9 @@ class LastingUnseen:
 @takes_arrays
 def fuse_with_unseen(
     locator: FusedLocator,
-    contacts: Float[np.ndarray, "m 17"],
+    contacts: Float[np.ndarray, "m 21"],
     counts: Int[np.ndarray, " n"],
-    unseen: Float[np.ndarray, "n p 17"],
+    unseen: Float[np.ndarray, "n p 21"],
     wrenches: Float[np.ndarray, "n 6"],
     covariances: Float[np.ndarray, "n 6 6"],
 ) -> FusedFrames:
@@ -96,9 +96,9 @@ def fuse_with_unseen(
 
     Args:
         locator: of the seen contacts.
-        contacts: (m, 17) rows of `FusedLocator.rows`, frame by frame.
+        contacts: (m, 21) rows of `FusedLocator.rows`, frame by frame.
         counts: (n,) number of contacts in each frame.
-        unseen: (n, p, 17) rows of `FusedLocator.unseen_rows`.
+        unseen: (n, p, 21) rows of `FusedLocator.unseen_rows`.
         wrenches: (n, 6) [N, N m].
         covariances: (n, 6, 6) of the wrenches' noise.
 
@@ -108,9 +108,10 @@ def fuse_with_unseen(
     if counts.min(initial=0) < 0 or counts.sum() != len(contacts):
         raise InputError(f"counts must not be negative, and must add up to the {len(contacts)} contacts.")
     ends, ways = np.cumsum(counts), unseen.shape[1]
-    every = np.concatenate([np.insert(contacts, ends, unseen[:, way], axis=0) for way in range(ways)])
-    frames = (np.concatenate([each] * ways) for each in (counts + 1, wrenches, covariances))
-    found = locator.fuse_frames(every, *frames)
+    after = np.concatenate([way * len(contacts) + ends for way in range(ways)])
+    many = (np.concatenate([each] * ways) for each in (contacts, counts + 1, wrenches, covariances))
+    every = np.insert(next(many), after, unseen.swapaxes(0, 1).reshape(-1, unseen.shape[2]), axis=0)
+    found = locator.fuse_frames(every, *many)
     parts = (found.force, found.spread, found.share, found.bound)
     force, spread, share, bound = (each.reshape(ways, -1, *each.shape[1:]) for each in parts)
     mean, (rows, columns) = _mean(force), np.triu_indices(3)
@@ -123,7 +124,4 @@ def fuse_with_unseen(
 
 def _mean(ways: np.ndarray) -> np.ndarray:
     """Return the mean over the first axis, added in one order whatever the number of frames."""
-    total = ways[0].astype(np.float64)
-    for each in ways[1:]:
-        total = total + each
-    return total / len(ways)
+    return np.cumsum(ways, axis=0, dtype=np.float64)[-1] / len(ways)

@@ -24,7 +24,7 @@ from palpate.surfaces.surface import Surface
 
 __all__ = ["Fused", "FusedLocator", "FusionSettings"]
 
-WAYS = 16  # places that stand for all where an unseen contact may be
+WAYS = 32  # places that stand for all where an unseen contact may be: with 16, forces hold 1 to 2 % less often
 _BINDS = 1e-6  # slack over 1 N plus the normal force below which a cone binds
 
 
@@ -149,6 +149,7 @@ class FusedLocator:
         wrenches: ArrayLike,
         covariances: ArrayLike,
         carries: ArrayLike | None = None,
+        shear: ArrayLike | None = None,
     ) -> Fused:
         """Return the forces of n contacts felt by k sensors as a `Fused`.
 
@@ -161,11 +162,12 @@ class FusedLocator:
             wrenches: (k, 6) [N, N m]; one that is not finite is not used.
             covariances: (k, 6, 6) of the wrenches' noise.
             carries: (k, n) whether a sensor feels a contact; None: each feels all.
+            shear: as of `rows`.
 
         Raises:
             InputError: shapes do not fit, a force or deviation is negative, a contact is not finite, or a normal is 0.
         """
-        contacts = self.rows(points, normals, forces, deviations, spreads)
+        contacts = self.rows(points, normals, forces, deviations, spreads, shear)
         wrenches = shaped(wrenches, (None, 6), "wrenches")
         covariances = shaped(covariances, (len(wrenches), 6, 6), "covariances")
         shape = (len(wrenches), len(contacts))
@@ -175,7 +177,7 @@ class FusedLocator:
 
     def fuse_frames(
         self,
-        contacts: Float[np.ndarray, "m 17"],
+        contacts: Float[np.ndarray, "m 21"],
         counts: Int[np.ndarray, " n"],
         wrenches: Float[np.ndarray, "n 6"],
         covariances: Float[np.ndarray, "n 6 6"],
@@ -183,7 +185,7 @@ class FusedLocator:
         """Return the forces of n frames, each as by `fuse` with one wrench that feels all contacts, as `FusedFrames`.
 
         Args:
-            contacts: (m, 17) rows of `rows`, frame by frame.
+            contacts: (m, 21) rows of `rows`, frame by frame.
             counts: (n,) number of contacts in each frame.
             wrenches: (n, 6) [N, N m]; one that is not finite is not used.
             covariances: (n, 6, 6) of the wrenches' noise.
@@ -213,11 +215,17 @@ class FusedLocator:
 
     @staticmethod
     def rows(
-        points: ArrayLike, normals: ArrayLike, forces: ArrayLike, deviations: ArrayLike, spreads: ArrayLike
-    ) -> Float[np.ndarray, "n 17"]:
-        """Return contacts (n, 17): point [m], unit normal, force [N], its deviation [N], spread [m^2] row by row.
+        points: ArrayLike,
+        normals: ArrayLike,
+        forces: ArrayLike,
+        deviations: ArrayLike,
+        spreads: ArrayLike,
+        shear: ArrayLike | None = None,
+    ) -> Float[np.ndarray, "n 21"]:
+        """Return contacts (n, 21): point [m], unit normal, force, its deviation [N], spread [m^2] row by row, shear.
 
-        Arguments are those of `fuse`.
+        Arguments are those of `fuse`, and shear (n, 4): the tangential force [N] that the skin feels, and one over the
+        variance of each component [1/N^2], 0 for none; None: it feels none.
 
         Raises:
             InputError: shapes do not fit, a force or deviation is negative, a number is not finite, or a normal is 0.
@@ -226,9 +234,10 @@ class FusedLocator:
         count = len(points)
         normals, spreads = shaped(normals, (count, 3), "normals"), shaped(spreads, (count, 3, 3), "spreads")
         forces, deviations = shaped(forces, (count,), "forces"), shaped(deviations, (count,), "deviations")
+        felt = np.zeros((count, 4)) if shear is None else shaped(shear, (count, 4), "shear")
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         with np.errstate(invalid="ignore", divide="ignore"):
-            contacts = np.column_stack([points, normals / length, forces, deviations, spreads.reshape(-1, 9)])
+            contacts = np.column_stack([points, normals / length, forces, deviations, spreads.reshape(-1, 9), felt])
         if not np.isfinite(contacts).all():
             raise InputError("contacts must be finite, and normals must not be zero.")
         if (forces < 0).any() or (deviations < 0).any():
@@ -240,7 +249,7 @@ class FusedLocator:
 
     def _fused(
         self,
-        contacts: Float[np.ndarray, "n 17"],
+        contacts: Float[np.ndarray, "n 21"],
         wrenches: Float[np.ndarray, "k 6"],
         covariances: Float[np.ndarray, "k 6 6"],
         carries: Bool[np.ndarray, "k n"],
@@ -301,8 +310,8 @@ class FusedLocator:
         _kernels.explained(self._places, whitened, factor, self.settings.tangential, PUSHES, out)
         return ranked(self._places, out, self._width)
 
-    def unseen_rows(self, unseen: Unseen) -> Float[np.ndarray, "w 17"]:
-        """Return an unseen contact as rows (w, 17) of `rows`, one for each of `WAYS` places that are equally likely.
+    def unseen_rows(self, unseen: Unseen) -> Float[np.ndarray, "w 21"]:
+        """Return an unseen contact as rows (w, 21) of `rows`, one for each of `WAYS` places that are equally likely.
 
         Its force is 5.8 N with a deviation of 6.0 N.
         """
@@ -312,7 +321,8 @@ class FusedLocator:
         normals = unseen.normals[places]
         spreads = self._width**2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
         pushes = np.tile([PUSHES.mean(), PUSHES.std()], (len(places), 1))
-        return np.concatenate([unseen.points[places], normals, pushes, spreads.reshape(-1, 9)], axis=1)
+        none = np.zeros((len(places), 4))
+        return np.concatenate([unseen.points[places], normals, pushes, spreads.reshape(-1, 9), none], axis=1)
 
     @cached_property
     def _places(self) -> Float[np.ndarray, "c 8"]:

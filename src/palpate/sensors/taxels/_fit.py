@@ -1,9 +1,9 @@
-"""Compiled: fit the place of a touch between taxels that stand anywhere, and lift it onto the body.
+"""Compiled: fit the places of touches between taxels that stand anywhere, and lift it onto the body.
 
 A centroid lies inside the taxels that feel a touch, so next to an edge of the skin, a hole or a module it is pulled
-towards the taxels. Here a round Gaussian of unknown place, height and width is fitted to their readings instead, by
-Gauss-Newton steps with Marquardt's damping: places without taxels add no information, and a taxel that feels nothing
-does. Lengths are in spacings of taxels.
+towards the taxels. Here a round Gaussian for each touch of an area, of unknown place, height and width, is fitted to
+their readings instead, by Gauss-Newton steps with Marquardt's damping: places without taxels add no information, and a
+taxel that feels nothing does. Lengths are in spacings of taxels.
 """
 
 # pyright: basic
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import inner
+from palpate.surfaces._jit import inner, uncounted
 from palpate.surfaces._vectors import solve_positive
 
 # prior of a touch: the spacing of taxels is about as large as their reach
@@ -19,38 +19,102 @@ _WIDTH, _WIDER = 0.5, 0.5  # standard deviation of its pressure, and that of the
 _BESIDE = 0.5  # standard deviation of its distance from the hardest pressed taxel, along each axis
 # share of its height by which pressure differs from a Gaussian: Hertz's, one spacing wide, 1 to 3 %, a flat disc 1 to 6
 _SHAPE = 0.04
+# a touch that others explain keeps its height; on its own any height is as likely
+_LEAST, _ANY_HEIGHT = 1e-12, 1e-6  # N, and squared standard deviations
 _STEPS = 20
 _RIDGE = 1e-3  # squared spacings: damps a bend along which there are no taxels
 
 
-@inner
-def fit_touch(cells, count, end, own, numbers, at, start, out):
-    """Fit a touch; write its place (2), its variances along both axes and their covariance into out (5,).
-
-    `start` (2,) is the centroid. Of an area's cells those from `count` to `end` are its rim; `own` is the share of each
-    that belongs to this touch, and `numbers` are the forces of all cells, and their standard deviations by noise, and
-    by noise and gain.
-    """
-    force, noise, error = numbers
-    hardest, peak = cells[0], 0.0
+@uncounted
+def chart(cells, end, origin, place, at):
+    """Place cells in the tangent plane of one of them, at the distance along an arc between both normals."""
+    positions, normals, tangents, spacing = place[0][0], place[0][1], place[0][2], place[1][1]
     for i in range(end):
         k = cells[i]
-        if own[i] * force[k] > peak:
-            hardest, peak = k, own[i] * force[k]
-    prior = np.array([at[0, hardest], at[1, hardest], 0.0, np.log(_WIDTH)])
-    sure = np.array([_BESIDE**-2, _BESIDE**-2, 0.0, _WIDER**-2])
-    shape = (_SHAPE * peak) ** 2
-    x, trial = np.array([start[0], start[1], np.log(peak), prior[3]]), np.empty(4)
-    normal, factor, pull, step = np.empty((4, 4)), np.empty((4, 4)), np.empty(4), np.empty(4)
-    touch = (cells, count, end, own, force, noise, error, at, shape)
+        ahead, aside, chord, cosine = 0.0, 0.0, 0.0, 0.0
+        for c in range(3):
+            a, b = (c + 1) % 3, (c + 2) % 3
+            away = positions[k, c] - positions[origin, c]
+            ahead += away * tangents[origin, c]
+            aside += away * (
+                normals[origin, a] * tangents[origin, b] - normals[origin, b] * tangents[origin, a]
+            )  # fmt: skip
+            chord += away * away
+            cosine += normals[k, c] * normals[origin, c]
+        half = 0.5 * np.arccos(min(max(cosine, -1.0), 1.0))
+        way = np.sqrt(chord) * (half / np.sin(half) if half > 1e-6 else 1.0)
+        flat = np.sqrt(ahead * ahead + aside * aside)
+        scale = way / flat / spacing[origin] if flat > 0.0 else 0.0
+        at[0, k], at[1, k] = ahead * scale, aside * scale
+
+
+@inner
+def fit_touches(cells, count, end, shares, numbers, charts, fitted):
+    """Fit the touches of an area together; write the place of each (2), its variances and their covariance, (p, 5).
+
+    A reading is the sum of what all touches do, so that a place is as uncertain as its neighbours make it. Of an area's
+    cells those from `count` to `end` are its rim; `shares` (p, end) and `charts` (p, 2, end) are those of each touch,
+    and `numbers` the forces of all cells, those that centroids use, and their standard deviations by noise, and by
+    noise and gain.
+    """
+    size = 4 * len(shares)
+    prior, sure, x, weight = np.zeros(size), np.empty(size), np.empty(size), np.zeros(end)
+    for p in range(len(shares)):
+        at = slice(4 * p, 4 * p + 4)
+        _start(cells, end, shares[p], numbers, charts[p], prior[at], sure[at], x[at], weight)
+    force, _, noise, error = numbers
+    for i in range(end):
+        spread = error[cells[i]] if i < count else noise[cells[i]]
+        weight[i] = 1.0 / (spread * spread + weight[i])
+    touch, normal, factor = (cells, end, force, weight, charts), np.empty((size, size)), np.empty((size, size))
+    pull, step = np.empty(size), np.empty(size)
+    _descend(touch, x, prior, sure, normal, factor, pull, step)
+    # what the model cannot explain widens all
+    scale = max(1.0, _cost(touch, x, prior, np.zeros(size)) / max(end - size, 1))
+    for first in range(0, size, 4):
+        for a in range(2):
+            pull[:] = 0.0
+            pull[first + a] = scale
+            factor[:] = normal
+            if not solve_positive(factor, pull, size, step):
+                step[:] = np.nan
+            fitted[first // 4, a], fitted[first // 4, 2 + a] = x[first + a], step[first + a]
+            fitted[first // 4, 4] = step[first]
+
+
+@inner
+def _start(cells, end, share, numbers, at, prior, sure, x, weight):
+    """Write a touch's prior and its first place, the centroid; add the variance of its shape to the cells' `weight`."""
+    force, used, _, _ = numbers
+    hardest, peak, inside, row, column = 0, 0.0, 0.0, 0.0, 0.0
+    for i in range(end):
+        k = cells[i]
+        if share[i] * force[k] > peak:
+            hardest, peak = i, share[i] * force[k]
+        inside += share[i] * used[k]
+        row += share[i] * used[k] * at[0, i]
+        column += share[i] * used[k] * at[1, i]
+    for i in range(end):
+        weight[i] += share[i] * (_SHAPE * peak) ** 2
+    prior[0], prior[1], prior[2], prior[3] = at[0, hardest], at[1, hardest], np.log(max(peak, _LEAST)), np.log(_WIDTH)
+    sure[0], sure[1], sure[2], sure[3] = _BESIDE**-2, _BESIDE**-2, _ANY_HEIGHT, _WIDER**-2
+    x[:] = prior
+    if inside > 0.0:
+        x[0], x[1] = row / inside, column / inside
+
+
+@inner
+def _descend(touch, x, prior, sure, normal, factor, pull, step):
+    """Find the least cost from x on by damped steps, in place; `normal` are the normal equations there."""
+    size, trial = len(x), np.empty(len(x))
     cost, damping = _normal(touch, x, prior, sure, normal, pull), 1e-3
     for _ in range(_STEPS):
-        for a in range(4):
-            for b in range(4):
-                factor[a, b] = normal[a, b] * (1.0 + damping) if a == b else normal[a, b]
-        solve_positive(factor, pull, 4, step)
-        for a in range(4):
-            trial[a] = x[a] + (step[a] if a < 2 else min(max(step[a], -1.0), 1.0))
+        factor[:] = normal
+        for a in range(size):
+            factor[a, a] *= 1.0 + damping
+        solve_positive(factor, pull, size, step)
+        for a in range(size):
+            trial[a] = x[a] + (step[a] if a % 4 < 2 else min(max(step[a], -1.0), 1.0))
         found = _cost(touch, trial, prior, sure)
         if found < cost:
             x[:] = trial
@@ -62,30 +126,20 @@ def fit_touch(cells, count, end, own, numbers, at, start, out):
             break
         else:
             damping *= 5.0
-    # what the model cannot explain widens all
-    scale = max(1.0, _cost(touch, x, prior, np.zeros(4)) / max(end - 4, 1))
-    out[0], out[1] = x[0], x[1]
-    for a in range(2):
-        pull[:] = 0.0
-        pull[a] = scale
-        factor[:] = normal
-        if not solve_positive(factor, pull, 4, step):
-            step[:] = np.nan
-        out[2 + a] = step[a]
-        out[4] = step[0]
 
 
 @inner
 def _cost(touch, x, prior, sure):
     """Return the sum of squared residuals in standard deviations, including those from the prior."""
-    cells, count, end, own, force, noise, error, at, shape = touch
-    cost, narrow = 0.0, 0.5 * np.exp(-2.0 * x[3])
+    cells, end, force, weight, charts = touch
+    cost = 0.0
     for i in range(end):
-        k = cells[i]
-        square = (at[0, k] - x[0]) ** 2 + (at[1, k] - x[1]) ** 2
-        spread = error[k] if i < count else noise[k]
-        cost += (own[i] * force[k] - np.exp(x[2] - narrow * square)) ** 2 / (spread * spread + shape)
-    for a in range(4):
+        off = force[cells[i]]
+        for q in range(0, len(x), 4):
+            square = (charts[q // 4, 0, i] - x[q]) ** 2 + (charts[q // 4, 1, i] - x[q + 1]) ** 2
+            off -= np.exp(x[q + 2] - 0.5 * np.exp(-2.0 * x[q + 3]) * square)
+        cost += weight[i] * off * off
+    for a in range(len(x)):
         cost += sure[a] * (x[a] - prior[a]) ** 2
     return cost
 
@@ -93,23 +147,24 @@ def _cost(touch, x, prior, sure):
 @inner
 def _normal(touch, x, prior, sure, normal, pull):
     """Write the normal equations about x into `normal` and `pull`, and return the cost there."""
-    cells, count, end, own, force, noise, error, at, shape = touch
-    cost, narrow, slope = 0.0, np.exp(-2.0 * x[3]), np.empty(4)
+    cells, end, force, weight, charts = touch
+    cost, slope = 0.0, np.empty(len(x))
     normal[:], pull[:] = 0.0, 0.0
     for i in range(end):
-        k = cells[i]
-        a, b = at[0, k] - x[0], at[1, k] - x[1]
-        value = np.exp(x[2] - 0.5 * narrow * (a * a + b * b))
-        slope[0], slope[1] = value * narrow * a, value * narrow * b
-        slope[2], slope[3] = value, value * narrow * (a * a + b * b)
-        spread = error[k] if i < count else noise[k]
-        weight, left = 1.0 / (spread * spread + shape), own[i] * force[k] - value
-        cost += weight * left * left
-        for c in range(4):
-            pull[c] += weight * slope[c] * left
-            for d in range(4):
-                normal[c, d] += weight * slope[c] * slope[d]
-    for c in range(4):
+        off = force[cells[i]]
+        for q in range(0, len(x), 4):
+            a, b = charts[q // 4, 0, i] - x[q], charts[q // 4, 1, i] - x[q + 1]
+            narrow = np.exp(-2.0 * x[q + 3])
+            value = np.exp(x[q + 2] - 0.5 * narrow * (a * a + b * b))
+            slope[q], slope[q + 1] = value * narrow * a, value * narrow * b
+            slope[q + 2], slope[q + 3] = value, value * narrow * (a * a + b * b)
+            off -= value
+        cost += weight[i] * off * off
+        for c in range(len(x)):
+            pull[c] += weight[i] * slope[c] * off
+            for d in range(len(x)):
+                normal[c, d] += weight[i] * slope[c] * slope[d]
+    for c in range(len(x)):
         off = x[c] - prior[c]
         cost += sure[c] * off * off
         pull[c] -= sure[c] * off

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._track import follow
-from palpate.sensors.taxels._fit import fit_touch, lift
+from palpate.sensors.taxels._fit import chart, fit_touches, lift
+from palpate.sensors.taxels._loads import PITCH, UNKNOWN, WIDENING, fit_forces, is_faint, share_loads, write_force
 from palpate.sensors.taxels._rest import (
     AT,
     BASELINE,
@@ -26,11 +27,13 @@ from palpate.sensors.taxels._rest import (
     LATEST,
     LIMIT,
     LIVE,
+    LOAD,
     NOISE,
     OWN,
     PARENT,
     PEAK,
     RECOVERS,
+    SIDEWAYS,
     SPREAD,
     STILL,
     TOUCHES,
@@ -121,6 +124,16 @@ def _take(raw, rest, neighbours, turn, numbers, whole, value):
 
 
 @uncounted
+def _take_sideways(sideways, i, numbers, value):
+    """Write the tangential readings of a frame to `value` (2 k,), the baseline for those not finite."""
+    cells = len(value) // 2
+    for k in range(len(value)):
+        value[k] = sideways[i, k]
+        if not np.isfinite(value[k]):
+            value[k] = numbers[SIDEWAYS + k // cells, k % cells]
+
+
+@uncounted
 def _fill(z, force, live, neighbours, between):
     """Give bad cells the mean of the good cells that touch them, if there are two, else 0."""
     for k in range(len(force)):
@@ -170,29 +183,6 @@ def _rim(name, count, live, neighbours, steps, label, at, cells):
                 cells[end] = j
                 end += 1
     return end
-
-
-@uncounted
-def _chart(cells, end, origin, place, at):
-    """Place cells in the tangent plane of one of them, at the distance along an arc between both normals."""
-    positions, normals, tangents, spacing = place[0][0], place[0][1], place[0][2], place[1][1]
-    for i in range(end):
-        k = cells[i]
-        ahead, aside, chord, cosine = 0.0, 0.0, 0.0, 0.0
-        for c in range(3):
-            a, b = (c + 1) % 3, (c + 2) % 3
-            away = positions[k, c] - positions[origin, c]
-            ahead += away * tangents[origin, c]
-            aside += away * (
-                normals[origin, a] * tangents[origin, b] - normals[origin, b] * tangents[origin, a]
-            )  # fmt: skip
-            chord += away * away
-            cosine += normals[k, c] * normals[origin, c]
-        half = 0.5 * np.arccos(min(max(cosine, -1.0), 1.0))
-        way = np.sqrt(chord) * (half / np.sin(half) if half > 1e-6 else 1.0)
-        flat = np.sqrt(ahead * ahead + aside * aside)
-        scale = way / flat / spacing[origin] if flat > 0.0 else 0.0
-        at[0, k], at[1, k] = ahead * scale, aside * scale
 
 
 @uncounted
@@ -250,8 +240,8 @@ def _charts(cells, count, end, origin, place, at, parent, parts, charts):
     many = number if own else 1
     for q in range(many):
         if own:
-            _chart(cells, end, int(parts[q, 4]) if number > 1 else origin, place, at)
-        if number > 1:
+            chart(cells, end, int(parts[q, 4]) if number > 1 else origin, place, at)
+        if number > 1 or own:
             for i in range(end):
                 charts[q, 0, i], charts[q, 1, i] = at[0, cells[i]], at[1, cells[i]]
     return number, many
@@ -466,8 +456,17 @@ def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
         error[k] = np.sqrt(spread[k] ** 2 + gain**2) if i < count else left * spread[k]
 
 
+@uncounted
+def _place(touch, spread, model, spacing, out):
+    """Write the place of a touch that `fit_forces` found, and its variances and covariance, in spacings to out (5,)."""
+    size = model[PITCH] / spacing
+    square = (size * model[WIDENING]) ** 2
+    out[0], out[1] = size * touch[0], size * touch[1]
+    out[2], out[3], out[4] = square * spread[0, 0], square * spread[1, 1], square * spread[0, 1]
+
+
 @inner
-def _measure(cells, count, end, shares, raw, value, numbers, sign, place, origin, out):
+def _measure(cells, count, end, shares, fit, raw, value, numbers, sign, place, origin, model, touch, spread, out):
     """Write one contact of an area: sums over its share of each cell, with the centroid over the sum of forces."""
     force, error, used = numbers[FORCE], numbers[ERROR], numbers[USED]
     own, limit, at = numbers[OWN], numbers[LIMIT], numbers[AT:]
@@ -502,28 +501,29 @@ def _measure(cells, count, end, shares, raw, value, numbers, sign, place, origin
         cc += own[i] * force[k] * b * b
         rc += own[i] * force[k] * a * b
     moments = np.array([rr / pressed, cc / pressed, rc / pressed])
-    here, ways, first, fitted = np.empty(6), np.empty((2, 3)), AREA, np.empty(5)
+    here, ways, first = np.empty(6), np.empty((2, 3)), AREA
     if len(grid) > 0:
-        _vary(cells, end, own, error, inside, at, row, column, moments, fitted[2:])
+        _vary(cells, end, own, error, inside, at, row, column, moments, fit[2:])
         column = column % ring if ring > 0 else column
         _on_sheet(grid, row, column, here, ways)
         out[AREA], out[AREA + 1], first = row, column, AREA + 2
     else:
-        fit_touch(cells, count, end, own, (force, numbers[SPREAD], error), at, np.array([row, column]), fitted)
-        lift(cells, end, own, used, inside, origin, at, fitted[0], fitted[1], place, here, ways)
-    _write(here, ways, moments, fitted[2:], out, first + 4)
+        lift(cells, end, own, used, inside, origin, at, fit[0], fit[1], place, here, ways)
+    _write(here, ways, moments, fit[2:], out, first + 4)
     if len(covariances) > 0:
         _add_places(cells, end, own, used, inside, covariances, out)
     out[6:9] = push
     out[21] = SATURATED if full else 0.0
     out[first], out[first + 1], out[first + 2], out[first + 3] = covered, total, peak, pressed / covered
     out[first + 7] = held
+    if len(model) > 0:
+        write_force(touch, spread, model, here, ways, out, first + 8)
     return True
 
 
 @uncounted
-def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between):
-    """Write the height of each cell above its baseline, in standard deviations and in newtons."""
+def _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours, between):
+    """Write the height of each cell above its baseline, in standard deviations and in newtons; `sideways` (2 k,)."""
     tables, gaps = curves
     baseline, noise, z, force = numbers[BASELINE], numbers[NOISE], numbers[Z], numbers[FORCE]
     variance = numbers[VARIANCE]
@@ -536,13 +536,15 @@ def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
         z[k] = above / _deviation(noise[k] * scale, variance[k])
         force[k] = _force(above, tables[which[k]], gaps[which[k]])
         label[k] = 0
+        for a in range(2 if len(sideways) > 0 else 0):
+            numbers[LOAD + a, k] = sideways[a * len(raw) + k] - numbers[SIDEWAYS + a, k] if live[k] else 0.0
     if lacking:
         _fill(z, force, live, neighbours, between)
 
 
 @uncounted
-def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, curves, settings, zeros, numbers, whole,
-              clock, work, out):  # fmt: skip
+def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers, place, table, curves, settings, zeros,
+              numbers, whole, clock, work, out):  # fmt: skip
     """Write a frame's contacts to `out` and return their number, -1 while the zero of all cells moves.
 
     Baselines of untouched cells follow the readings.
@@ -553,12 +555,12 @@ def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, cu
     label, live, cells, parent = whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
     at = numbers[AT:]
     peak = numbers[PEAK]
-    _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
-    moving = moves(z, live, on, off, value, numbers, clock)
+    _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours, between)
+    moving = moves(z, live, on, off, value, len(model) > 0, numbers, clock)
     if moving or clock[STILL] > 0.0:
-        settle(time, moving, value, zeros, numbers, whole, clock)
+        settle(time, moving, value, sideways, zeros, numbers, whole, clock)
         return -1
-    parts, shares, charts = work
+    parts, shares, charts, fits, touches, unsure, origins = work
     found, name, most = 0, 0, min(MOST, len(out))
     for seed in range(len(raw)):
         if z[seed] <= on or label[seed] != 0 or not live[seed] or z[seed] <= least(on, off, peak[seed]):
@@ -571,32 +573,56 @@ def _contacts(time, raw, value, scale, passed, drift, recovers, place, table, cu
         for i in range(count):
             k = cells[i]
             origin = k if force[k] > force[origin] else origin
+        if len(model) > 0 and is_faint(origin, place, force, model):
+            continue
         end = _rim(name, count, live, neighbours, steps, label, at, cells)
         _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
         _split(cells, count, name, force, spread, neighbours, between, sure, share, label, parent)
         number, many = _charts(cells, count, end, origin, place, at, parent, parts, charts)
-        _mixture(cells, count, end, force, charts, many, parent, parts, number, shares)
+        if len(model) > 0:
+            for part in range(number):
+                origins[part] = int(parts[part, 4])
+            number = fit_forces(
+                cells, end, origins, number, PARTS, scale, place, numbers, whole, model, touches, unsure
+            )
+            share_loads(cells, end, origins, number, place, numbers, whole, model, touches, shares)
+            for part in range(number):
+                _place(touches[part], unsure[part], model, place[1][1, origins[part]], fits[part])
+        else:
+            _mixture(cells, count, end, force, charts, many, parent, parts, number, shares)
+        if len(place[2]) == 0 and len(model) == 0:
+            given = (force, numbers[USED], spread, numbers[ERROR])
+            fit_touches(cells, count, end, shares[:number], given, charts, fits)
         for part in range(number):
-            if many > 1:
+            if len(model) > 0:
+                origin = origins[part]
+                chart(cells, end, origin, place, at)
+            elif many > 1:
                 origin = int(parts[part, 4])
                 for i in range(end):
                     at[0, cells[i]], at[1, cells[i]] = charts[part, 0, i], charts[part, 1, i]
-            if found < most and _measure(cells, count, end, shares[part], raw, value, numbers, sign, place, origin,
-                                         out[found]):  # fmt: skip
+            if found < most and _measure(cells, count, end, shares[part], fits[part], raw, value, numbers, sign,
+                                         place, origin, model, touches[part], unsure[part], out[found]):  # fmt: skip
                 found += 1
     for k in range(len(raw)):
         if label[k] == 0 and live[k]:
             baseline[k] += drift * (value[k] - baseline[k])
+            for a in range(2 if len(sideways) > 0 else 0):
+                numbers[SIDEWAYS + a, k] += drift * numbers[LOAD + a, k]
     if name > 0 or clock[FADING] > 0.0:
-        recover(passed, off, recovers, value, numbers, whole, clock)
+        recover(passed, off, recovers, value, sideways, numbers, whole, clock)
     clock[TOUCHES] += found > 0
     return found
 
 
 @uncounted
-def _all(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers, whole,
-         tracks, following, out, rows, forces, work, names):  # fmt: skip
-    """Do what `frames` does, in work space that is there: parts, shares and charts; age of a reading and identities."""
+def _all(time, raw, sideways, model, values, status, left, place, table, curves, settings, smoothing, clock, zeros,
+         numbers, whole, tracks, following, out, rows, forces, work, names):  # fmt: skip
+    """Do what `frames` does, in work space that is there.
+
+    `work`: parts, shares, charts, fits, and of `fit_forces` touches, covariances and cells; `names`: age of a reading
+    and identities.
+    """
     drift, turn, resting, reach, speed, patience, walk = settings[6:]
     sections, start, gains, gap, since, state, shares = smoothing
     age, identity = names
@@ -613,11 +639,12 @@ def _all(time, raw, values, status, left, place, table, curves, settings, smooth
         if time[i] == time[i]:
             clock[LATEST] = time[i]
         which = i if len(left) > 0 else 0
-        value, scale = values[which], 1.0
+        value, aside, scale = values[which, : raw.shape[1]], values[which, raw.shape[1] :], 1.0
         if len(left) > 0:
             scale = np.sqrt(left[i] + resting)
         else:
             status[0] = -1 if _take(raw[i], numbers[BASELINE], table[0], turn, numbers, whole, value) else INVALID
+            _take_sideways(sideways, i, numbers, aside)
             if len(shares) > 0:
                 smooth(time[i : i + 1], status, values, sections, start, gains, gap, since, state, age)
                 scale = np.sqrt(shares[min(max(age[0], 0), len(shares) - 1)] + resting)
@@ -625,8 +652,8 @@ def _all(time, raw, values, status, left, place, table, curves, settings, smooth
         if status[which] < 0:
             if walk > 0.0:
                 enter_window(time[i], walk, settings[4], zeros, numbers, whole)
-            found = _contacts(time[i], raw[i], value, scale, passed, follows, recovers, place, table, curves, settings,
-                              zeros, numbers, whole, clock, work, here)  # fmt: skip
+            found = _contacts(time[i], raw[i], value, aside, model, scale, passed, follows, recovers, place, table,
+                              curves, settings, zeros, numbers, whole, clock, work, here)  # fmt: skip
             if walk > 0.0 and found >= 0:
                 keep_window(time[i], value, zeros, whole)
             settling, found = found < 0, max(found, 0)
@@ -649,34 +676,37 @@ def _all(time, raw, values, status, left, place, table, curves, settings, smooth
 
 @released(
     """
-    raw n m, rest m, neighbours int64 m d, turn float, numbers out 16 m, whole out int64 9 m, values out n m,
-    status out int8 n
+    raw n m, sideways n w, rest m, neighbours int64 m d, turn float, numbers out 22 m, whole out int64 9 m,
+    values out n v, status out int8 n
     """
 )
-def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
-    """Prepare frames (n, k) for a filter of zero phase: write `values` (n, k) to filter, and status (n,)."""
+def prepare(raw, sideways, rest, neighbours, turn, numbers, whole, values, status):
+    """Prepare frames for a filter of zero phase: write `values`, normal and tangential, to filter, and status (n,)."""
     for i in range(len(raw)):
-        status[i] = -1 if _take(raw[i], rest, neighbours, turn, numbers, whole, values[i]) else INVALID
+        value = values[i, : raw.shape[1]]
+        status[i] = -1 if _take(raw[i], rest, neighbours, turn, numbers, whole, value) else INVALID
+        _take_sideways(sideways, i, numbers, values[i, raw.shape[1] :])
 
 
 @released(
     """
-    time n, raw n m, values out k m, status out int8 k, left out w, place (3 m 3, 2 m, a b 6, int, c 3 3), table
-    (int64 m d, m d 2, int64 m d 2, int), curves (e 2048, e), settings 13*float, smoothing (out f 6, out f 2, out
-    g, float, out 2, out h p, out q), clock out 11, zeros (out 11 m, out 11 3, out 2), numbers out 16 m, whole out
+    time n, raw n m, sideways n o, model u, values out k v, status out int8 k, left out w, place (3 m 3, 2 m, a b 6,
+    int, c 3 3), table (int64 m d, m d 2, int64 m d 2, int), curves (e 2048, e), settings 13*float, smoothing (out f 6,
+    out f 2, out
+    g, float, out 2, out h p, out q), clock out 11, zeros (out 11 m, out 11 3, out 2), numbers out 22 m, whole out
     int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n, forces out t m
     """
 )
-def frames(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers, whole,
-           tracks, following, out, rows, forces):  # fmt: skip
+def frames(time, raw, sideways, model, values, status, left, place, table, curves, settings, smoothing, clock, zeros,
+           numbers, whole, tracks, following, out, rows, forces):  # fmt: skip
     """Turn frames into contacts, at least one row of `out` for each; return the numbers of frames and of rows.
 
     It stops before a frame for which `out` could be too short, unless that is the first.
 
     time, raw: (n,) [s] and (n, k) readings.
-    values, status, left: (n, k), (n,), (n,) of frames that are filtered already, and the remaining share of their
-    noise's
-        variance; (1, k), (1,) as work space and (0,) where not.
+    sideways, model: (n, 2 k) tangential loads [N] of taxels with three axes, and their response; (n, 0) and (0,) else.
+    values, status, left: (n, k or 3 k), (n,), (n,) of frames that are filtered already, and the remaining share of the
+        variance of their noise; (1, k or 3 k), (1,) as work space and (0,) where not.
     place: (3, k, 3) positions, normals and tangents, (2, k) areas and spacings, grid (0, 0, 6 if none), columns of a
         ring (0: none), (k, 3, 3) covariances of the positions ((0, 3, 3): not known).
     table: neighbours, steps, between, columns (1 if no sheet).
@@ -694,7 +724,9 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
     forces: (n, k) [N] of each cell; (0, k): not requested.
     """
     cells = numbers.shape[1]
-    work = np.empty((PARTS, 5)), np.empty((PARTS, cells)), np.empty((PARTS, 2, cells))
+    touches = np.empty((PARTS, UNKNOWN)), np.empty((PARTS, UNKNOWN, UNKNOWN)), np.empty(PARTS, dtype=np.int64)
+    parts = np.empty((PARTS, 5)), np.empty((PARTS, cells)), np.empty((PARTS, 2, cells)), np.empty((PARTS, 5))
+    work = (*parts, *touches)
     names = np.empty(1, dtype=np.int64), np.empty(MOST, dtype=np.int64)
-    return _all(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers,
-                whole, tracks, following, out, rows, forces, work, names)  # fmt: skip
+    return _all(time, raw, sideways, model, values, status, left, place, table, curves, settings, smoothing, clock,
+                zeros, numbers, whole, tracks, following, out, rows, forces, work, names)  # fmt: skip

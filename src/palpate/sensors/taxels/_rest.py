@@ -9,7 +9,9 @@ from palpate.surfaces._jit import uncounted
 
 # numbers of a cell: constants, state after the last frame (baseline, reading, last finite one), and work space
 NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD = 0, 1, 2, 3, 4, 5, 6, 7
-ERROR, USED, OWN, VARIANCE, AT, PEAK, FADED, NUMBERS = 8, 9, 10, 11, 12, 14, 15, 16
+ERROR, USED, OWN, VARIANCE, AT, PEAK, FADED = 8, 9, 10, 11, 12, 14, 15
+# of taxels with three axes, along both tangents: baseline, its noise, and the load; the normal one is FORCE
+SIDEWAYS, ROUGH, LOAD, NUMBERS = 16, 18, 20, 22
 # and integers: the same; its present turns around the range, and the number of times it wrapped; the window in which
 # it was last touched
 GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, TOUCHED, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
@@ -107,11 +109,12 @@ def keep_window(time, value, zeros, whole):
 
 
 @uncounted
-def moves(z, live, on, off, value, numbers, clock):
+def moves(z, live, on, off, value, bulges, numbers, clock):
     """Return whether the zero of all cells has jumped, or moves on while a new one is taken.
 
-    A touch takes no cell below its rest. A zero jumps where many cells are above and many below (a magnetic skin that
-    turned in the earth's field), or where nearly all are off by the same within one frame.
+    A touch takes no cell below its rest, unless the skin `bulges`, as taxels with three axes show. A zero jumps where
+    many cells are above and many below (a magnetic skin that turned in the earth's field), or where nearly all are off
+    by the same within one frame.
     """
     above, below, count = 0, 0, len(z)
     for k in range(count):
@@ -124,10 +127,10 @@ def moves(z, live, on, off, value, numbers, clock):
     for k in range(count):
         far += abs(z[k]) > on
         deep += z[k] < -_DEEP * on
-    clock[FALLEN] += deep > 1 and above == 0
+    clock[FALLEN] += deep > 1 and above == 0 and not bulges
     if clock[STILL] > 0.0:
         return far > _NONE * count
-    if min(above, below) > _BOTH * count and above + below > _MOST * count:
+    if not bulges and min(above, below) > _BOTH * count and above + below > _MOST * count:
         return True
     stepped = abs(before) < _NONE and abs(clock[SIDE]) > _ALL and far > _ALL * count
     return stepped and _equal(live, value, numbers)
@@ -153,7 +156,7 @@ def least(on, off, peak):
 
 
 @uncounted
-def settle(time, moves, value, zeros, numbers, whole, clock):
+def settle(time, moves, value, sideways, zeros, numbers, whole, clock):
     """Take the mean of the frames since the cells keep still as their new baseline."""
     if clock[STILL] == 0.0:
         clock[JUMPS] += 1.0
@@ -162,6 +165,8 @@ def settle(time, moves, value, zeros, numbers, whole, clock):
     baseline, noise = numbers[BASELINE], numbers[NOISE]
     for k in range(len(value)):
         baseline[k] += (value[k] - baseline[k]) / clock[STILL]
+        for a in range(2 if len(sideways) > 0 else 0):
+            numbers[SIDEWAYS + a, k] += (sideways[a * len(value) + k] - numbers[SIDEWAYS + a, k]) / clock[STILL]
         if numbers[VARIANCE, k] > 0.0:
             numbers[VARIANCE, k] = noise[k] * noise[k] / clock[STILL]
     numbers[FORCE], numbers[PEAK], whole[LABEL] = 0.0, 0.0, 0
@@ -193,7 +198,7 @@ def fade(cells, count, passed, off, z, numbers, label):
 
 
 @uncounted
-def recover(passed, off, recovers, value, numbers, whole, clock):
+def recover(passed, off, recovers, value, sideways, numbers, whole, clock):
     """Let baselines quickly follow what remains of touches that ended, until it is mostly below `off`."""
     baseline, z, peak, faded = numbers[BASELINE], numbers[Z], numbers[PEAK], numbers[FADED]
     label, live, touched, ended = whole[LABEL], whole[LIVE], 0, 0
@@ -213,6 +218,8 @@ def recover(passed, off, recovers, value, numbers, whole, clock):
         elif faded[k] > _FADES:
             faded[k] = min(faded[k], 2.0 * _FADES)
             baseline[k] += recovers * (value[k] - baseline[k])
+            for a in range(2 if len(sideways) > 0 else 0):
+                numbers[SIDEWAYS + a, k] += recovers * numbers[LOAD + a, k]
             share = -z[k] / peak[k]
             if clock[REMAINS] < share < _REMAINDER:
                 clock[REMAINS], clock[WHERE] = share, k

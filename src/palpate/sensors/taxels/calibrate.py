@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
@@ -19,6 +19,7 @@ from palpate.spatial.arguments import takes_arrays
 BLOCKS = 20  # of rows, assigned in turn to the parts of a cross-validation
 STRETCHES = 10  # of consecutive rows, each left out in turn
 LEVELS = 3  # forces below saturation that determine a curve, with that of no load
+_TURNS = 3  # of the common curve and the gains
 _NOISY = 0.5  # of what the force does to the reading: a residual beyond it
 _FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturates
 
@@ -142,8 +143,8 @@ def identify_intensity(
         InputError: negative forces, an unknown kind, a fit that does not rise with force, or a pressed cell that is not
             on the sheet.
     """
-    common, why, left = _identified(force, intensity, kind, degree, top)
     if cell is None:
+        common, why, left = _identified(force, intensity, kind, degree, top)
         record = {"left_out": str(left), **(provenance or {})}
         return Intensity((common,), provenance=record, notes=(*_remarks(common, why), *left.notes))
     rows, columns = shape or tuple(int(last) + 1 for last in cell.max(axis=0))
@@ -152,19 +153,12 @@ def identify_intensity(
     if outside.any():
         named = tuple(pressed[outside][0].tolist())
         raise InputError(f"a press names cell {named}, not on the sheet of {rows} x {columns}.", where="intensity")
-    which, number = np.zeros((rows, columns), np.int64), number.ravel()
-    use = _below(common, intensity)
-    zero, gain, error = _gains(common, force, intensity, number, len(pressed))
-    for _ in range(2):
-        own = use & (gain > 0)[number]
-        mine = number[own]
-        alike = (intensity[own] - zero[mine]) / gain[mine]
-        terms = len(common.parameters) if common.kind == "polynomial" else None
-        refit, _, left = _identified(force[own], alike, common.kind, terms, np.inf)
-        common = replace(refit, saturation=common.saturation, falling=common.falling)
-        zero, gain, error = _gains(common, force, intensity, number, len(pressed))
-    gained, notes = gain > 0, _remarks(common, why)
-    curves = [_scaled(common, *each) for each in zip(gain[gained].tolist(), error[gained].tolist(), strict=True)]
+    which, presses = np.zeros((rows, columns), np.int64), _Presses.of(force, intensity, number.ravel(), top)
+    common, why, left, zero, gain, error = _in_turns(presses, len(pressed), kind, degree)
+    gained = gain > 0
+    ends = presses.ends(common, np.append(zero[gained].mean(), zero), np.append(1.0, gain))
+    common, own = replace(common, saturation=float(ends[0])), np.column_stack([gain, error, ends[1:]])[gained]
+    curves, notes = [_scaled(common, *each) for each in own.tolist()], _remarks(common, why)
     which[tuple(pressed[gained].T)] = 1 + np.arange(len(curves))
     if len(curves) < which.size:
         without = f"{which.size - len(curves)} of {which.size} cells"
@@ -174,39 +168,79 @@ def identify_intensity(
     return Intensity((common, *curves), which, provenance=record, notes=(*notes, *left.notes))
 
 
-def _scaled(curve: Curve, gain: float, error: float) -> Curve:
+@dataclass(frozen=True)
+class _Presses:
+    """Sound rows of presses: force [N], intensity, cell's number; whether loads lower readings, and the range's end."""
+
+    force: np.ndarray
+    intensity: np.ndarray
+    number: np.ndarray
+    sign: float
+    limit: float
+
+    @classmethod
+    def of(cls, force: np.ndarray, intensity: np.ndarray, number: np.ndarray, top: float | None) -> _Presses:
+        known, (force, intensity, dropped) = np.isfinite(force) & np.isfinite(intensity), _sound(force, intensity)
+        _require_spread(force, dropped)
+        falling = bool(np.ptp(intensity) > 0 and np.corrcoef(force, intensity)[0, 1] < 0)
+        sign = -1.0 if falling else 1.0
+        limit = _limit(force, sign * intensity, None if top is None else _end_of_range(top, falling))
+        below = sign * intensity < limit
+        return cls(force[below], intensity[below], number[known][below], sign, limit)
+
+    def gains(self, x: np.ndarray, count: int, largest: float = np.inf) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Fit a line in x to each cell up to a force; return zero, gain (0: not known) and the gain's deviation."""
+        zero, gain, error = np.zeros(count), np.zeros(count), np.zeros(count)
+        for k in range(count):
+            mine = (self.number == k) & (self.force <= largest)
+            if np.count_nonzero(mine) < 4 or not np.ptp(x[mine]) > 0:
+                continue
+            y, centred = self.intensity[mine], x[mine] - x[mine].mean()
+            square = float(centred @ centred)
+            slope = float(centred @ y) / square
+            left = y - y.mean() - slope * centred
+            if slope > 0:
+                zero[k], gain[k] = y.mean() - slope * x[mine].mean(), slope
+                error[k] = np.sqrt(float(left @ left) / max(np.count_nonzero(mine) - 2, 1) / square)
+        return zero, gain, error
+
+    def common(
+        self, zero: np.ndarray, gain: np.ndarray, kind: str, degree: int | None
+    ) -> tuple[Curve, str, Validation]:
+        """Fit the curve that all cells have, as `_identified` does, to readings over their gains."""
+        own = (gain > 0)[self.number]
+        mine = self.number[own]
+        return _identified(self.force[own], (self.intensity[own] - zero[mine]) / gain[mine], kind, degree, np.inf)
+
+    def ends(self, common: Curve, zero: np.ndarray, gain: np.ndarray) -> np.ndarray:
+        """Return the readings at which cells saturate, at the end of the range or of the curve; NaN: not known."""
+        end = np.fmin(self.limit, self.sign * (zero + gain * common.saturation))
+        return np.where(np.isfinite(end), self.sign * end, np.nan)
+
+
+def _in_turns(
+    presses: _Presses, count: int, kind: str, degree: int | None
+) -> tuple[Curve, str, Validation, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the common curve, its remark and validation, and each cell's zero, gain and deviation of the gain.
+
+    Curve and gains are fitted in turns, from gains of straight lines on. A curve goes flat where readings over their
+    gains do: raw ones of unequal cells scatter so much that they look as if they went flat.
+    """
+    zero, gain, error = presses.gains(presses.sign * presses.force, count)
+    if not (gain > 0).any():
+        gain[:] = 1.0
+    common, why, left = presses.common(zero, gain / gain[gain > 0].mean(), kind, degree)
+    for _ in range(_TURNS):
+        zero, gain, error = presses.gains(presses.sign * common.intensity(presses.force), count, common.largest)
+        terms = len(common.parameters) if common.kind == "polynomial" else None
+        common, _, left = presses.common(zero, gain, common.kind, terms)
+    return common, why, left, zero, gain, error
+
+
+def _scaled(curve: Curve, gain: float, error: float, saturation: float) -> Curve:
     values = curve.parameters
     covariance = gain**2 * curve.covariance + error**2 * np.outer(values, values)
-    return replace(curve, parameters=gain * values, covariance=covariance)
-
-
-def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Return whether readings are finite and below the end of the range."""
-    sign = -1.0 if common.falling else 1.0
-    limit = np.inf if np.isnan(common.saturation) else sign * common.saturation
-    return np.isfinite(intensity) & (sign * intensity < limit)
-
-
-def _gains(
-    common: Curve, force: np.ndarray, intensity: np.ndarray, number: Int[np.ndarray, " n"], count: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a line to each cell; return unloaded reading, gain (0: not known) and the gain's standard deviation."""
-    sign = -1.0 if common.falling else 1.0
-    use = np.isfinite(force) & _below(common, intensity)
-    x, y = sign * common.intensity(np.maximum(force, 0.0)), intensity
-    zero, gain, error = np.zeros(count), np.zeros(count), np.zeros(count)
-    for k in range(count):
-        mine = use & (number == k)
-        if np.count_nonzero(mine) < 4 or not np.ptp(x[mine]) > 0:
-            continue
-        centred = x[mine] - x[mine].mean()
-        square = float(centred @ centred)
-        slope = float(centred @ y[mine]) / square
-        left = y[mine] - y[mine].mean() - slope * centred
-        if slope > 0:
-            zero[k], gain[k] = y[mine].mean() - slope * x[mine].mean(), slope
-            error[k] = np.sqrt(float(left @ left) / max(np.count_nonzero(mine) - 2, 1) / square)
-    return zero, gain, error
+    return replace(curve, parameters=gain * values, covariance=covariance, saturation=saturation)
 
 
 @takes_arrays

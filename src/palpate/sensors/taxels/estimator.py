@@ -34,6 +34,9 @@ FEATURES = ("area", "load", "peak", "pressure", "axis_long", "axis_short", "angl
 more than the force; pressure on one cell at most [Pa], and mean [Pa]; standard deviations of the pressure along its
 principal axes [m]; angle of the long axis [rad], from rising rows towards rising columns, or anticlockwise from
 `TaxelBody.tangents`; number of cells."""
+SHEAR = ("slip", "slip_sd", "torque_sd", "force_xx", "force_xy", "force_xz", "force_yy", "force_yz", "force_zz")
+"""Of taxels with three axes: ratio of tangential to normal force, its standard deviation and that of the torque [N m];
+the force's covariance [N^2]."""
 HEAD = 2048  # frames from which rest, noise and faults are taken
 _ROWS = 1024  # of a piece of answers
 
@@ -53,10 +56,11 @@ class TaxelEstimator(ContactEstimator):
 
     A cell's force is that of its reading less its baseline, which follows drift while nothing touches the cell.
     Contacts are connected cells, split where pressure has two peaks with a saddle between. The place on a sheet is the
-    centroid of the forces [skin map, (1) corrected]; for taxels anywhere the middle of a round Gaussian fitted to their
-    readings, which an edge or a hole of the skin does not pull, lifted onto the body. Its covariance includes that of
-    the taxels' positions, as if their errors in a contact were equal. The force is the sum over the cells, each along
-    its own normal; the torque about the normal is NaN. SATURATED: located, but the force is a lower bound.
+    centroid of the forces [skin map, (1) corrected]; for taxels anywhere the middle of a round Gaussian, fitted with
+    those of its area to the readings, which an edge or a hole of the skin does not pull, lifted onto the body. Its
+    covariance includes that of the taxels' positions, as if their errors in a contact were equal. The force is the sum
+    over the cells, each along its own normal; the torque about the normal is NaN. SATURATED: located, but the force is
+    a lower bound.
 
     The features are `FEATURES`, and on a sheet `row` and `column`, integers at cell centres.
 
@@ -89,24 +93,25 @@ class TaxelEstimator(ContactEstimator):
         mount: Pose | None = None,
         falling: bool | None = None,
     ) -> None:
-        super().__init__((CELLS,), ("row", "column", *FEATURES) if body.rows else FEATURES, MOST, mount, filter)
+        features = (*(("row", "column") if body.rows else ()), *FEATURES, *(SHEAR if body.response is not None else ()))
+        super().__init__((CELLS,), features, MOST, mount, filter)
         self.body, self.settings, self.rate, self.intensity = body, settings or TaxelSettings(), rate, intensity
         self.health: Health | None = None
         self._tared, self._looked = Tare("", ""), health is not None
         self._ahead = filter is not None and filter.zero_phase
         self._recursion = None if filter is None else filter.recursion(known_rate(rate, "frames"))
         steps = None if self._ahead else self._recursion
-        forward = None if steps is None else Forward(steps, known_rate(rate, "frames"), len(body))
+        forward = None if steps is None else Forward(steps, known_rate(rate, "frames"), body.axes * len(body))
         self._falling = load_direction(intensity, falling)
         self._frames = TaxelFrames(body, intensity, self.settings, forward, self._falling, filtered=filter is not None)
         self._watch = TaxelWatch(body)
-        self._one = np.zeros(1), np.zeros((1, len(body))), np.zeros(1, dtype=np.int64)
+        self._one = np.zeros(1), np.zeros((1, *body.one)), np.zeros(1, dtype=np.int64)
         if health is not None:
             self._know(health)
         time, raw, counts = self._one
         if self._ahead:
-            self._frames.prepare(raw)  # compiles, before anything is in a hurry
-        self._frames.run(time, raw, self.empty(1), counts, self._frames.no_forces)  # compiles
+            self._frames.prepare(*body.split(raw.copy()))  # compiles, before anything is in a hurry
+        self._frames.run(time, *body.split(raw.copy()), self.empty(1), counts, self._frames.no_forces)  # compiles
         self.reset()
 
     def reset(self) -> None:
@@ -153,13 +158,14 @@ class TaxelEstimator(ContactEstimator):
         Raises:
             InputError: the block has no readings of these taxels.
         """
-        raw, count = self.body.readings(block), len(block)
+        (raw, sideways), count = self.body.loads(block), len(block)
         counts, out = np.zeros(count, dtype=np.int64), self.empty(_ROWS)
         forces = np.zeros((count, len(self.body))) if watched else self._frames.no_forces
         parts, done = [self.empty(0)], 0
         while done < count:
             values = None if filtered is None else tuple(part[done:] for part in filtered)
-            step, used = self._frames.run(block.time[done:], raw[done:], out, counts[done:], forces[done:], values)
+            given = block.time[done:], raw[done:], sideways[done:]
+            step, used = self._frames.run(*given, out, counts[done:], forces[done:], values)
             parts.append(out[:used].copy())
             done += step
         self._watch.add(block.time, raw, rows := np.concatenate(parts), counts)
@@ -175,7 +181,7 @@ class TaxelEstimator(ContactEstimator):
         if not self._ahead or self._recursion is None:
             yield from super().answers(blocks, watched)
             return
-        both = BothWays(self._recursion, known_rate(self.rate, "frames"), len(self.body))
+        both = BothWays(self._recursion, known_rate(self.rate, "frames"), self.body.axes * len(self.body))
         for (block, status), values, share in both.through(self._prepared(block) for block in blocks):
             yield self.answer(block, watched, (values, status, share))
 
@@ -192,7 +198,7 @@ class TaxelEstimator(ContactEstimator):
     def notes(self) -> tuple[str, ...]:
         """Return notes on the body, the baselines and the frames so far, one sentence each."""
         said = list(self.body.notes)
-        if self.intensity is None:
+        if self.intensity is None and self.body.response is None:
             said.append(
                 "there is no intensity model, so readings are taken as N: palpate calibrate intensity makes one"
             )
@@ -215,19 +221,18 @@ class TaxelEstimator(ContactEstimator):
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()
         frame = self.body.picked(shaped(reading, (...,), "reading"))
-        fits = frame.shape == self.body.shape or frame.shape == (len(self.body),)
         when, raw, counts = self._one
         when[0] = time
-        raw[0] = frame.reshape(-1) if fits else np.nan
+        raw[0] = frame.reshape(raw.shape[1:]) if self.body.fits(frame.shape) else np.nan
         raw[np.abs(raw) > LARGEST] = np.nan  # a fault of the sensor
-        return self._frames.run(when, raw, out, counts, self._frames.no_forces)[1]
+        return self._frames.run(when, *self.body.split(raw), out, counts, self._frames.no_forces)[1]
 
     def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
         self.require_rest()
         if not len(out):
             return 0
-        raw = self.body.readings(Recording(time, {CELLS: readings}, source="the stream"))
-        return self._frames.run(time, raw, out, counts, self._frames.no_forces)[0]
+        loads = self.body.loads(Recording(time, {CELLS: readings}, source="the stream"))
+        return self._frames.run(time, *loads, out, counts, self._frames.no_forces)[0]
 
     def _know(self, health: Health) -> None:
         if health.baseline.shape != (len(self.body),):
@@ -273,7 +278,7 @@ class TaxelEstimator(ContactEstimator):
 
     def _prepared(self, block: Recording) -> tuple[tuple[Recording, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
         """Return a block and its status, times, status and values, for `BothWays.through`."""
-        values, status = self._frames.prepare(self.body.readings(block))
+        values, status = self._frames.prepare(*self.body.loads(block))
         return (block, status), block.time, status, values
 
     def require_rest(self) -> None:

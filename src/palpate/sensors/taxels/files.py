@@ -12,6 +12,7 @@ from palpate.files.models.model import Lines, Model, span
 from palpate.files.schema import Key, TableForm
 from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.response import TaxelResponse
 
 _UPPER = np.triu_indices(3)  # of a covariance: xx xy xz yy yz zz
 
@@ -73,6 +74,49 @@ INTENSITY = Model(
                 "hysteresis": Key("between loading and unloading, as a share of the span"),
             },
             spell=_curve,
+        ),
+    },
+)
+
+
+def _response(gains: Float[np.ndarray, "k 9"], **rest: Any) -> TaxelResponse:
+    return TaxelResponse(gains.reshape(-1, 3, 3), **rest)
+
+
+def of_response(response: TaxelResponse) -> Lines:
+    """Return (name, text) pairs on a response of taxels with three axes."""
+    how = "sums of the taxels' loads" if response.sums else "fitted to the taxels' loads"
+    return [
+        ("taxels", f"{len(response)}, {1e3 * response.pitch:.3g} mm apart; forces are {how}"),
+        *([("left out", response.provenance["left_out"])] if "left_out" in response.provenance else []),
+    ]
+
+
+RESPONSE = Model(
+    TaxelResponse,
+    "the response of taxels with three axes",
+    "From readings of taxels with three axes to loads, and how a force spreads to them.",
+    "palpate calibrate response",
+    of_response,
+    {
+        TaxelResponse: TableForm(
+            {
+                "pitch": Key("m, the unit of lengths", least=1e-6),
+                "gains": Key(
+                    "a row a taxel: load [N] along x, y and into the body by the readings x, y, z, row by row"
+                ),
+                "shares": Key("of the Gaussians in A, B, C, G, H, see docs/skin_contacts.md"),
+                "misfit": Key("shares of the largest load, and of a taxel's own"),
+                "patch": Key("squared pitches: a + b F^(2/3), deviation"),
+                "curve": Key("normal c0 n + c1 n^2 + c2 t^2, tangential (c3 + c4 n) t"),
+                "widening": Key("of the deviations of place, normal and tangential force"),
+                "needed": Key("least decrease of the sum of squares by a further touch"),
+                "sums": Key("forces are the sums of the taxels' loads"),
+                "notes": Key(),
+                "provenance": Key(),
+            },
+            _response,
+            lambda response: {"gains": response.gains.reshape(-1, 9)},
         ),
     },
 )

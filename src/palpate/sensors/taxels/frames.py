@@ -55,7 +55,9 @@ class TaxelFrames:
         grid = np.zeros((0, 0, 6)) if body.grid is None else body.grid.copy()
         vectors = np.stack([body.positions, body.normals, body.tangents])
         known = np.zeros((0, 3, 3)) if body.covariance is None else body.covariance.copy()
+        self._model = np.zeros(0) if body.response is None else body.response.numbers()
         self._place = (vectors, np.stack([body.areas, body.spacing]), grid, body.turn, known)
+        self._model.flags.writeable = False
         tables = (body.neighbours.copy(), body.steps.copy(), body.between.copy())
         self._table = (*tables, max(body.columns, 1))
         self._usable, self._name = body.usable, body.name
@@ -66,7 +68,8 @@ class TaxelFrames:
         self._whole = np.zeros((_rest.WHOLE, count), dtype=np.int64)
         self._whole[_rest.CURVE] = which
         self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
-        self._unfiltered = np.zeros((1, count)), np.zeros(1, dtype=np.int8), np.zeros(0)
+        self._channels = body.axes * count
+        self._unfiltered = np.zeros((1, self._channels)), np.zeros(1, dtype=np.int8), np.zeros(0)
         self.no_forces = np.zeros((0, count))
         self._same = self._fixed()
 
@@ -77,6 +80,8 @@ class TaxelFrames:
         limits = np.where(np.isnan(self._limits), self._ends[not self.falling], self._limits)
         self._numbers[_rest.LIMIT] = limits
         self._whole[_rest.GOOD], self._numbers[_rest.NOISE] = self._usable & health.good, health.noise
+        if health.sideways is not None:
+            self._numbers[_rest.ROUGH : _rest.LOAD] = health.sideways[1]
         self._same = self._fixed()
 
     def notes(self, health: Health) -> tuple[str, ...]:
@@ -129,6 +134,8 @@ class TaxelFrames:
         if health is not None:
             self._numbers[[_rest.BASELINE, _rest.HELD]] = health.baseline
             walks = self._settings.walk > 0.0
+            if health.sideways is not None:
+                self._numbers[_rest.SIDEWAYS : _rest.ROUGH] = health.sideways[0]
             self._numbers[_rest.VARIANCE] = health.noise**2 / max(1, health.frames) if walks else 0.0
         self._zeros[1][:], self._zeros[2][:] = 0.0, np.nan
         self._whole[_rest.TOUCHED] = _rest.NEVER
@@ -165,6 +172,7 @@ class TaxelFrames:
         self,
         time: Float[np.ndarray, " n"],
         raw: Float[np.ndarray, "n k"],
+        sideways: Float[np.ndarray, "n _"],
         out: Float[np.ndarray, "r width"],
         counts: Int[np.ndarray, " n"],
         forces: Float[np.ndarray, "_ k"],
@@ -175,6 +183,7 @@ class TaxelFrames:
         Args:
             time: (n,) [s].
             raw: (n, k) readings.
+            sideways: (n, 2 k) loads of taxels with three axes along their tangents; (n, 0) of one axis.
             out: rows of contacts; written.
             counts: (n,) number of rows of each frame; written.
             forces: (n, k) [N] of each cell, or `no_forces`; written.
@@ -184,14 +193,17 @@ class TaxelFrames:
             The number of frames that were processed, and the number of their rows.
         """
         values = self._unfiltered if filtered is None else filtered
-        return _kernels.frames(_constant(time), _constant(raw), *values, *self._same, out, counts, forces)
+        known = (_constant(time), _constant(raw), _constant(sideways), self._model)
+        return _kernels.frames(*known, *values, *self._same, out, counts, forces)
 
-    def prepare(self, raw: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n k"], np.ndarray]:
-        """Return unwrapped readings (n, k) [counts] for a filter of zero phase, and each frame's status (n,), int8."""
-        values, status = np.empty(raw.shape), np.empty(len(raw), dtype=np.int8)
+    def prepare(
+        self, raw: Float[np.ndarray, "n k"], sideways: Float[np.ndarray, "n _"]
+    ) -> tuple[Float[np.ndarray, "n _"], np.ndarray]:
+        """Return unwrapped readings and tangential loads for a filter of zero phase, and each frame's status, int8."""
+        values, status = np.empty((len(raw), self._channels)), np.empty(len(raw), dtype=np.int8)
         rest = np.zeros(raw.shape[1]) if self._health is None else self._health.baseline
         known = (self._table[0], self._turn, self._numbers, self._whole)
-        _kernels.prepare(_constant(raw), _constant(rest), *known, values, status)
+        _kernels.prepare(_constant(raw), _constant(sideways), _constant(rest), *known, values, status)
         return values, status
 
     def _fixed(self) -> tuple[object, ...]:

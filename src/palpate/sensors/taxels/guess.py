@@ -12,7 +12,16 @@ import numpy as np
 
 from palpate.files.logs import LogContents, open_log
 from palpate.files.logs.layout import ArrayChannel, LogLayout
-from palpate.files.logs.numbering import USUAL, axes_of, is_taxel, numbered_alike, shortened, single_cells, three_axes
+from palpate.files.logs.numbering import (
+    AXES,
+    USUAL,
+    NumberedColumns,
+    axes_of,
+    is_taxel,
+    numbered_alike,
+    shortened,
+    single_cells,
+)
 from palpate.files.units import CELL_UNITS, FORCE_UNITS, known_unit
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
@@ -29,6 +38,7 @@ _OTHERS = (  # many numbers, and no skin
     *("jacob", "joint", "tau", "covariance", "inertia", "action", "state", "image", "rgb", "depth"),
 )
 _THREE_AXES = ("xela", "uskin")  # makers of taxels with three axes, in types of messages
+_OF_THREE = ", of taxels with three axes"
 _BITS = (8, 10, 12, 14, 16)
 _PITCH = 0.005  # m, of a flat sheet where nothing states it
 _TEXT = """\
@@ -54,13 +64,14 @@ class _Cells:
     """The numbers of a log that are taken for taxels.
 
     Attributes:
-        shape: (rows, columns), or (count,).
+        shape: (rows, columns), or (count,), without axes.
         why: what in the log looks like taxels.
         columns: names of columns in the order of taxels; or the array that holds them.
         path: the field path of a rig that finds the same, or the names; "": none is needed.
         topic: that holds them; None: the log is a table.
         unit: that the log states, as the tables of units spell it; "": none.
         remarks: what the reader should check, one sentence each.
+        axes: names of the three numbers of a taxel; (): there is one.
     """
 
     shape: tuple[int, ...]
@@ -70,6 +81,7 @@ class _Cells:
     topic: str | None = None
     unit: str = ""
     remarks: tuple[str, ...] = ()
+    axes: tuple[str, ...] = ()
 
     @property
     def sheet(self) -> tuple[int, int]:
@@ -82,8 +94,9 @@ class _Cells:
 
     def layout(self, **time: Any) -> LogLayout:
         """Return the layout by which the log is read, with these settings of its time."""
-        names = (CELLS, self.sheet, self.columns, self.topic)
-        return LogLayout(wrench=None, arrays=(ArrayChannel(*names, table="skin"),), **time)
+        shape = (*self.sheet, 3) if self.axes else self.sheet
+        array = ArrayChannel(CELLS, shape, self.columns, self.topic, table="skin", axes=self.axes)
+        return LogLayout(wrench=None, arrays=(array,), **time)
 
     def text(self, bits: int, pitch: float | None, *, mapped: bool) -> str:
         """Return the tables of a rig: of a map that is to be made, or of a flat sheet with a pitch [m]."""
@@ -92,7 +105,9 @@ class _Cells:
         flat = f"pitch = {pitch or _PITCH:g}"
         flat = f"{flat:<36} # m between the cells of a flat sheet; on a body: map, written by palpate map skin"
         lines = [
-            f"{key} = {guess.quoted(value)}\n" for key, value in (("cells", self.path), ("topic", self.topic)) if value
+            f"{key} = {guess.quoted(value)}\n"
+            for key, value in (("cells", self.path), ("topic", self.topic), ("axes", self.axes))
+            if value
         ]
         lines += [f'unit = "{self.unit}"\n'] if self.unit else []
         places, cells = mesh if mapped else flat, "".join(lines)
@@ -103,7 +118,7 @@ def guess_skin(log: Path, contents: LogContents, body: GivenBody | None) -> Gues
     """Return the `Guess` of a skin: images, arrays of frames, or many columns of numbers; None: there are none.
 
     Raises:
-        InputError: the log cannot be read, or has three axes a taxel, or a few single-axis cells.
+        InputError: the log cannot be read, or has a few single-axis cells.
     """
     cells = _of_topics(log, contents) if contents.topics else _of_arrays(contents) or _of_columns(log, contents)
     if cells is None:
@@ -146,6 +161,8 @@ def _guessed(
     text = around[0] + cells.text(bits, contents.stated.pitch, mapped=body is not None) + around[1]
     rows, columns = cells.sheet
     remark = f"check the sheet's {rows} rows and {columns} columns, and the bits of a reading"
+    if rows == 3 and not cells.axes:
+        remark += f"; if its rows are three axes of a taxel, write axes = {guess.quoted(AXES[0])}"
     if len(cells.shape) < 2:
         remark = f"nothing states the sheet's rows and columns: {rows} x {columns} is a guess, correct it"
     return Guess(cells.why, layout, text, (*cells.remarks, remark))
@@ -169,14 +186,19 @@ def _of_arrays(contents: LogContents) -> _Cells | None:
     if name is None:
         return None
     shape = arrays[name]
-    if len(shape) > 1 and shape[-1] == 3:
-        raise three_axes(contents.path, f"array {name!r} holds n x {' x '.join(map(str, shape))} numbers")
     others = [other for other in arrays if other != name]
     remarks = (f"the arrays {shortened(others)} are not used",) if others else ()
-    sides = tuple(side for side in shape if side != 1)
-    sides = sides if len(sides) < 3 else (prod(sides),)
-    unit = _unit([name], contents)
-    return _Cells(sides, f"array {name!r} holds frames", name, name, unit=unit, remarks=remarks)
+    sides, axes = _sides(shape)
+    unit, why = _unit([name], contents), f"array {name!r} holds frames{_OF_THREE if axes else ''}"
+    return _Cells(sides, why, name, name, unit=unit, remarks=remarks, axes=axes)
+
+
+def _sides(shape: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Return the shape of an array without a side of three axes, and their names; 3 x n is a sheet of three rows."""
+    sides, axes = tuple(side for side in shape if side != 1), tuple[str, ...]()
+    if sides[1:] and (sides[-1] == 3 or (sides[0] == 3 and len(sides) > 2)):
+        sides, axes = sides[:-1] if sides[-1] == 3 else sides[1:], AXES[0]
+    return sides if len(sides) < 3 else (prod(sides),), axes
 
 
 def _of_columns(log: Path, contents: LogContents) -> _Cells | None:
@@ -189,10 +211,8 @@ def _of_columns(log: Path, contents: LogContents) -> _Cells | None:
         names = names[1:] if _counts(log, names[0]) else names
     if (found := _numbered(names, contents)) is not None:
         return found
-    groups = numbered_alike(names)
-    if (axes := axes_of(groups)) and 3 * len(axes[0].names) >= _FEWEST:
-        raise three_axes(log, ", ".join(each.pattern for each in axes), axes[2].pattern)
-    few = [each for each in groups if 3 <= len(each.names) < _FEWEST and _unit(each.names, contents) in FORCE_UNITS]
+    groups = [each for each in numbered_alike(names) if 3 <= len(each.names) < _FEWEST]
+    few = [each for each in groups if _unit(each.names, contents) in FORCE_UNITS]
     if few:
         raise single_cells(log, few[0].names)
     cells = tuple(name for name in names if is_taxel(name))
@@ -203,21 +223,33 @@ def _of_columns(log: Path, contents: LogContents) -> _Cells | None:
 
 
 def _numbered(names: Sequence[str], contents: LogContents) -> _Cells | None:
-    """Return the largest group of columns that are numbered alike, if it is large enough or named as taxels."""
+    """Return the largest group of columns that are numbered alike, if it is large enough or named as taxels.
+
+    Three groups that differ in their axis alone are one.
+    """
     groups = numbered_alike(names)
-    axes = axes_of(groups)
-    group = next((each for each in groups if each not in axes and _may_be(each.pattern)), None)
-    if group is None or len(group.names) < (_CERTAIN if _is_skin(group.pattern) else _FEWEST):
+    axes = next(iter(axes_of(groups).values()), dict[str, NumberedColumns]())
+    three = [each for each in axes.values() if _may_be(each.pattern)]
+    found = [each for each in groups if _may_be(each.pattern) and each not in three][:1]
+    if len({frozenset(each.numbers) for each in three}) == 1 and (
+        not found or 3 * len(three[0].names) > len(found[0].names)
+    ):
+        found = three
+    count = sum(len(each.names) for each in found)
+    if not found or count < (_CERTAIN if _is_skin(found[0].pattern) else _FEWEST):
         return None
-    columns = group.ordered()
-    why = f"{len(columns)} columns that are numbered alike ({group.pattern}) look like cells"
+    group = found[0]
+    columns = tuple(name for taxel in zip(*(each.ordered() for each in found), strict=True) for name in taxel)
+    called = ", ".join(each.pattern for each in found)
+    why = f"{count} columns that are numbered alike ({called}) look like cells{_OF_THREE if found is three else ''}"
     remarks = list(_aside(list(contents.names), columns))
-    if columns != group.names:
+    if columns != tuple(name for name in contents.names if name in set(columns)):
         remarks.insert(0, "the cells are in the order of the numbers in their names, not in that of the log")
     if group.grid and not group.sure:
         remarks.append('the first number of a name is taken for the row: if it is the column, write order = "columns"')
     unit = _unit(columns, contents)
-    return _Cells(group.shape(), why, columns, group.pattern, unit=unit, remarks=tuple(remarks))
+    path, names = ("", tuple(axes)) if found is three else (group.pattern, ())
+    return _Cells(group.shape(), why, columns, path, unit=unit, remarks=tuple(remarks), axes=names)
 
 
 def _is_skin(name: str) -> bool:
@@ -260,11 +292,10 @@ def _of_topics(log: Path, contents: LogContents) -> _Cells | None:
         return _of_fields(log, contents)
     topic, size = found
     kind = next(each.kind for each in contents.topics if each.name == topic)
-    if len(size) > 1 and size[-1] == 3 and kind.endswith("MultiArray"):
-        raise three_axes(log, f"the layout of {topic!r} states {' x '.join(map(str, size))} numbers")
-    held = "arrays" if kind.endswith("MultiArray") else "images"
-    why = f"topic {topic!r} holds {held} of {' x '.join(map(str, size))} numbers"
-    return _Cells(size if len(size) < 3 else (prod(size),), why, topic=topic)
+    arrays = kind.endswith("MultiArray")
+    sides, axes = _sides(size) if arrays else (size, ())
+    why = f"topic {topic!r} holds {'arrays' if arrays else 'images'} of {' x '.join(map(str, size))} numbers"
+    return _Cells(sides, f"{why}{_OF_THREE if axes else ''}", topic=topic, axes=axes)
 
 
 def _of_fields(log: Path, contents: LogContents) -> _Cells | None:
@@ -275,12 +306,14 @@ def _of_fields(log: Path, contents: LogContents) -> _Cells | None:
     topic, found_paths, count = found
     paths = [path for path in found_paths if is_taxel(path.rpartition(".")[2])]
     kind = next(each.kind for each in contents.topics if each.name == topic)
-    axes = [path for path in paths if path.endswith(("[].x", "[].y", "[].z"))]
-    if len(axes) >= 3 or (count % 3 == 0 and any(maker in kind.lower() for maker in _THREE_AXES)):
-        raise three_axes(log, f"{kind} of {topic!r}", next(iter(axes[2:]), ""))
-    if not paths or (count < _FEWEST and not _is_skin(f"{kind}{topic}")):
+    lists = {path.rpartition("[].")[0] for path in paths}
+    of_axes = [(each, axes) for each in lists for axes in AXES if {f"{each}[].{axis}" for axis in axes} <= {*paths}]
+    path, axes = (f"{of_axes[0][0]}[]", of_axes[0][1]) if of_axes else (next(iter(paths), ""), ())
+    if not axes and count % 3 == 0 and any(maker in kind.lower() for maker in _THREE_AXES):
+        count, axes = count // 3, AXES[0]
+    if not paths or (count * (len(axes) or 1) < _FEWEST and not _is_skin(f"{kind}{topic}")):
         return None
-    why = f"field {paths[0]!r} of {kind} in topic {topic!r} holds {count} numbers"
-    others = paths[1:]
+    why = f"field {path!r} of {kind} in topic {topic!r} holds {count} {'taxels' if axes else 'numbers'}"
+    others = [other for other in paths if other.partition("[].")[0] != path.partition("[]")[0]]
     remarks = (f"the fields {shortened(others)} are not used",) if others else ()
-    return _Cells((count,), why, paths[0], paths[0], topic, remarks=remarks)
+    return _Cells((count,), f"{why}{_OF_THREE if axes else ''}", path, path, topic, remarks=remarks, axes=axes)

@@ -43,6 +43,8 @@ class Health:
         notes, warnings: one sentence each.
         hysteresis: median share of a reading's height that remains 0.5 s after a touch; NaN: not known.
         falling: readings fall under load.
+        sideways: (2, 2, k) the same baseline and noise of the tangential loads of taxels with three axes [N]; None:
+            taxels have one.
     """
 
     baseline: Float[np.ndarray, " k"]
@@ -54,6 +56,7 @@ class Health:
     warnings: tuple[str, ...] = ()
     hysteresis: float = float("nan")
     falling: bool = False
+    sideways: Float[np.ndarray, "2 2 k"] | None = None
 
     @property
     def good(self) -> Bool[np.ndarray, " k"]:
@@ -78,7 +81,7 @@ def examine(
     if falling is None:
         found = examine(recording, body, seconds=seconds, falling=falls_under_load(recording, body, seconds))
         return replace(found, notes=(*found.notes, FALLS)) if found.falling else found
-    raw = body.readings(recording)
+    raw, tangential = body.loads(recording)
     known = np.isfinite(raw).all(axis=1)
     cells, time = -raw[known] if falling else raw[known], recording.time[known]
     if len(cells) < FEWEST:
@@ -119,10 +122,24 @@ def examine(
     if hysteresis > LEFT:
         share = f"{100 * hysteresis:.0f} % of a reading remains {AFTER:g} s after a touch"
         doubts.append(f"{share}: after it, forces are too large for a while (hysteresis, or slow recovery)")
+    at_rest = _sideways(tangential[known][: len(rest)], rest, baseline, noise)
     baseline = -baseline if falling else baseline
-    return Health(
-        frozen(baseline), frozen(noise), dead, stuck, len(rest), tuple(notes), tuple(doubts), hysteresis, falling
-    )
+    counted = (len(rest), tuple(notes), tuple(doubts), hysteresis, falling)
+    return Health(frozen(baseline), frozen(noise), dead, stuck, *counted, at_rest)
+
+
+def _sideways(
+    loads: Float[np.ndarray, "n _"], raw: Float[np.ndarray, "n k"], baseline: np.ndarray, noise: np.ndarray
+) -> Float[np.ndarray, "2 2 k"] | None:
+    """Return mean and noise of the tangential loads while the taxels are not pressed; None where there are none."""
+    if not loads.shape[1]:
+        return None
+    free = np.abs(raw - baseline) <= CLOSE * noise
+    free |= ~free.any(axis=0)  # a taxel that never rests: all its frames
+    both = np.where(free[:, None], loads.reshape(len(loads), 2, -1), np.nan)
+    middle = np.nanmedian(both, axis=0)
+    deviation = 1.4826 * np.nanmedian(np.abs(both - middle), axis=0)
+    return frozen(np.stack([middle, np.maximum(deviation, 1e-3 * noise)]))
 
 
 def falls_under_load(recording: Recording, body: TaxelBody, seconds: float | None = None) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import prod
 from typing import Any, cast
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
 from palpate.errors import InputError
+from palpate.sensors.taxels.response import AXES, TaxelResponse
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.signals.recording import CELLS, LARGEST, Recording
 from palpate.spatial._arrays import Value, shaped
@@ -55,9 +57,10 @@ class TaxelBody(Value):
         numbers: (k,) index of each taxel among the readings of a frame; None: all readings, in order.
         frame: number of readings in a frame if `numbers` is given.
         covariance: (k, 3, 3) [m^2] of the positions, 0 where not known; None: not known for any.
+        response: of taxels with three axes, which lie anywhere; None: they have one.
 
     Raises:
-        InputError: bits outside 1 to 16.
+        InputError: bits outside 1 to 16, or a response of another number of taxels.
     """
 
     positions: Float[np.ndarray, "k 3"]
@@ -78,8 +81,13 @@ class TaxelBody(Value):
     numbers: Int[np.ndarray, " k"] | None = None
     frame: int = 0
     covariance: Float[np.ndarray, "k 3 3"] | None = None
+    response: TaxelResponse | None = None
 
     def __post_init__(self) -> None:
+        if self.response is not None and len(self.response) != len(self):
+            raise InputError(
+                f"the response is of {len(self.response)} taxels, but the body has {self.named()}.", where="taxels"
+            )
         if self.bits is not None and not 1 <= self.bits <= 16:
             raise InputError(f"bits must be between 1 and 16, not {self.bits}.", where="taxels")
         for value in vars(self).values():
@@ -150,10 +158,9 @@ class TaxelBody(Value):
         reach: float | None = None,
         bits: int | None = None,
         masked: Sequence[int] = (),
+        along: ArrayLike | None = None,
     ) -> TaxelBody:
         """Return the `TaxelBody` of taxels anywhere: neighbours are close along it, their normals within 90 degrees.
-
-        Angles count from the direction from the first taxel to the last.
 
         Args:
             positions: (k, 3) [m].
@@ -162,6 +169,8 @@ class TaxelBody(Value):
             reach: [m] largest distance between neighbours; None: 1.6 times the local spacing.
             bits: of a reading; None: readings are floats.
             masked: indices of taxels not to be used.
+            along: (3,) or (k, 3) direction of the tangents, from which angles count, and of the first axis of a taxel;
+                None: from the first taxel to the last.
 
         Raises:
             InputError: fewer than two taxels, two at one place, a position that is not finite, a normal that is 0, an
@@ -179,7 +188,8 @@ class TaxelBody(Value):
         slot = np.arange(len(both)) - np.repeat(np.cumsum(degree) - degree, degree)
         neighbours = np.full((count, max(int(degree.max(initial=0)), 2)), -1)
         neighbours[both[:, 0], slot] = both[:, 1]
-        tangents = _tangents(outward, points[-1] - points[0])
+        way = points[-1] - points[0] if along is None else np.asarray(along, dtype=np.float64)
+        tangents = _tangents(outward, np.broadcast_to(way, points.shape))
         away = np.where(neighbours[..., None] < 0, 0.0, points[neighbours] - points[:, None])
         frame = np.stack([tangents, np.cross(outward, tangents)], axis=1)
         steps = np.einsum("kmc,kac->kma", away, frame) / spacing[:, None, None]
@@ -199,6 +209,7 @@ class TaxelBody(Value):
         covariance: ArrayLike | None = None,
         bits: int | None = None,
         masked: Sequence[int] = (),
+        along: ArrayLike | None = None,
     ) -> TaxelBody:
         """Return a `TaxelBody` as `anywhere` does, without readings that have no taxel: their positions are NaN.
 
@@ -208,6 +219,7 @@ class TaxelBody(Value):
             covariance: (n, 3, 3) [m^2] of the positions, NaN where not known.
             bits: of a reading; None: readings are floats.
             masked: indices of readings not to be used.
+            along: (3,) or (n, 3) as of `anywhere`.
 
         Raises:
             InputError: as by `anywhere`, or a normal that is not known.
@@ -216,7 +228,8 @@ class TaxelBody(Value):
         outward = shaped(normals, points.shape, "normals")
         numbers = np.flatnonzero(np.isfinite(points).all(axis=1))
         left_out = np.flatnonzero(~_unmasked(len(points), masked)[numbers]).tolist()
-        body = cls.anywhere(points[numbers], outward[numbers], bits=bits, masked=left_out)
+        way = None if along is None else np.broadcast_to(np.asarray(along, dtype=np.float64), points.shape)[numbers]
+        body = cls.anywhere(points[numbers], outward[numbers], bits=bits, masked=left_out, along=way)
         if covariance is not None:
             body = replace(body, covariance=_known(np.asarray(covariance, dtype=np.float64)[numbers]))
         return body if len(numbers) == len(points) else replace(body, numbers=numbers, frame=len(points))
@@ -225,6 +238,28 @@ class TaxelBody(Value):
     def shape(self) -> tuple[int, ...]:
         """Return the shape of a frame without readings that have no taxel: (rows, columns) of a sheet, or (k,)."""
         return (self.rows, self.columns) if self.rows else (len(self),)
+
+    def ways(self) -> Float[np.ndarray, "k 3"]:
+        """Return the direction (k, 3) of a sheet's columns at each cell, of any length; any in one column."""
+        if self.columns < 2:
+            return np.cross(self.normals, self.normals[:, [1, 2, 0]] + 1.0)
+        return np.gradient(self.positions.reshape(self.rows, self.columns, 3), axis=1).reshape(-1, 3)
+
+    @property
+    def axes(self) -> int:
+        """Return the number of axes along which each taxel measures: 1 or 3."""
+        return 1 if self.response is None else AXES
+
+    @property
+    def one(self) -> tuple[int, ...]:
+        """Return the shape of a frame in one row: (k,), or (k, 3) of taxels with three axes."""
+        return (len(self),) if self.response is None else (len(self), AXES)
+
+    def fits(self, shape: tuple[int, ...]) -> bool:
+        """Return whether a frame of this shape is of this body: rows and columns of a sheet, or in one row."""
+        if self.response is not None:
+            return (shape[-1:] == (AXES,) or len(shape) == 1) and prod(shape) == prod(self.one)
+        return shape in (self.shape, self.one)
 
     @property
     def top(self) -> float:
@@ -238,33 +273,57 @@ class TaxelBody(Value):
 
     def named(self) -> str:
         """Return the size of the body for messages, such as "6 x 22 cells" or "120 taxels"."""
-        return f"{self.rows} x {self.columns} cells" if self.rows else f"{len(self)} taxels"
+        axes = "" if self.response is None else f" of {AXES} axes"
+        return f"{self.rows} x {self.columns} cells" if self.rows else f"{len(self)} taxels{axes}"
 
     def picked(self, frames: np.ndarray) -> np.ndarray:
-        """Return frames (..., n) without readings that have no taxel, (..., k); other sizes unchanged."""
-        if self.numbers is None or frames.shape[-1:] != (self.frame,):
-            return frames
-        return frames[..., self.numbers]
+        """Return frames (..., n) without readings that have no taxel, (..., k); other sizes unchanged.
 
-    def readings(self, recording: Recording) -> Float[np.ndarray, "n k"]:
-        """Return a recording's readings (n, k), a row for each frame, read-only; implausibly large ones are NaN.
+        Those of three axes are (..., n, 3).
+        """
+        axis = -1 if self.response is None else -2
+        if self.numbers is None or frames.ndim < -axis or frames.shape[axis] != self.frame:
+            return frames
+        return np.take(frames, self.numbers, axis=axis)
+
+    def readings(self, recording: Recording) -> Float[np.ndarray, "n k ..."]:
+        """Return a recording's readings (n, k), or (n, k, 3) of three axes, read-only; implausibly large ones are NaN.
+
+        Of taxels with three axes, they are the loads [N] into the body, by their response.
 
         Raises:
             InputError: the recording has no readings of taxels, or its frames have another size.
+        """
+        return self.loads(recording)[0]
+
+    def loads(self, recording: Recording) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n m"]]:
+        """Return `readings`, and of taxels with three axes the loads [N] along the tangents, (n, 2 k); else (n, 0).
+
+        Those along the first tangents are in front.
+
+        Raises:
+            InputError: as by `readings`.
         """
         if CELLS not in recording.channels:
             hint = "Name their columns (cells) or topic in the rig's [skin]."
             raise InputError("has no readings of taxels.", where=recording.source, hint=hint)
         cells = self.picked(recording.channels[CELLS])
-        if cells.shape[1:] not in (self.shape, (len(self),)):
+        if not self.fits(cells.shape[1:]):
             size = " x ".join(map(str, cells.shape[1:]))
             what = f"has frames of {size} cells, but the body has {self.named()}."
-            raise InputError(what, where=recording.source, hint="Correct the map, the taxels or the cells in [skin].")
-        rows = np.ascontiguousarray(cells).reshape(len(cells), len(self)).view()
+            hint = "Correct the map, the taxels or the cells in [skin]."
+            if cells.shape[1:-1] in (self.shape, (len(self),)) and cells.shape[-1] == AXES:
+                hint = 'Three numbers a taxel need axes = ["x", "y", "z"] in [skin].'
+            raise InputError(what, where=recording.source, hint=hint)
+        rows = np.ascontiguousarray(cells).reshape(len(cells), *self.one).view()
         if np.nanmax(np.abs(rows), initial=0.0) > LARGEST:  # a fault of the log
             rows = np.where(np.abs(rows) <= LARGEST, rows, np.nan)
         rows.flags.writeable = False
-        return rows
+        return self.split(rows)
+
+    def split(self, rows: np.ndarray) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n m"]]:
+        """Return what `loads` does, for raw readings (n, k), or (n, k, 3) of taxels with three axes."""
+        return (rows, np.zeros((len(rows), 0))) if self.response is None else self.response.loads(rows)
 
     def __repr__(self) -> str:
         size = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(self.positions, axis=0)) if len(self) else "0 x 0 x 0"
@@ -361,10 +420,10 @@ def _paired(
     return spacing, pairs[(cosine > 0) & (way <= 0.5 * (limit[one] + limit[other]))]
 
 
-def _tangents(normals: Float[np.ndarray, "k 3"], axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 3"]:
-    """Return unit tangents (k, 3), as parallel to an axis as the body allows; any where it is normal."""
-    along = axis / max(float(np.linalg.norm(axis)), 1e-300)
-    first = along - (normals @ along)[:, None] * normals
+def _tangents(normals: Float[np.ndarray, "k 3"], axes: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+    """Return unit tangents (k, 3), as parallel to axes as the body allows; any where one is normal."""
+    along = axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-300)
+    first = along - np.sum(normals * along, axis=1, keepdims=True) * normals
     lying = np.linalg.norm(first, axis=1) < 1e-3
     first[lying] = np.cross(normals[lying], np.roll(normals[lying], 1, axis=1) + np.arange(1.0, 4.0))
     return first / np.linalg.norm(first, axis=1, keepdims=True)

@@ -18,6 +18,7 @@ from palpate.sensors.taxels.intensity import Intensity, load_direction
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.response import TaxelResponse
 from palpate.sensors.taxels.skin_map.files import read_skin_map
 from palpate.sensors.taxels.skin_map.model import SkinMap, flat_map
 from palpate.setup.built import BuiltEstimator
@@ -25,6 +26,7 @@ from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
 from palpate.signals.recording import CELLS
 
+_X = (1.0, 0.0, 0.0)
 REST = 5.0  # s of a stream from which the same is taken, where no tare says how long
 
 
@@ -41,6 +43,9 @@ class RigSkin:
         order: "columns" where a sheet's numbers are recorded, or named, column by column; "rows": row by row.
         bits: of a reading in counts; 0: readings are floats, as those in a unit of force or pressure.
         intensity: file of `palpate calibrate intensity`; None: intensities are taken for forces.
+        axes: names of the three numbers of a taxel, as columns, or members of messages, have them ("1_x", "Z24",
+            "taxels[].x"), its x, y and z in this order: the last side of frames. None: a taxel has one number.
+        response: file of `palpate calibrate response`, for taxels with three axes; None: a count is taken for 1 N.
         cells: columns of a table with the readings, row by row for a sheet; or a field path: a pattern of columns
             ("S* [kPa]"), an array, a column of lists, or a field of messages ("sensors[0].values"). None: found by the
             numbers in names.
@@ -65,6 +70,8 @@ class RigSkin:
     order: str = "rows"
     bits: int = 8
     intensity: str | None = None
+    axes: tuple[str, ...] | None = None
+    response: str | None = None
     cells: tuple[str, ...] | str | None = None
     topic: str | None = None
     unit: str | None = None
@@ -91,6 +98,14 @@ class RigSkin:
             raise ValueError("rows, columns and order are for a sheet, which needs a map or a pitch")
         if self.order not in ("rows", "columns"):
             raise ValueError(f'order must be "rows" or "columns", not {self.order!r}')
+        if self.axes is not None and [axis[-1:].lower() for axis in self.axes] != ["x", "y", "z"]:
+            raise ValueError('axes must be three names that end in x, y and z, in this order, such as ["x", "y", "z"]')
+        if self.axes is None and self.response is not None:
+            raise ValueError("a response is for taxels with three axes, whose names axes states")
+        if self.axes is not None and self.intensity is not None:
+            raise ValueError(
+                "intensity is for taxels with one axis: palpate calibrate response is for those with three"
+            )
         if self.pitch is not None and not (self.rows and self.columns):
             raise ValueError("a pitch needs rows and columns, the numbers of the flat sheet's rows and columns")
         if self.unit is not None and not known_unit(self.unit, {**CELL_UNITS, **ELECTRIC_UNITS}):
@@ -208,14 +223,33 @@ class SkinSection(SensorSection):
         counts = self.table.unit is None or self.table.electric  # a force or a pressure has no bits
         options: dict[str, Any] = {"bits": self.table.bits if counts and self.table.bits else None}
         options["masked"] = self.table.masked
+        if self.table.axes is not None:
+            return self._with_axes(options["masked"])
         if self.table.sheet:
             return TaxelBody.sheet(self.map, **options)
         places = self.taxels
         body = TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, **options)
         return replace(body, notes=(*body.notes, *places.notes))
 
+    def _with_axes(self, masked: tuple[int, ...] | tuple[tuple[int, int], ...]) -> TaxelBody:
+        """Return a body of taxels with three axes: the first along the columns of a sheet, or the link's x."""
+        table, places = self.table, None if self.table.sheet else self.taxels
+        if places is None:
+            sheet = TaxelBody.sheet(self.map, bits=None, masked=masked)
+            body = TaxelBody.anywhere(sheet.positions, sheet.normals, sheet.areas, along=sheet.ways())
+            body = replace(body, usable=sheet.usable, notes=sheet.notes)
+        else:
+            options: dict[str, Any] = {"covariance": places.covariance, "masked": masked, "along": _X}
+            body = TaxelBody.placed(places.positions, places.normals, **options)
+            body = replace(body, notes=(*body.notes, *places.notes))
+        if table.response is not None:
+            return replace(body, response=read_model(self.link.folder / table.response, TaxelResponse))
+        said = "there is no response, so a count is taken for 1 N on each axis: palpate calibrate response makes one"
+        guessed = TaxelResponse.guessed(len(body), float(np.median(body.spacing)))
+        return replace(body, response=guessed, notes=(*body.notes, said))
+
     def shape(self) -> tuple[int, ...]:
-        """Return the shape of a frame: (rows, columns) of a sheet, or (number of readings,).
+        """Return the shape of a frame without axes: (rows, columns) of a sheet, or (number of readings,).
 
         Raises:
             InputError: the file of the map or of the taxels cannot be read.
@@ -237,8 +271,10 @@ class SkinSection(SensorSection):
         table = self.table
         read = None if table.intensity is not None or table.electric else table.unit or ""
         ids = None if table.taxels is None else self._read.ids
-        names = (CELLS, self.shape(), table.cells, table.topic, self._scale(), SkinSection.name)
-        return ArrayChannel(*names, order=table.order, ids=ids, unit=read)
+        axes = table.axes or ()
+        shape = (*self.shape(), len(axes)) if axes else self.shape()
+        names = (CELLS, shape, table.cells, table.topic, self._scale(), SkinSection.name)
+        return ArrayChannel(*names, order=table.order, ids=ids, unit=read, axes=axes)
 
     def _scale(self) -> float | tuple[float, ...]:
         """Return the force [N] of one unit of a reading; for a pressure, of each taxel by its area."""
@@ -247,7 +283,7 @@ class SkinSection(SensorSection):
             return 1.0 if unit is None else FORCE_UNITS[unit]
         body, areas = self.body, np.ones(prod(self.shape()))
         areas[slice(None) if body.numbers is None else body.numbers] = PRESSURE_UNITS[unit] * body.areas
-        return tuple(areas.tolist())
+        return tuple(np.repeat(areas, len(self.table.axes or ("z",))).tolist())
 
 
 def _layout(setup: Setup) -> LogLayout:
@@ -309,7 +345,7 @@ SKIN = SensorKind(
     layout=_layout,
     build=_build,
     guess=guess_skin,
-    paths=("map", "taxels", "intensity"),
+    paths=("map", "taxels", "intensity", "response"),
     refused={
         "payload": f"{_NO_WRENCH}, so no payload is in their readings",
         "noise": f"{_NO_WRENCH}: the noise of each cell is taken from the log",

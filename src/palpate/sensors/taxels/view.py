@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from math import prod
 from pathlib import Path
 from typing import ClassVar, cast
 
@@ -94,7 +95,7 @@ class _Cells:
     def __init__(self, tares: Callable[[], int], setup: Setup, made: TaxelEstimator, layer: TaxelLayer) -> None:
         self._tares, self._layer = tares, layer
         self._estimator = TaxelEstimator(made.body, made.intensity, made.health, settings=made.settings)
-        self._samples, self._cells = SampleReader(setup.layout(), Path("the stream")), len(made.body)
+        self._samples, self._one = SampleReader(setup.layout(), Path("the stream")), made.body.one
         self._rows = self._estimator.empty(self._estimator.most)
         self._done, self._free = tares(), list[np.ndarray]()
         self._rested = made.health is not None
@@ -104,7 +105,8 @@ class _Cells:
             self._done, self._rested = self._tares(), False
             self._free.clear()
         readings = np.array(self._samples.readings(slots["values"].copy()))
-        readings = readings.reshape(len(readings), -1)[:, : self._cells]  # a wrench may stand behind them
+        readings = readings.reshape(len(readings), -1)[:, : prod(self._one)]  # a wrench may stand behind them
+        readings = readings.reshape(-1, *self._one)
         if not self._rested:
             self._rest(readings, slots)
         elif watched:

@@ -1,0 +1,405 @@
+"""Compiled: fit the forces of touches to the loads of taxels with three axes.
+
+A force f on the skin puts the load u = K(d) f on a taxel at the offset d from it [pitches], with f and u along the two
+tangents and into the body. K is the same whichever way it is turned, and a patch of variance t smears it:
+
+    u_tangent = C f_tangent + (G (d . f_tangent) + H f_normal) d + T n x d,    u_normal = B (d . f_tangent) + A f_normal
+
+A, B, C, G, H are sums of Gaussians of |d|, and T is what a torque does, the limit of two opposite tangential forces.
+The places, patches, forces and torques of all touches of an area are found together, by Gauss and Newton's steps with
+Marquardt's damping.
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.sensors.taxels._fit import chart
+from palpate.sensors.taxels._rest import AT, FORCE, LIVE, LOAD, ROUGH, SPREAD
+from palpate.surfaces._jit import inner, uncounted
+from palpate.surfaces._vectors import solve_positive
+
+WIDTHS = (0.35, 0.6, 1.0, 1.7)  # pitches, deviations of the Gaussians
+PROFILES = 6  # A, B, C, G, H, and T of the torque; each a sum of Gaussians
+LEAST_PATCH = -0.8 * WIDTHS[0] ** 2  # of the patch's variance, which counts from that of a usual tip
+# what a model array holds: the profiles' shares of the Gaussians, then
+PITCH, MISFIT, PATCH, LOOSE, CURVE, WIDENING, NEEDED, SUMS, MODEL = 20, 21, 23, 25, 26, 31, 34, 35, 36
+UNKNOWN = 7  # of a touch: place (2) [pitches], patch, force along both tangents and inwards [N], torque [N pitches]
+_PLACE = 0.7  # pitches: deviation of a touch from the taxel where it is looked for
+_TWIST = 0.15  # pitches: deviation of the torque, over the normal force
+_STEPS, _DONE = 25, 1e-3
+_FAINT, _AROUND = 4.0, 5.0  # misfits that a load must exceed to be a touch, and pitches to what causes them
+_NEAR = 0.7  # pitches from a touch within which no other is looked for
+
+
+@uncounted
+def _profiles(square, patch, model, out):
+    """Write the profiles at a squared distance into out (6, 3), with derivatives by it and by the patch."""
+    for p in range(PROFILES):
+        out[p, 0], out[p, 1], out[p, 2] = 0.0, 0.0, 0.0
+    for b in range(len(WIDTHS)):
+        wide = WIDTHS[b] * WIDTHS[b] + patch
+        narrow, ratio = 0.5 / wide, WIDTHS[b] * WIDTHS[b] / wide
+        value = ratio * np.exp(-narrow * square)
+        grows = square * narrow / wide
+        for p in range(PROFILES):
+            share, power = model[p * len(WIDTHS) + b] if p < 5 else 0.0, 1.0
+            if p == 1 or p == 4:
+                share, power = share * ratio / WIDTHS[b], 2.0
+            elif p == 3:
+                share, power = share * ratio / wide, 3.0
+            elif p == 5:
+                share, power = 0.5 * (model[2 * len(WIDTHS) + b] + model[3 * len(WIDTHS) + b]) / wide, 2.0
+            out[p, 0] += share * value
+            out[p, 1] -= share * value * narrow
+            out[p, 2] += share * value * (grows - power / wide)
+        bulk = model[3 * len(WIDTHS) + b] * value  # what smearing moves from G to C
+        out[2, 0] += bulk * (1.0 - ratio)
+        out[2, 1] -= bulk * (1.0 - ratio) * narrow
+        out[2, 2] += bulk * (ratio / wide + (1.0 - ratio) * (grows - 1.0 / wide))
+
+
+@uncounted
+def _load(x, y, touch, model, profiles, load, slopes):
+    """Write the load (3,) at an offset (x, y) from a touch, and its derivatives (3, 7) by the touch's unknowns."""
+    _profiles(x * x + y * y, touch[2], model, profiles)
+    fx, fy, fz, twist = touch[3], touch[4], touch[5], touch[6]
+    along = x * fx + y * fy
+    a, b, c, g, h, t = profiles[0], profiles[1], profiles[2], profiles[3], profiles[4], profiles[5]
+    load[0] = c[0] * fx + (g[0] * along + h[0] * fz) * x - t[0] * y * twist
+    load[1] = c[0] * fy + (g[0] * along + h[0] * fz) * y + t[0] * x * twist
+    load[2] = b[0] * along + a[0] * fz
+    for way in range(1, 3):  # by the squared distance, and by the patch
+        slopes[0, way] = c[way] * fx + (g[way] * along + h[way] * fz) * x - t[way] * y * twist
+        slopes[1, way] = c[way] * fy + (g[way] * along + h[way] * fz) * y + t[way] * x * twist
+        slopes[2, way] = b[way] * along + a[way] * fz
+    even = g[0] * along + h[0] * fz
+    for axis in range(3):
+        far = slopes[axis, 1]
+        slopes[axis, 0], slopes[axis, 1] = -2.0 * x * far, -2.0 * y * far
+    slopes[0, 0] -= even + g[0] * x * fx
+    slopes[0, 1] -= g[0] * x * fy - t[0] * twist
+    slopes[1, 0] -= g[0] * y * fx + t[0] * twist
+    slopes[1, 1] -= even + g[0] * y * fy
+    slopes[2, 0] -= b[0] * fx
+    slopes[2, 1] -= b[0] * fy
+    slopes[0, 3], slopes[0, 4], slopes[0, 5], slopes[0, 6] = c[0] + g[0] * x * x, g[0] * x * y, h[0] * x, -t[0] * y
+    slopes[1, 3], slopes[1, 4], slopes[1, 5], slopes[1, 6] = g[0] * x * y, c[0] + g[0] * y * y, h[0] * y, t[0] * x
+    slopes[2, 3], slopes[2, 4], slopes[2, 5], slopes[2, 6] = b[0] * x, b[0] * y, a[0], 0.0
+
+
+@inner
+def _normal(taxels, touches, count, model, work, normal, pull):
+    """Write the normal equations about `touches` (c, 7) into `normal` and `pull`, and return the sum of squares.
+
+    Of `taxels` the first are the offsets of each from the taxel of every touch, (c, 2, m), then their loads and
+    weights, (3, m) each.
+    """
+    offsets, loads, weights = taxels
+    profiles, load, slopes, left = work
+    size = UNKNOWN * count
+    normal[:size, :size], pull[:size] = 0.0, 0.0
+    cost = 0.0
+    for i in range(loads.shape[1]):
+        for a in range(3):
+            left[a] = loads[a, i]
+        for p in range(count):
+            _load(offsets[p, 0, i] - touches[p, 0], offsets[p, 1, i] - touches[p, 1], touches[p], model, profiles,
+                  load, slopes[:, UNKNOWN * p : UNKNOWN * (p + 1)])  # fmt: skip
+            for a in range(3):
+                left[a] -= load[a]
+        for a in range(3):
+            weight = weights[a, i]
+            cost += weight * left[a] * left[a]
+            for r in range(size):
+                slope = weight * slopes[a, r]
+                pull[r] += slope * left[a]
+                for s in range(r + 1):
+                    normal[r, s] += slope * slopes[a, s]
+    for p in range(count):
+        cost += _prior(touches[p], UNKNOWN * p, model, normal, pull)
+    for r in range(size):
+        for s in range(r):
+            normal[s, r] = normal[r, s]
+    return cost
+
+
+@uncounted
+def _prior(touch, first, model, normal, pull):
+    """Add what is known of a touch before to the normal equations; return its squared distance from that."""
+    pressed = max(touch[5], 0.0)
+    usual, cost = max(model[PATCH] + model[PATCH + 1] * pressed ** (2.0 / 3.0), LEAST_PATCH), 0.0
+    for c in range(4):
+        at = c if c < 3 else 6
+        mean = usual if c == 2 else 0.0
+        deviation = _PLACE if c < 2 else model[LOOSE] if c == 2 else _TWIST * max(pressed, 1e-6)
+        sure, off = deviation**-2, touch[at] - mean
+        cost += sure * off * off
+        pull[first + at] -= sure * off
+        normal[first + at, first + at] += sure
+    return cost
+
+
+@inner
+def _settle(taxels, touches, count, model, normal, factor):
+    """Fit `count` touches from where they are; write the normal equations there, and return the sum of squares."""
+    size = UNKNOWN * count
+    work = np.empty((PROFILES, 3)), np.empty(3), np.empty((3, size)), np.empty(3)
+    pull, step, ahead, trial = np.empty(size), np.empty(size), np.empty(size), touches.copy()
+    other = np.empty_like(normal)
+    cost, damping = _normal(taxels, touches, count, model, work, normal, pull), 1e-3
+    for _ in range(_STEPS):
+        for r in range(size):
+            for s in range(size):
+                factor[r, s] = normal[r, s]
+            if r % UNKNOWN < 3:
+                factor[r, r] *= 1.0 + damping
+        if not solve_positive(factor, pull, size, step):
+            break
+        for p in range(count):
+            for c in range(UNKNOWN):
+                by = step[UNKNOWN * p + c]
+                trial[p, c] = touches[p, c] + (min(max(by, -0.5), 0.5) if c < 3 else by)
+            trial[p, 2] = max(trial[p, 2], LEAST_PATCH)
+        found = _normal(taxels, trial, count, model, work, other, ahead)
+        if found < cost:
+            settled, damping, cost = cost - found < _DONE, 0.2 * damping, found
+            touches[:count], normal[:size, :size], pull[:] = trial[:count], other[:size, :size], ahead
+            if settled:
+                break
+        elif damping > 1e6:
+            break
+        else:
+            damping *= 6.0
+    return cost
+
+
+@inner
+def _worst(taxels, touches, count, model):
+    """Return the taxel whose load is farthest above what the touches explain, in deviations; -1 where none is."""
+    offsets, loads, weights = taxels
+    profiles, load, slopes = np.empty((PROFILES, 3)), np.empty(3), np.empty((3, UNKNOWN))
+    worst, most = -1, 0.0
+    for i in range(loads.shape[1]):
+        left, taken = loads[2, i], False
+        for p in range(count):
+            x, y = offsets[p, 0, i] - touches[p, 0], offsets[p, 1, i] - touches[p, 1]
+            _load(x, y, touches[p], model, profiles, load, slopes)
+            left -= load[2]
+            taken = taken or x * x + y * y < _NEAR * _NEAR
+        if not taken and left * np.sqrt(weights[2, i]) > most:
+            worst, most = i, left * np.sqrt(weights[2, i])
+    return worst
+
+
+@inner
+def _gather(cells, end, scale, numbers, whole, model):
+    """Return the cells of an area that read, and their loads and weights, (3, m) each."""
+    live, some, count, peak = whole[LIVE], np.empty(end, np.int64), 0, 0.0
+    for i in range(end):
+        if live[cells[i]]:
+            some[count] = cells[i]
+            count += 1
+            peak = max(peak, abs(numbers[FORCE, cells[i]]))
+    some, loads, weights = some[:count], np.empty((3, count)), np.empty((3, count))
+    for i in range(count):
+        k = some[i]
+        for a in range(3):
+            loads[a, i] = numbers[LOAD + a, k] if a < 2 else numbers[FORCE, k]
+            noise = scale * numbers[ROUGH + a, k] if a < 2 else numbers[SPREAD, k]
+            weights[a, i] = noise * noise + (model[MISFIT] * peak) ** 2
+        own = loads[0, i] ** 2 + loads[1, i] ** 2 + loads[2, i] ** 2
+        for a in range(3):
+            weights[a, i] = 1.0 / (weights[a, i] + model[MISFIT + 1] ** 2 * own)
+    return some, loads, weights
+
+
+@uncounted
+def is_faint(origin, place, force, model):
+    """Return whether the load on a taxel is what a response does not explain of the hardest pressed one around it."""
+    positions, strongest, reach = place[0][0], 0.0, _AROUND * model[PITCH]
+    for k in range(len(force)):
+        if force[k] > strongest:
+            square = 0.0
+            for c in range(3):
+                square += (positions[k, c] - positions[origin, c]) ** 2
+            strongest = force[k] if square < reach * reach else strongest
+    return force[origin] < _FAINT * model[MISFIT] * strongest
+
+
+@inner
+def _offset(some, origin, place, at, model, out):
+    """Write the offsets [pitches] of cells from one of them, in the tangent plane there, to out (2, m)."""
+    chart(some, len(some), origin, place, at)
+    size = place[1][1, origin] / model[PITCH]
+    for i in range(len(some)):
+        out[0, i], out[1, i] = size * at[0, some[i]], size * at[1, some[i]]
+
+
+@inner
+def fit_forces(cells, end, origins, count, most, scale, place, numbers, whole, model, touches, spread):
+    """Fit the touches of an area, as many as its loads need, and return their number.
+
+    Args:
+        cells: of the area and its rim.
+        end: number of those.
+        origins: (most,) the cell about which each touch lies: first guesses; written.
+        count: number of first guesses.
+        most: number of touches at most.
+        scale: of the noise, by a filter.
+        place: as of `palpate.sensors.taxels._kernels.frames`.
+        numbers: the same.
+        whole: the same.
+        model: the response, see `TaxelResponse.numbers`.
+        touches: (most, 7) unknowns of the touches, written.
+        spread: (most, 7, 7) their covariances, written.
+    """
+    some, loads, weights = _gather(cells, end, scale, numbers, whole, model)
+    offsets = np.empty((most, 2, len(some)))
+    taxels, at = (offsets, loads, weights), numbers[AT:]
+    touches[:] = 0.0
+    for p in range(count):
+        _offset(some, origins[p], place, at, model, offsets[p])
+        touches[p, 5] = max(numbers[FORCE, origins[p]], 0.0)
+    size = UNKNOWN * most
+    normal, factor = np.empty((size, size)), np.empty((size, size))
+    kept, saved, named = touches.copy(), offsets.copy(), origins.copy()
+    cost = _settle(taxels, touches, count, model, normal, factor)
+    while count < most:  # one touch more, where the loads are least explained
+        where = _worst(taxels, touches, count, model)
+        if where < 0:
+            break
+        kept[:] = touches
+        touches[count], origins[count] = 0.0, some[where]
+        touches[count, 5] = 0.5 * loads[2, where]
+        _offset(some, some[where], place, at, model, offsets[count])
+        found = _settle(taxels, touches, count + 1, model, normal, factor)
+        if found > cost - model[NEEDED]:
+            touches[:] = kept
+            break
+        cost, count = found, count + 1
+    while count > 1:  # without the lightest touch, where the others explain the loads
+        lightest = 0
+        for p in range(count):
+            lightest = p if touches[p, 5] < touches[lightest, 5] else lightest
+        kept[:], saved[:], named[:] = touches, offsets, origins
+        for p in range(lightest, count - 1):
+            touches[p], offsets[p], origins[p] = touches[p + 1], offsets[p + 1], origins[p + 1]
+        found = _settle(taxels, touches, count - 1, model, normal, factor)
+        if kept[lightest, 5] > 0.0 and found > cost + model[NEEDED]:
+            touches[:], offsets[:], origins[:] = kept, saved, named
+            break
+        cost, count = found, count - 1
+    cost = _settle(taxels, touches, count, model, normal, factor)
+    # what the model cannot explain widens all
+    _covariances(normal, factor, count, max(1.0, cost / max(3 * len(some) - UNKNOWN * count, 1)), spread)
+    return count
+
+
+@inner
+def share_loads(cells, end, origins, count, place, numbers, whole, model, touches, shares):
+    """Write the share (c, end) of each touch in the load on each cell of an area.
+
+    Where taxels bear all of a force among them, as pillars do, force, place and torque are the sums over the shares.
+    """
+    profiles, load, slopes = np.empty((PROFILES, 3)), np.empty(3), np.empty((3, UNKNOWN))
+    offset, at = np.empty((2, end)), numbers[AT:]
+    for p in range(count):
+        _offset(cells[:end], origins[p], place, at, model, offset)
+        for i in range(end):
+            x, y = offset[0, i] - touches[p, 0], offset[1, i] - touches[p, 1]
+            _load(x, y, touches[p], model, profiles, load, slopes)
+            shares[p, i] = max(load[2], 1e-12)
+    for i in range(end):
+        total = 0.0
+        for p in range(count):
+            total += shares[p, i]
+        for p in range(count):
+            shares[p, i] /= total
+    if model[SUMS] > 0.0:
+        for p in range(count):
+            _offset(cells[:end], origins[p], place, at, model, offset)
+            _sum(cells, end, offset, shares[p], numbers, whole, touches[p])
+
+
+@uncounted
+def _sum(cells, end, offset, shares, numbers, whole, touch):
+    """Write the place, force and torque of a touch as the sums over its shares of the loads."""
+    force, live = numbers[FORCE], whole[LIVE]
+    x, y, fx, fy, fz, inside, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(end):
+        k = cells[i]
+        if live[k]:
+            own = shares[i] * max(force[k], 0.0)
+            inside, x, y = inside + own, x + own * offset[0, i], y + own * offset[1, i]
+            along, aside = shares[i] * numbers[LOAD, k], shares[i] * numbers[LOAD + 1, k]
+            fx, fy, fz = fx + along, fy + aside, fz + shares[i] * force[k]
+            turn += offset[0, i] * aside - offset[1, i] * along
+    if inside > 0.0:
+        touch[0], touch[1], touch[3], touch[4], touch[5] = x / inside, y / inside, fx, fy, fz
+        touch[6] = turn - touch[0] * fy + touch[1] * fx
+
+
+@inner
+def write_force(touch, spread, model, here, ways, out, first):
+    """Write a touch's force and torque; from `first` the slip ratio, two deviations, and the force's covariance (6,).
+
+    The deviations are those of the ratio of tangential to normal force, and of the torque. A force that the fit finds
+    is corrected by the response's curve, which holds for the whole of a touch.
+    """
+    curve, off = model[CURVE:WIDENING], model[WIDENING:NEEDED]
+    x, y, press = touch[3], touch[4], touch[5]
+    aside = curve[3] + curve[4] * press
+    force = np.array([aside * x, aside * y, (curve[0] + curve[1] * press) * press + curve[2] * (x * x + y * y)])
+    slopes = np.array([[aside, 0.0, curve[4] * x], [0.0, aside, curve[4] * y],
+                       [2.0 * curve[2] * x, 2.0 * curve[2] * y, curve[0] + 2.0 * curve[1] * press]])  # fmt: skip
+    local = np.zeros((3, 3))
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                for d in range(3):
+                    local[a, b] += slopes[a, c] * spread[3 + c, 3 + d] * slopes[b, d]
+            local[a, b] *= off[2 if a < 2 else 1] * off[2 if b < 2 else 1]
+    axes = np.empty((3, 3))  # of x, y and into the body
+    for a in range(2):
+        size = np.sqrt(ways[a, 0] ** 2 + ways[a, 1] ** 2 + ways[a, 2] ** 2)
+        for c in range(3):
+            axes[a, c] = ways[a, c] / size
+    for c in range(3):
+        axes[2, c] = -here[3 + c]
+        out[6 + c] = force[0] * axes[0, c] + force[1] * axes[1, c] + force[2] * axes[2, c]
+    out[9] = aside * touch[6] * model[PITCH]
+    sideways = np.sqrt(force[0] ** 2 + force[1] ** 2)
+    ratio = sideways / force[2] if force[2] > 0.0 else np.nan
+    along = np.array([force[0] / sideways if sideways > 0.0 else 1.0, force[1] / sideways if sideways > 0.0 else 0.0,
+                      -ratio])  # fmt: skip
+    variance, at = 0.0, first + 3
+    for a in range(3):
+        for b in range(3):
+            variance += along[a] * local[a, b] * along[b]
+    out[first], out[first + 1] = ratio, np.sqrt(variance) / force[2] if force[2] > 0.0 else np.nan
+    out[first + 2] = aside * np.sqrt(spread[6, 6]) * model[PITCH]
+    for a in range(3):
+        for b in range(a, 3):
+            out[at] = 0.0
+            for c in range(3):
+                for d in range(3):
+                    out[at] += axes[c, a] * local[c, d] * axes[d, b]
+            at += 1
+
+
+@inner
+def _covariances(normal, factor, count, scale, spread):
+    """Write the covariance (7, 7) of each touch, `scale` times the inverse of the normal equations."""
+    size = UNKNOWN * count
+    unit, column = np.zeros(size), np.empty(size)
+    for r in range(size):
+        unit[:] = 0.0
+        unit[r] = scale
+        factor[:size, :size] = normal[:size, :size]
+        if not solve_positive(factor, unit, size, column):
+            column[:] = np.nan
+        first = r - r % UNKNOWN
+        for c in range(UNKNOWN):
+            spread[r // UNKNOWN, r % UNKNOWN, c] = column[first + c]

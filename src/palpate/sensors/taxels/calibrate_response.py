@@ -1,0 +1,389 @@
+"""Fit what taxels with three axes read under known forces: the gains of each, and how a force spreads to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.ground_truth import TrueSamples
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.taxels._loads import LEAST_PATCH
+from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.health import Health
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.response import AXES, TaxelResponse, response_terms
+from palpate.signals.recording import CELLS, Recording
+from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
+
+FEWEST = 40  # presses
+PARTS = 4  # of the presses, each left out in turn
+PRESSED, FULL = 0.02, 0.5  # of the largest force, and of the largest of a press, from which frames are used
+EACH, EVERY = 4, 2  # frames of a press, and of those each so many to try
+CHECKED = 2  # parts that are predicted in the recording as it ran
+ROUNDS = 10
+PATCHES = np.concatenate([np.linspace(LEAST_PATCH, 0.0, 4)[:-1], [0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0]])
+_LOOSE = 0.3  # squared pitches: deviation of a patch before it is learned
+_ALIKE = 1e-2  # weight of the mean gains in those of a taxel
+_INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
+NEEDED = (30.0, 60.0, 120.0, 240.0, 480.0, 2e3)  # of which the least is taken that finds one touch as often as the last
+ALONE = 0.01  # but for so many frames
+CHI2 = (3.841458820694124, 5.991464547107979)  # 95 % points with one and two degrees of freedom
+
+
+@dataclass(frozen=True)
+class Presses:
+    """Frames of presses with known forces.
+
+    Attributes:
+        press, frame: (n,) number of the press of each frame, and its index in the recording.
+        readings: (n, k, 3) less the rest [counts].
+        noise: (k, 3) of the readings [counts].
+        offset: (n, k, 2) of each taxel from the press [pitches].
+        point, force: (n, 3) in the body's frame [m], and along both tangents and into the body [N].
+    """
+
+    press: Int[np.ndarray, " n"]
+    frame: Int[np.ndarray, " n"]
+    readings: Float[np.ndarray, "n k 3"]
+    noise: Float[np.ndarray, "k 3"]
+    offset: Float[np.ndarray, "n k 2"]
+    point: Float[np.ndarray, "n 3"]
+    force: Float[np.ndarray, "n 3"]
+
+    def of(self, chosen: Bool[np.ndarray, " n"]) -> Presses:
+        """Return some of the frames."""
+        rows = {
+            name: getattr(self, name)[chosen] for name in ("press", "frame", "readings", "offset", "point", "force")
+        }
+        return replace(self, **rows)
+
+
+@takes_arrays
+def identify_response(
+    body: TaxelBody, recording: Recording, truth: TrueSamples, *, provenance: Mapping[str, str] | None = None
+) -> TaxelResponse:
+    """Return the `TaxelResponse` of a body from presses with known forces, between which nothing touches it.
+
+    Args:
+        body: the places of the taxels; `along` of `TaxelBody.anywhere` states their first axis.
+        recording: readings (n, k, 3) of the taxels.
+        truth: points and forces on the body, in the body's frame, while it is pressed.
+        provenance: origin of the log.
+
+    Raises:
+        InputError: no readings of this body, or a truth without forces.
+        NotIdentifiable: too few presses, or no frames at rest.
+    """
+    pitch = float(np.median(body.spacing))
+    presses = _presses(body, recording, truth, pitch)
+    names = np.unique(presses.press)
+    tried = [_judged(body, presses, names, pitch, sums) for sums in (False, True)]
+    needed, parts, errors = min(tried, key=lambda each: float(np.sum(_corrected(each[2])[2])))
+    curve, _, _ = _corrected(errors)
+    in_turn = [_in_turn(body, recording, left, replace(one, needed=needed)) for left, one in parts[:CHECKED]]
+    _, widening, off = _corrected(np.concatenate(in_turn), curve)
+    found = _fitted(body, presses, pitch, parts[0][1].sums)
+    record = {"left_out": _left_out_text(off, pitch, sum(map(len, in_turn))), **(provenance or {})}
+    kept = {"curve": frozen(curve), "widening": frozen(widening), "needed": needed, "provenance": record}
+    return replace(found, **kept, notes=(f"{len(names)} presses",))
+
+
+def _judged(
+    body: TaxelBody, presses: Presses, names: Int[np.ndarray, " p"], pitch: float, sums: bool
+) -> tuple[float, list[tuple[Presses, TaxelResponse]], Float[np.ndarray, "n 20"]]:
+    """Return what a further touch needs, presses that were left out in turn with the fit to the others, and errors.
+
+    It takes as much for a further touch as no single one seems to need.
+    """
+    parts = list[tuple[Presses, TaxelResponse]]()
+    for part in range(PARTS):
+        left = np.isin(presses.press, names[part::PARTS])
+        parts.append((presses.of(left), _fitted(body, presses.of(~left), pitch, sums)))
+    found = list[tuple[int, Float[np.ndarray, "n 20"]]]()
+    for needed in NEEDED:
+        tried = [_alone(body, left, replace(response, needed=needed)) for left, response in parts]
+        found.append((sum(alone for _, alone in tried), np.concatenate([errors for errors, _ in tried])))
+    enough = found[-1][0] - ALONE * sum(len(left.press) for left, _ in parts) / EVERY
+    least = next(i for i, (alone, _) in enumerate(found) if alone >= enough)
+    return NEEDED[least], parts, found[least][1]
+
+
+def _left_out_text(off: Float[np.ndarray, "3"], pitch: float, count: int) -> str:
+    return (
+        f"{count} frames, a quarter at a time predicted from the rest: {1e3 * pitch * off[0]:.2g} mm, {off[1]:.1%} of "
+        f"the force along the normal, {off[2]:.1%} across, medians"
+    )
+
+
+def _presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pitch: float) -> Presses:
+    """Return the frames of a recording in which a force is known, less the rest before and after."""
+    if truth.force is None:
+        raise InputError("the true contacts have no forces.", where=recording.source, hint="Add columns fx, fy, fz.")
+    raw = np.where(np.isfinite(cells := _raw(body, recording)), cells, 0.0)
+    time, step = recording.time, float(np.median(np.diff(recording.time)))
+    row = np.clip(np.searchsorted(truth.time, time - 0.5 * step), 0, len(truth.time) - 1)
+    size = np.linalg.norm(truth.force, axis=1)[row] * (np.abs(truth.time[row] - time) <= 0.5 * step)
+    pressed = size > PRESSED * size.max(initial=0.0)
+    free = ~(pressed | np.append(pressed[1:], False) | np.append(False, pressed[:-1])) & np.isfinite(cells).all((1, 2))
+    press = np.cumsum(np.append(pressed[0], pressed[1:] & ~pressed[:-1])) - 1
+    if not free.any() or not pressed.any():
+        raise NotIdentifiable("there must be frames with a force, and frames with none.", rank=0, missing=("rest",))
+    rest, noise = _rests(time, raw, free)
+    largest = np.zeros(press.max() + 1)
+    np.maximum.at(largest, press[pressed], size[pressed])
+    full = np.flatnonzero(pressed & (size >= FULL * largest[press]) & np.isfinite(cells).all((1, 2)))
+    order = np.arange(len(full)) - np.searchsorted(press[full], press[full])  # within its press
+    many = np.bincount(press[full], minlength=len(largest))[press[full]]
+    used = full[order % np.maximum(many // EACH, 1) == 0]
+    if len(largest) < FEWEST:
+        few = (
+            f"{len(largest)} presses are too few (at least {FEWEST}): press more places, with shear in all directions."
+        )
+        raise NotIdentifiable(few, rank=len(largest), missing=("gains",))
+    point, force = truth.point[row[used]], truth.force[row[used]]
+    offset, local = _local(body, point, force, pitch)
+    return Presses(press[used], used, (raw - rest)[used], noise, offset, point, local)
+
+
+def _raw(body: TaxelBody, recording: Recording) -> Float[np.ndarray, "n k 3"]:
+    """Return the readings of a recording as they are."""
+    plain = TaxelResponse.guessed(len(body), 1.0)
+    normal, sideways = replace(body, response=plain).loads(recording)
+    return np.stack([*np.split(sideways, 2, axis=1), normal], axis=2)
+
+
+def _rests(
+    time: Float[np.ndarray, " n"], raw: Float[np.ndarray, "n k 3"], free: Bool[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n k 3"], Float[np.ndarray, "k 3"]]:
+    """Return the rest of each reading, linear in time between the means of free stretches, and the noise."""
+    starts = np.flatnonzero(free & ~np.append(False, free[:-1]))
+    stretch = np.searchsorted(starts, np.arange(len(free)), side="right") - 1
+    count = np.bincount(stretch[free], minlength=len(starts)).astype(float)
+    when = np.bincount(stretch[free], time[free], len(starts)) / count
+    rest, noise = np.empty_like(raw), np.empty(raw.shape[1:])
+    for k in np.ndindex(raw.shape[1:]):
+        level = np.bincount(stretch[free], raw[free, *k], len(starts)) / count
+        rest[:, *k] = np.interp(time, when, level)
+        noise[k] = np.std(np.diff(raw[:, *k])[free[1:] & free[:-1]]) / np.sqrt(2.0)
+    return rest, np.maximum(noise, 12**-0.5)
+
+
+def _local(
+    body: TaxelBody, point: Float[np.ndarray, "n 3"], force: Float[np.ndarray, "n 3"], pitch: float
+) -> tuple[Float[np.ndarray, "n k 2"], Float[np.ndarray, "n 3"]]:
+    """Return each taxel's offset [pitches] from points, and the forces along tangents and inwards there."""
+    away, axes = body.positions - point[:, None], _axes_at(body, point, pitch)
+    flat = np.einsum("nac,nkc->nka", axes[:, :2], away)
+    half = 0.5 * np.arccos(np.clip(-axes[:, 2] @ body.normals.T, -1.0, 1.0))
+    arc = np.linalg.norm(away, axis=2) / np.sinc(half / np.pi)  # along an arc between both normals
+    length = np.linalg.norm(flat, axis=2)
+    scale = np.where(length > 0.0, arc / np.maximum(length, 1e-300), 0.0)
+    return scale[..., None] * flat / pitch, np.einsum("nac,nc->na", axes, force)
+
+
+def _fitted(body: TaxelBody, presses: Presses, pitch: float, sums: bool) -> TaxelResponse:
+    """Fit gains, the spread of a force and the patch of each frame in turn, until they settle."""
+    force, readings, offset = presses.force, presses.readings, presses.offset
+    count, taxels = offset.shape[:2]
+    weight = (1.0 / (np.linalg.norm(force, axis=1) + PRESSED * np.abs(force).max()))[:, None, None]
+    both = offset.reshape(-1, 2), np.repeat(force, taxels, axis=0)
+    guess = TaxelResponse.guessed(taxels, pitch)
+    shares, patch, inside = guess.shares, np.zeros(count), _inside(body, presses.point)
+
+    def spread(patches: np.ndarray) -> np.ndarray:
+        return response_terms(*both, np.repeat(patches, taxels)).reshape(count, taxels, AXES, *shares.shape)
+
+    terms = spread(patch)
+    loads = terms.reshape(count, taxels, AXES, -1) @ shares.ravel()
+    gains = _summed_gains(presses, weight[:, 0, 0]) if sums else guess.gains
+    for turn in range(ROUNDS):
+        gains = gains if sums else _gains(weight * loads, weight * readings)
+        felt = np.einsum("kab,nkb->nka", gains, readings)
+        if turn > 1:
+            patch = _patches(felt, spread, shares)
+            terms = spread(patch)
+        design = (weight[..., None] * terms.reshape(count, taxels, AXES, -1)).reshape(-1, shares.size)
+        square = design.T @ design
+        ridge = 1e-6 * np.trace(square) / len(square) * np.eye(len(square))
+        shares = np.linalg.solve(square + ridge, design.T @ (weight * felt).ravel()).reshape(shares.shape)
+        loads = terms.reshape(count, taxels, AXES, -1) @ shares.ravel()
+        total, press = loads[inside, :, 2].sum(axis=1), force[inside, 2]
+        scale = float(total @ press) / float(press @ press)
+        if not sums:
+            shares, loads = shares / scale, loads / scale
+    gains = gains if sums else _gains(weight * loads, weight * readings)
+    felt = np.einsum("kab,nkb->nka", gains, readings)
+    peak = np.abs(loads).max(axis=(1, 2))
+    misfit = _misfit((felt - loads) / peak[:, None, None], felt / peak[:, None, None])
+    size = np.column_stack([np.ones(count), force[:, 2].clip(min=0.0) ** (2 / 3)])
+    line = np.linalg.lstsq(size, patch, rcond=None)[0]
+    learned = np.array([*line, max(float(np.std(patch - size @ line)), 1e-3)])
+    found = {"gains": frozen(gains), "shares": frozen(shares), "patch": frozen(learned), "widening": np.ones(3)}
+    return replace(guess, misfit=frozen(misfit), sums=sums, **found)
+
+
+def _misfit(left: Float[np.ndarray, "n k 3"], loads: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "2"]:
+    """Return the shares of the largest load, 1 here, and of a taxel's own, by which loads are off; both squared add."""
+    own, square = (loads**2).sum(axis=2), (left**2).mean(axis=2)
+    light = own < np.quantile(own, 0.5)
+    far = float(square[light].mean())
+    near = float(np.maximum(square - far, 0.0)[~light].mean() / own[~light].mean())
+    return np.sqrt([far, near])
+
+
+def _summed_gains(presses: Presses, weight: Float[np.ndarray, " n"]) -> Float[np.ndarray, "k 3 3"]:
+    """Return the gains (k, 3, 3) with which all loads sum up to the force, and the normal ones to no moment about it.
+
+    Those of a taxel stay near the mean where the presses tell little.
+    """
+    readings, offset = presses.readings, presses.offset
+    count, taxels = readings.shape[:2]
+    flat = weight[:, None] * readings.reshape(count, -1)
+    levers = [weight[:, None] * (readings * offset[..., a, None]).reshape(count, -1) for a in range(2)]
+    gains = np.empty((taxels, AXES, AXES))
+    for axis in range(AXES):
+        ways = np.concatenate([flat, *levers]) if axis == 2 else flat
+        wanted = np.zeros(len(ways))
+        wanted[:count] = weight * presses.force[:, axis]
+        alike = ways.reshape(len(ways), taxels, AXES).sum(axis=1)
+        usual = np.tile(np.linalg.lstsq(alike, wanted, rcond=None)[0], taxels)
+        square = ways.T @ ways
+        ridge = _ALIKE * np.trace(square) / len(square) * np.eye(len(square))
+        gains[:, axis] = (usual + np.linalg.solve(square + ridge, ways.T @ (wanted - ways @ usual))).reshape(
+            taxels, AXES
+        )
+    return gains
+
+
+def _inside(body: TaxelBody, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    """Return which points lie far from the skin's edges; all if none does."""
+    middle, half = body.positions.mean(axis=0), 0.5 * np.ptp(body.positions, axis=0)
+    inside = (np.abs(point - middle) <= np.maximum(_INNER * half, 1e-6)).all(axis=1)
+    return inside if np.count_nonzero(inside) >= EACH else np.ones(len(point), dtype=bool)
+
+
+def _gains(loads: Float[np.ndarray, "n k 3"], readings: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "k 3 3"]:
+    """Return the gains (k, 3, 3) from readings to loads, those of each taxel near the mean where it tells little."""
+    square, across = np.einsum("nka,nkb->kab", loads, loads), np.einsum("nka,nkb->kab", readings, loads)
+    usual, weight = across.sum(axis=0) @ np.linalg.inv(square.sum(axis=0)), _ALIKE * square.mean(axis=0)
+    reads = np.stack(
+        [(own + usual @ weight) @ np.linalg.inv(each + weight) for own, each in zip(across, square, strict=True)]
+    )
+    return np.linalg.inv(reads)
+
+
+def _patches(felt: Float[np.ndarray, "n k 3"], spread: object, shares: np.ndarray) -> Float[np.ndarray, " n"]:
+    """Return the variance of each frame's patch: the least misfit on a grid, and a parabola through its neighbours."""
+    peak, misfit = np.abs(felt).max(axis=(1, 2))[:, None, None], 0.02
+    cost = np.empty((len(PATCHES), len(felt)))
+    for i, patch in enumerate(PATCHES.tolist()):
+        terms = spread(np.full(len(felt), patch))
+        left = (felt - terms.reshape(*felt.shape, -1) @ shares.ravel()) / (misfit * peak)
+        cost[i] = (left**2).sum(axis=(1, 2)) + (patch / _LOOSE) ** 2
+    best, each = np.clip(cost.argmin(axis=0), 1, len(PATCHES) - 2), np.arange(len(felt))
+    before, here, after = (PATCHES[best + step] for step in (-1, 0, 1))
+    one, two, three = (cost[best + step, each] for step in (-1, 0, 1))
+    ahead, behind = (here - before) * (two - three), (here - after) * (two - one)
+    bend = ahead - behind
+    shift = 0.5 * ((here - before) * ahead - (here - after) * behind) / np.where(np.abs(bend) > 1e-12, bend, np.inf)
+    found = np.clip(here - shift, before, after)
+    return np.maximum(found - np.median(found), LEAST_PATCH)
+
+
+def _alone(body: TaxelBody, presses: Presses, response: TaxelResponse) -> tuple[Float[np.ndarray, "n 20"], int]:
+    """Return the errors on presses, frame by frame less the rest, and the number of frames with one touch."""
+    noise = np.sqrt(np.einsum("kab,kb->ka", response.gains**2, presses.noise**2)).T
+    zero, bad = np.zeros(len(body)), np.zeros(len(body), dtype=bool)
+    health = Health(zero, noise[2], bad, bad, sideways=np.stack([np.zeros((2, len(body))), noise[:2]]))
+    estimator = TaxelEstimator(replace(body, response=response, bits=None), health=health)
+    rows, single = list[np.ndarray](), 0
+    for i in range(0, len(presses.press), EVERY):
+        estimator.reset()
+        found = estimator.run(Recording(np.zeros(1), {CELLS: presses.readings[i : i + 1]}))
+        single += int(np.count_nonzero(found.located) == 1)
+        rows.append(_errors(body, found, np.flatnonzero(found.located), presses, i, response.pitch))
+    return np.concatenate(rows), single
+
+
+def _in_turn(
+    body: TaxelBody, recording: Recording, presses: Presses, response: TaxelResponse
+) -> Float[np.ndarray, "n 20"]:
+    """Return the errors on presses in the recording as it ran, where what earlier presses left behind counts."""
+    estimator = TaxelEstimator(replace(body, response=response, bits=None))
+    found = estimator.run(recording)
+    rows = [
+        _errors(body, found, np.flatnonzero((found.sample == frame) & found.located), presses, i, response.pitch)
+        for i, frame in enumerate(presses.frame.tolist())
+    ]
+    return np.concatenate(rows)
+
+
+def _errors(
+    body: TaxelBody, found: Contacts, there: Int[np.ndarray, " c"], presses: Presses, i: int, pitch: float
+) -> Float[np.ndarray, "_ 20"]:
+    """Return a row on the hardest of some contacts in a frame of presses; none if there are none.
+
+    It is the error of the place [pitches] along both tangents (2), its covariance (3), the force (3), its covariance
+    (3, 3) and the true force (3), along both tangents and into the body.
+    """
+    if not len(there):
+        return np.zeros((0, 20))
+    best = there[int(np.argmax(np.linalg.norm(found.force[there], axis=1)))]
+    turn = _axes_at(body, presses.point[i : i + 1], pitch)[0]
+    error = turn[:2] @ (found.point[best] - presses.point[i]) / pitch
+    place = turn[:2] @ found.covariance[best] @ turn[:2].T / pitch**2
+    six = np.array([found.features[f"force_{name}"][best] for name in ("xx", "xy", "xz", "yy", "yz", "zz")])
+    spread = turn @ six[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3) @ turn.T
+    own = [*error, place[0, 0], place[0, 1], place[1, 1], *(turn @ found.force[best]), *spread.ravel()]
+    return np.array([[*own, *presses.force[i]]])
+
+
+def _axes_at(body: TaxelBody, point: Float[np.ndarray, "n 3"], pitch: float) -> Float[np.ndarray, "n 3 3"]:
+    """Return both tangents and the direction into the body at points, as rows."""
+    near = np.exp(-0.5 * ((body.positions - point[:, None]) ** 2).sum(axis=2) / pitch**2) + 1e-300
+    normal = near @ body.normals
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    along = near @ body.tangents
+    along -= (along * normal).sum(axis=1, keepdims=True) * normal
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return np.stack([along, np.cross(normal, along), -normal], axis=1)
+
+
+def _corrected(
+    rows: Float[np.ndarray, "n 20"], curve: Float[np.ndarray, "5"] | None = None
+) -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Return `TaxelResponse.curve` and `.widening` from rows of `_errors`, and the median errors.
+
+    Errors are those of the place [pitches], and of the normal and the tangential force as shares of the force.
+    """
+    place, fitted, force = rows[:, :2], rows[:, 5:8], rows[:, 17:]
+    weight = 1.0 / (np.linalg.norm(force, axis=1) + PRESSED * np.abs(force).max())
+    normal, square = fitted[:, 2], (fitted[:, :2] ** 2).sum(axis=1)
+    ways = weight[:, None] * np.column_stack([normal, normal**2, square])
+    first = np.linalg.lstsq(ways, weight * force[:, 2], rcond=None)[0]
+    aside = weight[:, None, None] * np.stack([fitted[:, :2], normal[:, None] * fitted[:, :2]], axis=2)
+    second = np.linalg.lstsq(aside.reshape(-1, 2), (weight[:, None] * force[:, :2]).ravel(), rcond=None)[0]
+    first, second = (first, second) if curve is None else (curve[:3], curve[3:])
+    along = fitted[:, :2] * (second[0] + second[1] * normal)[:, None]
+    press = np.column_stack([normal, normal**2, square]) @ first
+    spread, flat = rows[:, 8:17].reshape(-1, 3, 3), rows[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
+    wide = [
+        _widening(place, flat),
+        _widening((press - force[:, 2])[:, None], first[0] ** 2 * spread[:, 2:, 2:]),
+        _widening(along - force[:, :2], second[0] ** 2 * spread[:, :2, :2]),
+    ]
+    off = np.column_stack([along, press]) - force
+    size = np.linalg.norm(force, axis=1)
+    errors = [np.linalg.norm(place, axis=1), np.abs(off[:, 2]) / size, np.linalg.norm(off[:, :2], axis=1) / size]
+    return np.concatenate([first, second]), np.array(wide), np.median(errors, axis=1)
+
+
+def _widening(error: Float[np.ndarray, "n d"], covariance: Float[np.ndarray, "n d d"]) -> float:
+    """Return the factor of standard deviations with which 95 % of errors lie within their 95 % bounds."""
+    off = np.einsum("na,na->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+    return float(np.sqrt(np.quantile(off, 0.95) / CHI2[error.shape[1] - 1]))

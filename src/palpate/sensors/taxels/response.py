@@ -1,0 +1,122 @@
+"""Describe what taxels with three axes read under a force: the gains of each, and how a force spreads to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.sensors.taxels import _loads
+from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import frozen_value
+
+__all__ = ["AXES", "TaxelResponse"]
+
+AXES = 3
+_GUESS, _ROUGH = 0.6, 0.1  # pitches that a force reaches, and the share by which that is off, where nothing is known
+
+
+@frozen_value
+class TaxelResponse(Value):
+    """The loads of k taxels with three axes by their readings, and how a force spreads to them.
+
+    A load [N] is along the taxel's two tangents and into the body. Lengths are in pitches.
+
+    Attributes:
+        gains: (k, 3, 3) load [N] for each count: load = gains (reading - rest).
+        pitch: [m], the unit of lengths.
+        shares: (5, 4) of the Gaussians in the profiles A, B, C, G, H of `palpate.sensors.taxels._loads`.
+        misfit: (2,) shares of the largest load, and of a taxel's own, by which loads differ from this model.
+        patch: (3,) variance of the pressed patch, counted from a usual one: a + b F^(2/3) by the normal force F [N],
+            and its standard deviation.
+        curve: (5,) corrects a fitted force: normal c0 n + c1 n^2 + c2 t^2, tangential (c3 + c4 n) t.
+        widening: (3,) of the standard deviations of place, normal and tangential force, with which 95 % of presses that
+            the fit left out lie within their 95 % bounds.
+        needed: least decrease of the sum of squares, in squared misfits, for which a further touch is taken.
+        sums: the taxels bear all of a force among them, as pillars do: force and place are sums of their loads.
+        provenance: origin of the response; {}: it is a guess.
+        notes: notes for the user, a sentence each.
+
+    Raises:
+        InputError: arrays of other shapes, gains that are not finite, or a pitch that is not positive.
+    """
+
+    gains: Float[np.ndarray, "k 3 3"]
+    pitch: float
+    shares: Float[np.ndarray, "5 4"]
+    misfit: Float[np.ndarray, "2"]
+    patch: Float[np.ndarray, "3"]
+    curve: Float[np.ndarray, "5"]
+    widening: Float[np.ndarray, "3"]
+    needed: float = 100.0
+    sums: bool = False
+    provenance: Mapping[str, str] = field(default_factory=lambda: {})
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("gains", "shares", "misfit", "patch", "curve", "widening"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        if not (self.pitch > 0 and np.isfinite(self.gains).all()):
+            raise InputError("gains must be finite, and the pitch positive.", where="response")
+
+    def __len__(self) -> int:
+        return len(self.gains)
+
+    @classmethod
+    def guessed(cls, count: int, pitch: float, gain: float = 1.0) -> TaxelResponse:
+        """Return a response of `count` taxels that was not measured: one count is taken for `gain` [N] on each axis."""
+        shares = np.zeros((5, len(_loads.WIDTHS)))
+        shares[[0, 2], _loads.WIDTHS.index(_GUESS)] = 0.5 / (np.pi * _GUESS**2)
+        gains = np.tile(gain * np.eye(AXES), (count, 1, 1))
+        straight = np.array([1.0, 0.0, 0.0, 1.0, 0.0])
+        misfit, patch = np.array([0.5 * _ROUGH, _ROUGH]), np.array([0.0, 0.0, _ROUGH])
+        return cls(gains, pitch, shares, misfit, patch, straight, np.ones(3))
+
+    def loads(self, readings: Float[np.ndarray, "n k 3"]) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n m"]]:
+        """Return loads [N] by readings (n, k, 3): into the body (n, k), and along the tangents (n, 2 k), one in front.
+
+        The rest is not taken off. Where one reading of a taxel is not finite, all its loads are NaN.
+
+        Raises:
+            InputError: readings of another shape.
+        """
+        found = np.einsum("kab,nkb->nak", self.gains, readings)
+        return np.ascontiguousarray(found[:, 2]), found[:, :2].reshape(len(found), -1)
+
+    def numbers(self) -> Float[np.ndarray, " m"]:
+        """Return the model as the array that the compiled fit reads."""
+        parts = ([self.pitch], self.misfit, self.patch, self.curve, self.widening, [self.needed, self.sums])
+        return frozen(np.concatenate([self.shares.ravel(), *parts]))
+
+    def spread_of(
+        self, offset: Float[np.ndarray, "n 2"], force: Float[np.ndarray, "n 3"], patch: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "n 3"]:
+        """Return the loads (n, 3) [N] at offsets [pitches] from forces [N], along both tangents and into the body.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
+        return np.einsum("napb,pb->na", response_terms(offset, force, patch), self.shares)
+
+
+def response_terms(
+    offset: Float[np.ndarray, "n 2"], force: Float[np.ndarray, "n 3"], patch: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 3 5 4"]:
+    """Return the loads (n, 3, 5, 4) of which `TaxelResponse.shares` makes the sum; arguments as of `spread_of`."""
+    widths = np.array(_loads.WIDTHS)
+    wide = widths**2 + patch[:, None]
+    ratio = widths**2 / wide
+    value = ratio * np.exp(-0.5 * (offset**2).sum(axis=1)[:, None] / wide)
+    along = (offset * force[:, :2]).sum(axis=1)
+    terms = np.zeros((len(offset), AXES, 5, len(widths)))
+    terms[:, 2, 0], terms[:, 2, 1] = value * force[:, 2:], ratio * value / widths * along[:, None]
+    for c in range(2):
+        own = force[:, c : c + 1]
+        terms[:, c, 2] = value * own
+        turned = (offset[:, c] * along)[:, None]
+        terms[:, c, 3] = ratio * value / wide * turned + (1.0 - ratio) * value * own
+        terms[:, c, 4] = ratio * value / widths * (offset[:, c] * force[:, 2])[:, None]
+    return terms

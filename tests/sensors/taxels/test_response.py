@@ -1,0 +1,147 @@
+"""Taxels with three axes: the model of their loads, the fit of touches to it, and what a calibration learns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.contact.ground_truth import TrueSamples
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.taxels import _loads
+from palpate.sensors.taxels.calibrate_response import identify_response
+from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.health import Health
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.response import TaxelResponse
+from palpate.signals.recording import CELLS, Recording
+from palpate_lab.simulation.three_axis_skins import ThreeAxisSkin, magnetic_skin, pillar_array
+from palpate_lab.simulation.three_axis_touches import RATE, three_axis_touches
+
+PITCH = 5e-3
+SIX = ("xx", "xy", "xz", "yy", "yz", "zz")
+
+
+def drawn_response(seed: int, count: int = 1) -> TaxelResponse:
+    """Return a response with every profile, drawn at random."""
+    guess = TaxelResponse.guessed(count, PITCH)
+    return replace(guess, shares=np.random.default_rng(seed).normal(size=guess.shares.shape))
+
+
+def load(response: TaxelResponse, place: np.ndarray, touch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the load at a place [pitches] by the compiled model, in plain Python, and its derivatives."""
+    profiles, found, slopes = np.empty((_loads.PROFILES, 3)), np.empty(3), np.empty((3, _loads.UNKNOWN))
+    _loads._load(*(place - touch[:2]), touch, response.numbers(), profiles, found, slopes)
+    return found, slopes
+
+
+@pytest.mark.parametrize("patch", [0.0, 0.3, -0.05])
+def test_loads_are_those_of_the_numpy_model(patch: float) -> None:
+    response, touch = drawn_response(1), np.array([0.1, -0.2, patch, 0.5, -0.3, 2.0, 0.0])
+    place = np.array([0.5, 0.6])
+    offset, force = (place - touch[:2])[None], touch[None, 3:6]
+    wanted = response.spread_of(offset, force, np.array([patch]))[0]
+    np.testing.assert_allclose(load(response, place, touch)[0], wanted, rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("patch", [0.0, 0.3, -0.05])
+def test_derivatives_are_finite_differences(patch: float) -> None:
+    response, touch = drawn_response(2), np.array([0.1, -0.2, patch, 0.5, -0.3, 2.0, 0.8])
+    place, step = np.array([0.5, 0.6]), 1e-6 * np.eye(_loads.UNKNOWN)
+    found = [(load(response, place, touch + d)[0] - load(response, place, touch - d)[0]) / 2e-6 for d in step]
+    np.testing.assert_allclose(load(response, place, touch)[1], np.transpose(found), rtol=1e-7, atol=1e-7)
+
+
+def test_a_torque_is_the_limit_of_opposite_forces() -> None:
+    response, place, arm = drawn_response(3), np.array([0.4, 0.7]), 1e-4
+    twisted = load(response, place, np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0]))[0]
+    wanted = np.zeros(3)
+    for x, y in ((arm, 0.0), (-arm, 0.0), (0.0, arm), (0.0, -arm)):  # four forces round the place, each across its arm
+        force = np.array([-y, x]) / (4.0 * arm**2)
+        wanted += load(response, place, np.array([x, y, 0.1, *force, 0.0, 0.0]))[0]
+    np.testing.assert_allclose(twisted, wanted, rtol=1e-5, atol=1e-6)
+
+
+def body_of(response: TaxelResponse | None = None, rows: int = 5, columns: int = 6) -> TaxelBody:
+    """Return taxels on a plane, with a response."""
+    row, column = np.indices((rows, columns)).reshape(2, -1)
+    places = PITCH * np.column_stack([column, row, 0 * row])
+    body = TaxelBody.anywhere(places, np.tile([0.0, 0.0, 1.0], (len(row), 1)), along=(1.0, 0.0, 0.0))
+    return replace(body, response=response or TaxelResponse.guessed(len(row), PITCH))
+
+
+def still(body: TaxelBody, noise: float) -> Health:
+    """Return the health of taxels that rest at 0."""
+    bad, level = np.zeros(len(body), dtype=bool), np.full(len(body), noise)
+    return Health(np.zeros(len(body)), level, bad, bad, sideways=np.stack([np.zeros((2, len(body))), [level, level]]))
+
+
+def readings(body: TaxelBody, touches: np.ndarray) -> np.ndarray:
+    """Return the readings (k, 3) under touches (c, 7): place [pitches], patch, force (3), torque [N pitches]."""
+    assert body.response is not None
+    places = body.positions[:, :2] / PITCH
+    return np.array([sum(load(body.response, place, touch)[0] for touch in touches) for place in places])
+
+
+def test_the_forces_of_two_touches_are_found_exactly() -> None:
+    response = replace(TaxelResponse.guessed(30, PITCH), misfit=np.full(2, 1e-4))
+    body = body_of(response)
+    touches = np.array([[1.2, 1.1, 0.0, 0.5, -0.3, 2.0, 0.0], [3.6, 2.9, 0.0, -0.2, 0.3, 1.0, 0.0]])
+    found = TaxelEstimator(body, health=still(body, 1e-4)).update(0.0, readings(body, touches))
+    order = np.argsort(found.point[:, 0])
+    np.testing.assert_allclose(found.point[order, :2], PITCH * touches[:, :2], atol=1e-6)
+    np.testing.assert_allclose(found.force[order], touches[:, 3:6] * [1, 1, -1], atol=1e-3)
+
+
+def test_covariances_hold_with_patches_torques_and_noise_drawn() -> None:
+    """Everything is drawn from what the fit assumes: the squared errors are those of chi-square."""
+    rng, noise = np.random.default_rng(5), 0.004
+    known = {"misfit": np.full(2, 1e-6), "patch": np.array([0.0, 0.0, 0.03])}
+    body = body_of(replace(TaxelResponse.guessed(30, PITCH), **known))
+    estimator = TaxelEstimator(body, health=still(body, noise))
+    place, force, torque = list[float](), list[float](), list[float]()
+    for _ in range(150):
+        size = rng.uniform(1.0, 3.0)
+        touch = np.array([*rng.uniform(0.5, 3.5, 2), 0.03 * rng.normal(), *rng.uniform(-0.5, 0.5, 2) * size, size, 0.0])
+        touch[6] = _loads._TWIST * size * rng.normal()
+        felt = readings(body, touch[None]) + noise * rng.normal(size=(30, 3))
+        estimator.reset()
+        found = estimator.update(0.0, felt)
+        assert len(found) == 1
+        off = found.point[0, :2] - PITCH * touch[:2]
+        place.append(off @ np.linalg.solve(found.covariance[0, :2, :2], off))
+        six = np.array([found.features[f"force_{name}"][0] for name in SIX])
+        miss = found.force[0] - touch[3:6] * [1, 1, -1]
+        force.append(miss @ np.linalg.solve(six[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3), miss))
+        torque.append((found.torque[0] - PITCH * touch[6]) / found.features["torque_sd"][0])
+    for squares, freedom in ((place, 2), (force, 3), (np.square(torque), 1)):
+        assert np.mean(squares) == pytest.approx(freedom, rel=0.35)
+
+
+@pytest.mark.parametrize(("make", "sums"), [(magnetic_skin, False), (pillar_array, True)])
+def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
+    make: Callable[[int, int, int], ThreeAxisSkin], sums: bool
+) -> None:
+    skin = make(4, 4, 1)
+    loads = three_axis_touches(skin.positions, np.random.default_rng(2), 60)
+    cells, truth = skin.readings(loads, 3)
+    body = TaxelBody.anywhere(skin.positions, skin.normals, along=(1.0, 0.0, 0.0))
+    recording = Recording(np.arange(len(cells)) / RATE, {CELLS: cells})
+    found = identify_response(body, recording, TrueSamples(truth.frame / RATE, truth.place, force=truth.force))
+    assert found.sums == sums
+    assert found.curve[[0, 3]] == pytest.approx(1.0, abs=0.3)
+    assert "left_out" in found.provenance
+
+
+def test_few_presses_and_truths_without_forces_are_refused() -> None:
+    body, time = replace(body_of(), response=None), np.arange(100) / RATE
+    recording = Recording(time, {CELLS: np.zeros((100, 30, 3))})
+    point = np.zeros((20, 3))
+    with pytest.raises(InputError, match="have no forces"):
+        identify_response(body, recording, TrueSamples(time[40:60], point))
+    with pytest.raises(NotIdentifiable, match="1 presses are too few"):
+        identify_response(body, recording, TrueSamples(time[40:60], point, force=np.tile([0.0, 0.0, -1.0], (20, 1))))
+    with pytest.raises(InputError, match="of 4 taxels, but the body has 30 taxels"):
+        replace(body, response=TaxelResponse.guessed(4, PITCH))
