@@ -48,9 +48,8 @@ _WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # of a covariance by its six numbers
 class FusedEstimator(ContactEstimator):
     """An estimator of the contacts on a link with a skin and a force/torque sensor, each with its force in 3-D.
 
-    A reading is (k + 7,), or (3 k + 7,) with three axes: the cells row by row, force [N] and torque [N m]
-    as measured, NaN where there is none, and
-    the number of readings of which they are the mean (0: interpolated).
+    A reading is (k + 7,), or (3 k + 7,) with three axes: the cells row by row, force [N] and torque [N m] as measured,
+    NaN where there is none, and the number of readings of which they are the mean (0: interpolated).
 
     The skin gives places, normals and normal forces, the wrench their sum (`FusedLocator`); without a wrench forces are
     the skin's, with `share` 1. Where the skin does not explain the wrench for 50 ms, one more contact, of identity 0,

@@ -582,9 +582,7 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
         if len(model) > 0:
             for part in range(number):
                 origins[part] = int(parts[part, 4])
-            number = fit_forces(
-                cells, end, origins, number, PARTS, scale, place, numbers, whole, model, touches, unsure
-            )
+            fit_forces(cells, end, origins, number, scale, place, numbers, whole, model, touches, unsure)
             share_loads(cells, end, origins, number, place, numbers, whole, model, touches, shares)
             for part in range(number):
                 _place(touches[part], unsure[part], model, place[1][1, origins[part]], fits[part])

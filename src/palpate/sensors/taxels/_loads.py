@@ -24,13 +24,12 @@ WIDTHS = (0.35, 0.6, 1.0, 1.7)  # pitches, deviations of the Gaussians
 PROFILES = 6  # A, B, C, G, H, and T of the torque; each a sum of Gaussians
 LEAST_PATCH = -0.8 * WIDTHS[0] ** 2  # of the patch's variance, which counts from that of a usual tip
 # what a model array holds: the profiles' shares of the Gaussians, then
-PITCH, MISFIT, PATCH, LOOSE, CURVE, WIDENING, NEEDED, SUMS, MODEL = 20, 21, 23, 25, 26, 31, 34, 35, 36
+PITCH, MISFIT, PATCH, LOOSE, CURVE, WIDENING, SUMS, MODEL = 20, 21, 23, 25, 26, 31, 34, 35
 UNKNOWN = 7  # of a touch: place (2) [pitches], patch, force along both tangents and inwards [N], torque [N pitches]
 _PLACE = 0.7  # pitches: deviation of a touch from the taxel where it is looked for
 _TWIST = 0.15  # pitches: deviation of the torque, over the normal force
 _STEPS, _DONE = 25, 1e-3
 _FAINT, _AROUND = 4.0, 5.0  # misfits that a load must exceed to be a touch, and pitches to what causes them
-_NEAR = 0.7  # pitches from a touch within which no other is looked for
 
 
 @uncounted
@@ -176,24 +175,6 @@ def _settle(taxels, touches, count, model, normal, factor):
 
 
 @inner
-def _worst(taxels, touches, count, model):
-    """Return the taxel whose load is farthest above what the touches explain, in deviations; -1 where none is."""
-    offsets, loads, weights = taxels
-    profiles, load, slopes = np.empty((PROFILES, 3)), np.empty(3), np.empty((3, UNKNOWN))
-    worst, most = -1, 0.0
-    for i in range(loads.shape[1]):
-        left, taken = loads[2, i], False
-        for p in range(count):
-            x, y = offsets[p, 0, i] - touches[p, 0], offsets[p, 1, i] - touches[p, 1]
-            _load(x, y, touches[p], model, profiles, load, slopes)
-            left -= load[2]
-            taken = taken or x * x + y * y < _NEAR * _NEAR
-        if not taken and left * np.sqrt(weights[2, i]) > most:
-            worst, most = i, left * np.sqrt(weights[2, i])
-    return worst
-
-
-@inner
 def _gather(cells, end, scale, numbers, whole, model):
     """Return the cells of an area that read, and their loads and weights, (3, m) each."""
     live, some, count, peak = whole[LIVE], np.empty(end, np.int64), 0, 0.0
@@ -238,63 +219,34 @@ def _offset(some, origin, place, at, model, out):
 
 
 @inner
-def fit_forces(cells, end, origins, count, most, scale, place, numbers, whole, model, touches, spread):
-    """Fit the touches of an area, as many as its loads need, and return their number.
+def fit_forces(cells, end, origins, count, scale, place, numbers, whole, model, touches, spread):
+    """Fit the touches of an area together, one about each of its peaks.
 
     Args:
         cells: of the area and its rim.
         end: number of those.
-        origins: (most,) the cell about which each touch lies: first guesses; written.
-        count: number of first guesses.
-        most: number of touches at most.
+        origins: (count,) the cell about which each touch lies.
+        count: number of touches.
         scale: of the noise, by a filter.
         place: as of `palpate.sensors.taxels._kernels.frames`.
         numbers: the same.
         whole: the same.
         model: the response, see `TaxelResponse.numbers`.
-        touches: (most, 7) unknowns of the touches, written.
-        spread: (most, 7, 7) their covariances, written.
+        touches: (count, 7) unknowns of the touches, written.
+        spread: (count, 7, 7) their covariances, written.
     """
     some, loads, weights = _gather(cells, end, scale, numbers, whole, model)
-    offsets = np.empty((most, 2, len(some)))
+    offsets = np.empty((count, 2, len(some)))
     taxels, at = (offsets, loads, weights), numbers[AT:]
     touches[:] = 0.0
     for p in range(count):
         _offset(some, origins[p], place, at, model, offsets[p])
         touches[p, 5] = max(numbers[FORCE, origins[p]], 0.0)
-    size = UNKNOWN * most
+    size = UNKNOWN * count
     normal, factor = np.empty((size, size)), np.empty((size, size))
-    kept, saved, named = touches.copy(), offsets.copy(), origins.copy()
-    cost = _settle(taxels, touches, count, model, normal, factor)
-    while count < most:  # one touch more, where the loads are least explained
-        where = _worst(taxels, touches, count, model)
-        if where < 0:
-            break
-        kept[:] = touches
-        touches[count], origins[count] = 0.0, some[where]
-        touches[count, 5] = 0.5 * loads[2, where]
-        _offset(some, some[where], place, at, model, offsets[count])
-        found = _settle(taxels, touches, count + 1, model, normal, factor)
-        if found > cost - model[NEEDED]:
-            touches[:] = kept
-            break
-        cost, count = found, count + 1
-    while count > 1:  # without the lightest touch, where the others explain the loads
-        lightest = 0
-        for p in range(count):
-            lightest = p if touches[p, 5] < touches[lightest, 5] else lightest
-        kept[:], saved[:], named[:] = touches, offsets, origins
-        for p in range(lightest, count - 1):
-            touches[p], offsets[p], origins[p] = touches[p + 1], offsets[p + 1], origins[p + 1]
-        found = _settle(taxels, touches, count - 1, model, normal, factor)
-        if kept[lightest, 5] > 0.0 and found > cost + model[NEEDED]:
-            touches[:], offsets[:], origins[:] = kept, saved, named
-            break
-        cost, count = found, count - 1
     cost = _settle(taxels, touches, count, model, normal, factor)
     # what the model cannot explain widens all
     _covariances(normal, factor, count, max(1.0, cost / max(3 * len(some) - UNKNOWN * count, 1)), spread)
-    return count
 
 
 @inner
@@ -348,7 +300,7 @@ def write_force(touch, spread, model, here, ways, out, first):
     The deviations are those of the ratio of tangential to normal force, and of the torque. A force that the fit finds
     is corrected by the response's curve, which holds for the whole of a touch.
     """
-    curve, off = model[CURVE:WIDENING], model[WIDENING:NEEDED]
+    curve, off = model[CURVE:WIDENING], model[WIDENING:SUMS]
     x, y, press = touch[3], touch[4], touch[5]
     aside = curve[3] + curve[4] * press
     force = np.array([aside * x, aside * y, (curve[0] + curve[1] * press) * press + curve[2] * (x * x + y * y)])

@@ -30,8 +30,6 @@ PATCHES = np.concatenate([np.linspace(LEAST_PATCH, 0.0, 4)[:-1], [0.0, 0.05, 0.1
 _LOOSE = 0.3  # squared pitches: deviation of a patch before it is learned
 _ALIKE = 1e-2  # weight of the mean gains in those of a taxel
 _INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
-NEEDED = (30.0, 60.0, 120.0, 240.0, 480.0, 2e3)  # of which the least is taken that finds one touch as often as the last
-ALONE = 0.01  # but for so many frames
 CHI2 = (3.841458820694124, 5.991464547107979)  # 95 % points with one and two degrees of freedom
 
 
@@ -82,35 +80,28 @@ def identify_response(
     pitch = float(np.median(body.spacing))
     presses = _presses(body, recording, truth, pitch)
     names = np.unique(presses.press)
-    tried = [_judged(body, presses, names, pitch, sums) for sums in (False, True)]
-    needed, parts, errors = min(tried, key=lambda each: float(np.sum(_corrected(each[2])[2])))
+    parts, errors = min(
+        (_judged(body, presses, names, pitch, sums) for sums in (False, True)),
+        key=lambda each: float(np.sum(_corrected(each[1])[2])),
+    )
     curve, _, _ = _corrected(errors)
-    in_turn = [_in_turn(body, recording, left, replace(one, needed=needed)) for left, one in parts[:CHECKED]]
-    _, widening, off = _corrected(np.concatenate(in_turn), curve)
+    in_turn = np.concatenate([_in_turn(body, recording, *each) for each in parts[:CHECKED]])
+    _, widening, off = _corrected(in_turn, curve)
     found = _fitted(body, presses, pitch, parts[0][1].sums)
-    record = {"left_out": _left_out_text(off, pitch, sum(map(len, in_turn))), **(provenance or {})}
-    kept = {"curve": frozen(curve), "widening": frozen(widening), "needed": needed, "provenance": record}
+    record = {"left_out": _left_out_text(off, pitch, len(in_turn)), **(provenance or {})}
+    kept = {"curve": frozen(curve), "widening": frozen(widening), "provenance": record}
     return replace(found, **kept, notes=(f"{len(names)} presses",))
 
 
 def _judged(
     body: TaxelBody, presses: Presses, names: Int[np.ndarray, " p"], pitch: float, sums: bool
-) -> tuple[float, list[tuple[Presses, TaxelResponse]], Float[np.ndarray, "n 20"]]:
-    """Return what a further touch needs, presses that were left out in turn with the fit to the others, and errors.
-
-    It takes as much for a further touch as no single one seems to need.
-    """
+) -> tuple[list[tuple[Presses, TaxelResponse]], Float[np.ndarray, "n 20"]]:
+    """Return presses that were left out in turn, each part with the fit to the others, and the errors on them."""
     parts = list[tuple[Presses, TaxelResponse]]()
     for part in range(PARTS):
         left = np.isin(presses.press, names[part::PARTS])
         parts.append((presses.of(left), _fitted(body, presses.of(~left), pitch, sums)))
-    found = list[tuple[int, Float[np.ndarray, "n 20"]]]()
-    for needed in NEEDED:
-        tried = [_alone(body, left, replace(response, needed=needed)) for left, response in parts]
-        found.append((sum(alone for _, alone in tried), np.concatenate([errors for errors, _ in tried])))
-    enough = found[-1][0] - ALONE * sum(len(left.press) for left, _ in parts) / EVERY
-    least = next(i for i, (alone, _) in enumerate(found) if alone >= enough)
-    return NEEDED[least], parts, found[least][1]
+    return parts, np.concatenate([_alone(body, *each) for each in parts])
 
 
 def _left_out_text(off: Float[np.ndarray, "3"], pitch: float, count: int) -> str:
@@ -295,19 +286,18 @@ def _patches(felt: Float[np.ndarray, "n k 3"], spread: object, shares: np.ndarra
     return np.maximum(found - np.median(found), LEAST_PATCH)
 
 
-def _alone(body: TaxelBody, presses: Presses, response: TaxelResponse) -> tuple[Float[np.ndarray, "n 20"], int]:
-    """Return the errors on presses, frame by frame less the rest, and the number of frames with one touch."""
+def _alone(body: TaxelBody, presses: Presses, response: TaxelResponse) -> Float[np.ndarray, "n 20"]:
+    """Return the errors on presses, frame by frame less the rest."""
     noise = np.sqrt(np.einsum("kab,kb->ka", response.gains**2, presses.noise**2)).T
     zero, bad = np.zeros(len(body)), np.zeros(len(body), dtype=bool)
     health = Health(zero, noise[2], bad, bad, sideways=np.stack([np.zeros((2, len(body))), noise[:2]]))
     estimator = TaxelEstimator(replace(body, response=response, bits=None), health=health)
-    rows, single = list[np.ndarray](), 0
+    rows = list[np.ndarray]()
     for i in range(0, len(presses.press), EVERY):
         estimator.reset()
         found = estimator.run(Recording(np.zeros(1), {CELLS: presses.readings[i : i + 1]}))
-        single += int(np.count_nonzero(found.located) == 1)
         rows.append(_errors(body, found, np.flatnonzero(found.located), presses, i, response.pitch))
-    return np.concatenate(rows), single
+    return np.concatenate(rows)
 
 
 def _in_turn(

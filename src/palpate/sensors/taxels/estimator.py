@@ -199,9 +199,7 @@ class TaxelEstimator(ContactEstimator):
         """Return notes on the body, the baselines and the frames so far, one sentence each."""
         said = list(self.body.notes)
         if self.intensity is None and self.body.response is None:
-            said.append(
-                "there is no intensity model, so readings are taken as N: palpate calibrate intensity makes one"
-            )
+            said.append("there is no intensity model, so readings are N: palpate calibrate intensity makes one")
         if self.health is None:
             return tuple(said)
         said += [*self.health.notes, *([self._tared.note] if self._tared.note else [])]

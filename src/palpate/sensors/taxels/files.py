@@ -110,7 +110,6 @@ RESPONSE = Model(
                 "patch": Key("squared pitches: a + b F^(2/3), deviation"),
                 "curve": Key("normal c0 n + c1 n^2 + c2 t^2, tangential (c3 + c4 n) t"),
                 "widening": Key("of the deviations of place, normal and tangential force"),
-                "needed": Key("least decrease of the sum of squares by a further touch"),
                 "sums": Key("forces are the sums of the taxels' loads"),
                 "notes": Key(),
                 "provenance": Key(),

@@ -35,7 +35,6 @@ class TaxelResponse(Value):
         curve: (5,) corrects a fitted force: normal c0 n + c1 n^2 + c2 t^2, tangential (c3 + c4 n) t.
         widening: (3,) of the standard deviations of place, normal and tangential force, with which 95 % of presses that
             the fit left out lie within their 95 % bounds.
-        needed: least decrease of the sum of squares, in squared misfits, for which a further touch is taken.
         sums: the taxels bear all of a force among them, as pillars do: force and place are sums of their loads.
         provenance: origin of the response; {}: it is a guess.
         notes: notes for the user, a sentence each.
@@ -51,7 +50,6 @@ class TaxelResponse(Value):
     patch: Float[np.ndarray, "3"]
     curve: Float[np.ndarray, "5"]
     widening: Float[np.ndarray, "3"]
-    needed: float = 100.0
     sums: bool = False
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
     notes: tuple[str, ...] = ()
@@ -88,7 +86,7 @@ class TaxelResponse(Value):
 
     def numbers(self) -> Float[np.ndarray, " m"]:
         """Return the model as the array that the compiled fit reads."""
-        parts = ([self.pitch], self.misfit, self.patch, self.curve, self.widening, [self.needed, self.sums])
+        parts = ([self.pitch], self.misfit, self.patch, self.curve, self.widening, [self.sums])
         return frozen(np.concatenate([self.shares.ravel(), *parts]))
 
     def spread_of(
