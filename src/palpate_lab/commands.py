@@ -36,7 +36,7 @@ COMMANDS: dict[str, str | tuple[str, str, str]] = {
     "simulate load-cells": (
         "palpate_lab.cli.simulate_load_cells",
         "simulate_load_cells",
-        "Simulate a fingertip on load cells.",
+        "Simulate a fingertip or a plate on load cells.",
     ),
     "simulate marker-ring": (
         "palpate_lab.cli.simulate",

@@ -25,6 +25,7 @@ from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.sensors.marker_ring.model import MarkerRing
 from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.response import TaxelResponse
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.signals.payload import Payload
 from palpate.spatial.pose import Pose
@@ -82,6 +83,15 @@ def _intensity(seed: int) -> Intensity:
     )
     which = {1: np.array([[0, 1], [1, 1]]), 2: np.array([0, 1, 1])}.get(seed)
     return Intensity(curves, which, provenance={"a b.c": "x"}, notes=("n",))
+
+
+def _response(seed: int) -> TaxelResponse:
+    """Three taxels; on odd seeds a guess."""
+    rng, guess = np.random.default_rng(seed), TaxelResponse.guessed(3, 0.0047)
+    if seed % 2:
+        return guess
+    drawn = {name: rng.normal(size=getattr(guess, name).shape) for name in ("gains", "shares", "curve")}
+    return replace(guess, **drawn, sums=True, provenance={"left_out": "x"}, notes=("n",))
 
 
 def _skin_map(seed: int) -> SkinMap:
@@ -147,6 +157,7 @@ MADE = {
     "payload": _payload,
     "load_cells": _load_cells,
     "intensity": _intensity,
+    "response": _response,
     "skin map": _skin_map,
     "taxels": _taxels,
     "ball gain": lambda seed: BallGain(1.5 + seed, 0.01, {"palpate": "0.1.0"}),

@@ -11,11 +11,13 @@ from claims.evidence.equations import orders
 from palpate.contact import ROW, Locator, Status
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Ellipsoid, EllipticCylinder, Surface, _equation
+from palpate.surfaces._jit import register_choices
 from palpate_lab.simulation.contacts import contact_wrenches, touch_wrenches
 from tests.support.equations import EQUATIONS, POSE, Equation, R
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
 PITCHES = (0.0, 0.05 * R, 0.3 * R, R)
+register_choices()  # of `_equation.evaluate`, which nothing else compiles here
 
 
 @pytest.fixture(params=EQUATIONS.values(), ids=EQUATIONS.keys())

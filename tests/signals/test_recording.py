@@ -17,14 +17,13 @@ from palpate.signals.recording import (
     FORCE,
     ORIENTATION,
     POSITION,
-    REFERENCE,
     TORQUE,
     UNSTEADY,
     VOLTAGE,
     Recording,
 )
 
-WIDTHS = {FORCE: 3, TORQUE: 3, ORIENTATION: 4, POSITION: 3, ACCELERATION: 3, UNSTEADY: 1, REFERENCE: 6}
+WIDTHS = {FORCE: 3, TORQUE: 3, ORIENTATION: 4, POSITION: 3, ACCELERATION: 3, UNSTEADY: 1}
 
 
 def _recording(count: int = 5) -> Recording:

@@ -66,7 +66,7 @@ _CALIBRATIONS = {  # name -> module, class, and the first paragraph of its docst
     "load-cells": (
         _LOAD_CELLS,
         "CalibrateLoadCells",
-        "Calibrate 3-axis load cells under a fingertip on a test bench.",
+        "Calibrate load cells: three-axis ones under a fingertip on a bench, or single-axis ones under a plate.",
     ),
     "marker-ring": (_MARKER_RING, "CalibrateMarkerRing", "Calibrate a soft ring of markers from known presses."),
     "payload": (_FORCE_TORQUE, "CalibratePayload", "Identify mass, center of mass and bias: gravity compensation."),

@@ -81,7 +81,7 @@ def test_cells_in_line_are_refused_by_name() -> None:
 
 def test_what_cannot_be_meant_is_refused() -> None:
     matrix = made().matrix
-    with pytest.raises(InputError, match="three rows"):
+    with pytest.raises(InputError, match="3 rows for each"):
         LoadCells(matrix[:8], np.ones(8))
     with pytest.raises(InputError, match="bias must be"):
         LoadCells(matrix, np.full(12, NOISE), bias=np.zeros(3))

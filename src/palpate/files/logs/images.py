@@ -37,7 +37,7 @@ def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
 
 def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
     """Return an image of uint8 or uint16 (upper bits) as uint8 (height, width, 3), grey repeated; None for others."""
-    if image.dtype.kind != "u" or image.dtype.itemsize > 2:
+    if image.dtype.kind != "u" or image.dtype.itemsize > 2 or image.ndim not in (2, 3) or image.shape[2:] == (2,):
         return None
     if image.dtype.itemsize == 2:
         image = (image >> 8).astype(np.uint8)

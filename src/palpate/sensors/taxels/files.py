@@ -87,7 +87,8 @@ def of_response(response: TaxelResponse) -> Lines:
     """Return (name, text) pairs on a response of taxels with three axes."""
     how = "sums of the taxels' loads" if response.sums else "fitted to the taxels' loads"
     return [
-        ("taxels", f"{len(response)}, {1e3 * response.pitch:.3g} mm apart; forces are {how}"),
+        ("taxels", f"{len(response)}, {1e3 * response.pitch:.3g} mm apart"),
+        ("forces", how),
         *([("left out", response.provenance["left_out"])] if "left_out" in response.provenance else []),
     ]
 
