@@ -71,7 +71,7 @@ class Weights:
         arms = np.column_stack([np.ones(len(self.cells)), self.cells])
         return (arms.T[None] * self.readings[:, None]).reshape(-1, len(self.cells))
 
-    def _whitened(
+    def whitened(
         self, gains: Float[np.ndarray, " k"], error: float
     ) -> tuple[Float[np.ndarray, "e k"], Float[np.ndarray, " e"]]:
         """Return left and right sides of unit variance, if each cell errs by a share of its load; 0 where not known."""
@@ -248,7 +248,7 @@ def fit_gains(weights: Weights) -> Gains:
     gains, error = np.full(weights.readings.shape[1], usual), 1e-3
     covariance, shown = np.zeros((len(gains), len(gains))), 0
     for _ in range(ROUNDS):
-        left, right = weights._whitened(gains, error)
+        left, right = weights.whitened(gains, error)
         _, values, ways = np.linalg.svd(left * usual, full_matrices=False)
         seen = values * TOLERANCE > 1.0
         shown = int(np.count_nonzero(seen))
@@ -272,7 +272,7 @@ def _error(weights: Weights, gains: np.ndarray, freedom: int) -> float:
     if freedom <= 0:
         return TOLERANCE / 10.0
     for error in ERRORS.tolist():
-        left, right = weights._whitened(gains, error)
+        left, right = weights.whitened(gains, error)
         if np.sum((right - left @ gains) ** 2) <= freedom:
             return error
     return WORST
@@ -285,7 +285,7 @@ def _validated(weights: Weights, found: Gains) -> Validation:
     def predict(omitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         some = [_picked(weights, part) for part in (~omitted, omitted)]
         gains = fit_gains(some[0])
-        left, right = some[1]._whitened(found.gains, found.error)
+        left, right = some[1].whitened(found.gains, found.error)
         rows = some[1].known
         left, right = left[rows], right[rows]
         return right - left @ gains.gains, np.eye(len(left)) + left @ gains.covariance @ left.T
@@ -309,8 +309,8 @@ def _divided(cells: LoadCells, weights: Weights, found: Gains) -> LoadCells:
     slope: np.ndarray = np.linalg.lstsq(loads, across)[0] if enough else np.zeros((3, len(rest)))
     freedom = max(1, len(loads) - 3) / len(loads) if enough else 1.0
     made = uneven(cells, slope.T) if enough else cells
-    white = np.linalg.solve(np.linalg.cholesky(made.noise), (loads @ made.measured.T @ made.matrix.T).T)
-    size = np.sum(white**2, axis=0) / len(rest)
+    white = np.asarray(np.linalg.solve(np.linalg.cholesky(made.noise), (loads @ made.measured.T @ made.matrix.T).T))
+    size: np.ndarray = np.sum(white**2, axis=0) / len(rest)
     off = float(np.mean((across - loads @ slope) ** 2)) / freedom / float(np.mean(size))
     return with_changes(made, misfit=ELSEWHERE * float(np.sqrt(off)))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -190,20 +190,21 @@ def _fitted(body: TaxelBody, presses: Presses, pitch: float, sums: bool) -> Taxe
         return response_terms(*both, np.repeat(patches, taxels)).reshape(count, taxels, AXES, *shares.shape)
 
     terms = spread(patch)
-    loads = terms.reshape(count, taxels, AXES, -1) @ shares.ravel()
+    loads: np.ndarray = terms.reshape(count, taxels, AXES, -1) @ shares.ravel()
     gains = _summed_gains(presses, weight[:, 0, 0]) if sums else guess.gains
     for turn in range(ROUNDS):
         gains = gains if sums else _gains(weight * loads, weight * readings)
-        felt = np.einsum("kab,nkb->nka", gains, readings)
+        felt: np.ndarray = np.einsum("kab,nkb->nka", gains, readings)
         if turn > 1:
             patch = _patches(felt, spread, shares)
             terms = spread(patch)
         design = (weight[..., None] * terms.reshape(count, taxels, AXES, -1)).reshape(-1, shares.size)
-        square = design.T @ design
+        square: np.ndarray = design.T @ design
         ridge = 1e-6 * np.trace(square) / len(square) * np.eye(len(square))
-        shares = np.linalg.solve(square + ridge, design.T @ (weight * felt).ravel()).reshape(shares.shape)
+        shares = _solved(square + ridge, design.T @ (weight * felt).ravel()).reshape(shares.shape)
         loads = terms.reshape(count, taxels, AXES, -1) @ shares.ravel()
-        total, press = loads[inside, :, 2].sum(axis=1), force[inside, 2]
+        total: np.ndarray = loads[inside, :, 2].sum(axis=1)
+        press = force[inside, 2]
         scale = float(total @ press) / float(press @ press)
         if not sums:
             shares, loads = shares / scale, loads / scale
@@ -212,7 +213,7 @@ def _fitted(body: TaxelBody, presses: Presses, pitch: float, sums: bool) -> Taxe
     peak = np.abs(loads).max(axis=(1, 2))
     misfit = _misfit((felt - loads) / peak[:, None, None], felt / peak[:, None, None])
     size = np.column_stack([np.ones(count), force[:, 2].clip(min=0.0) ** (2 / 3)])
-    line = np.linalg.lstsq(size, patch, rcond=None)[0]
+    line = _least(size, patch)
     learned = np.array([*line, max(float(np.std(patch - size @ line)), 1e-3)])
     found = {"gains": frozen(gains), "shares": frozen(shares), "patch": frozen(learned), "widening": np.ones(3)}
     return replace(guess, misfit=frozen(misfit), sums=sums, **found)
@@ -242,12 +243,10 @@ def _summed_gains(presses: Presses, weight: Float[np.ndarray, " n"]) -> Float[np
         wanted = np.zeros(len(ways))
         wanted[:count] = weight * presses.force[:, axis]
         alike = ways.reshape(len(ways), taxels, AXES).sum(axis=1)
-        usual = np.tile(np.linalg.lstsq(alike, wanted, rcond=None)[0], taxels)
-        square = ways.T @ ways
+        usual = np.tile(_least(alike, wanted), taxels)
+        square: np.ndarray = ways.T @ ways
         ridge = _ALIKE * np.trace(square) / len(square) * np.eye(len(square))
-        gains[:, axis] = (usual + np.linalg.solve(square + ridge, ways.T @ (wanted - ways @ usual))).reshape(
-            taxels, AXES
-        )
+        gains[:, axis] = (usual + _solved(square + ridge, ways.T @ (wanted - ways @ usual))).reshape(taxels, AXES)
     return gains
 
 
@@ -260,21 +259,33 @@ def _inside(body: TaxelBody, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray
 
 def _gains(loads: Float[np.ndarray, "n k 3"], readings: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "k 3 3"]:
     """Return the gains (k, 3, 3) from readings to loads, those of each taxel near the mean where it tells little."""
-    square, across = np.einsum("nka,nkb->kab", loads, loads), np.einsum("nka,nkb->kab", readings, loads)
-    usual, weight = across.sum(axis=0) @ np.linalg.inv(square.sum(axis=0)), _ALIKE * square.mean(axis=0)
-    reads = np.stack(
-        [(own + usual @ weight) @ np.linalg.inv(each + weight) for own, each in zip(across, square, strict=True)]
-    )
+    square = np.asarray(np.einsum("nka,nkb->kab", loads, loads))
+    across = np.asarray(np.einsum("nka,nkb->kab", readings, loads))
+    weight = _ALIKE * np.mean(square, axis=0)
+    usual = _solved(np.sum(square, axis=0), np.sum(across, axis=0).T).T
+    reads = np.swapaxes(_solved(square + weight, np.swapaxes(across + usual @ weight, 1, 2)), 1, 2)
     return np.linalg.inv(reads)
 
 
-def _patches(felt: Float[np.ndarray, "n k 3"], spread: object, shares: np.ndarray) -> Float[np.ndarray, " n"]:
+def _least(ways: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the least-squares solution."""
+    return np.asarray(np.linalg.lstsq(ways, wanted, rcond=None)[0])
+
+
+def _solved(square: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the solution of square equations."""
+    return np.asarray(np.linalg.solve(square, wanted))
+
+
+def _patches(
+    felt: Float[np.ndarray, "n k 3"], spread: Callable[[np.ndarray], np.ndarray], shares: np.ndarray
+) -> Float[np.ndarray, " n"]:
     """Return the variance of each frame's patch: the least misfit on a grid, and a parabola through its neighbours."""
     peak, misfit = np.abs(felt).max(axis=(1, 2))[:, None, None], 0.02
     cost = np.empty((len(PATCHES), len(felt)))
     for i, patch in enumerate(PATCHES.tolist()):
         terms = spread(np.full(len(felt), patch))
-        left = (felt - terms.reshape(*felt.shape, -1) @ shares.ravel()) / (misfit * peak)
+        left: np.ndarray = (felt - terms.reshape(*felt.shape, -1) @ shares.ravel()) / (misfit * peak)
         cost[i] = (left**2).sum(axis=(1, 2)) + (patch / _LOOSE) ** 2
     best, each = np.clip(cost.argmin(axis=0), 1, len(PATCHES) - 2), np.arange(len(felt))
     before, here, after = (PATCHES[best + step] for step in (-1, 0, 1))
@@ -355,12 +366,12 @@ def _corrected(
     weight = 1.0 / (np.linalg.norm(force, axis=1) + PRESSED * np.abs(force).max())
     normal, square = fitted[:, 2], (fitted[:, :2] ** 2).sum(axis=1)
     ways = weight[:, None] * np.column_stack([normal, normal**2, square])
-    first = np.linalg.lstsq(ways, weight * force[:, 2], rcond=None)[0]
+    first = _least(ways, weight * force[:, 2])
     aside = weight[:, None, None] * np.stack([fitted[:, :2], normal[:, None] * fitted[:, :2]], axis=2)
-    second = np.linalg.lstsq(aside.reshape(-1, 2), (weight[:, None] * force[:, :2]).ravel(), rcond=None)[0]
+    second = _least(aside.reshape(-1, 2), (weight[:, None] * force[:, :2]).ravel())
     first, second = (first, second) if curve is None else (curve[:3], curve[3:])
     along = fitted[:, :2] * (second[0] + second[1] * normal)[:, None]
-    press = np.column_stack([normal, normal**2, square]) @ first
+    press: np.ndarray = np.column_stack([normal, normal**2, square]) @ first
     spread, flat = rows[:, 8:17].reshape(-1, 3, 3), rows[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
     wide = [
         _widening(place, flat),
@@ -375,5 +386,5 @@ def _corrected(
 
 def _widening(error: Float[np.ndarray, "n d"], covariance: Float[np.ndarray, "n d d"]) -> float:
     """Return the factor of standard deviations with which 95 % of errors lie within their 95 % bounds."""
-    off = np.einsum("na,na->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+    off: np.ndarray = np.sum(error * _solved(covariance, error[..., None])[..., 0], axis=1)
     return float(np.sqrt(np.quantile(off, 0.95) / CHI2[error.shape[1] - 1]))

@@ -243,7 +243,7 @@ class TaxelBody(Value):
         """Return the direction (k, 3) of a sheet's columns at each cell, of any length; any in one column."""
         if self.columns < 2:
             return np.cross(self.normals, self.normals[:, [1, 2, 0]] + 1.0)
-        return np.gradient(self.positions.reshape(self.rows, self.columns, 3), axis=1).reshape(-1, 3)
+        return np.asarray(np.gradient(self.positions.reshape(self.rows, self.columns, 3), axis=1)).reshape(-1, 3)
 
     @property
     def axes(self) -> int:

@@ -224,22 +224,23 @@ class SkinSection(SensorSection):
         options: dict[str, Any] = {"bits": self.table.bits if counts and self.table.bits else None}
         options["masked"] = self.table.masked
         if self.table.axes is not None:
-            return self._with_axes(options["masked"])
+            return self._with_axes(options)
         if self.table.sheet:
             return TaxelBody.sheet(self.map, **options)
         places = self.taxels
         body = TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, **options)
         return replace(body, notes=(*body.notes, *places.notes))
 
-    def _with_axes(self, masked: tuple[int, ...] | tuple[tuple[int, int], ...]) -> TaxelBody:
+    def _with_axes(self, options: dict[str, Any]) -> TaxelBody:
         """Return a body of taxels with three axes: the first along the columns of a sheet, or the link's x."""
+        options["bits"] = None  # loads are floats
         table, places = self.table, None if self.table.sheet else self.taxels
         if places is None:
-            sheet = TaxelBody.sheet(self.map, bits=None, masked=masked)
+            sheet = TaxelBody.sheet(self.map, **options)
             body = TaxelBody.anywhere(sheet.positions, sheet.normals, sheet.areas, along=sheet.ways())
             body = replace(body, usable=sheet.usable, notes=sheet.notes)
         else:
-            options: dict[str, Any] = {"covariance": places.covariance, "masked": masked, "along": _X}
+            options |= {"covariance": places.covariance, "along": _X}
             body = TaxelBody.placed(places.positions, places.normals, **options)
             body = replace(body, notes=(*body.notes, *places.notes))
         if table.response is not None:
