@@ -388,4 +388,4 @@ def _corrected(
 def _widening(error: Float[np.ndarray, "n d"], covariance: Float[np.ndarray, "n d d"]) -> float:
     """Return the factor of standard deviations with which 95 % of errors lie within their 95 % bounds."""
     off = np.sum(error * _solved(covariance, error[..., None])[..., 0], axis=1)
-    return sqrt(float(np.quantile(off, 0.95)) / CHI2[error.shape[1] - 1])
+    return sqrt(float(np.quantile(off, 0.95)) / CHI2[len(error.T) - 1])
