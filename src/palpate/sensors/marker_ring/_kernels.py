@@ -117,11 +117,14 @@ def _cost(displacement, used, variance, state, count, model, held, residual, jac
 def _refine(problem, used, state, count, work):
     """Refine `state` in place by Gauss-Newton steps; return the final cost. The normal matrix remains in work[2].
 
-    `problem`: displacements, markers, model, misfit and noise of `frames`, and the shears of `_held`. `work`:
-    residuals, their derivatives, the normal matrix, variances.
+    `problem`: displacements, markers, model, misfit and noise of `frames`, the shears of `_held`, and while contacts
+    are searched for the deviation of the shears of several, else 0: only a single one is thought to be dragged.
+    `work`: residuals, their derivatives, the normal matrix, variances.
     """
     residual, jacobian, normal, variance = work
-    displacement, markers, model, misfit, noise, held = problem
+    displacement, markers, model, misfit, noise, held, several = problem
+    if several > 0.0:
+        held[:, 1] = model[2][1] if count == 1 else several
     priors, size = model[2], 4 * count
     gradient, step = np.empty(size), np.empty(size)
     factor, trial = np.empty((size, size)), np.empty((len(state), STATE))
@@ -588,12 +591,13 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         for i in range(size):
             here[i] = displacements[n, i] if used[i] else 0.0
         held[:, 0], held[:, 1] = 0.0, model[2][1]
-        problem = (here, markers, model, misfit, noise, held)
+        problem = (here, markers, model, misfit, noise, held, usual)
         count, cost[n] = _found(problem, used, state, count, work, settings)
         if count > 1 and grip > 0.0:
+            known = (here, markers, model, misfit, noise, held, 0.0)
             for _ in range(_ROUNDS):
                 _held(state, count, skin, outer, grip, usual, held)
-                cost[n] = _refine(problem, used, state, count, work)
+                cost[n] = _refine(known, used, state, count, work)
         _covariance(work[2], 4 * count, covariance)
         if kinds[0] > 0.0 and count == 1:
             _weighed(state, model[2][1], kinds, covariance)
