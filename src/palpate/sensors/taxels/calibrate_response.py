@@ -17,6 +17,7 @@ from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.response import AXES, TaxelResponse, response_terms
+from palpate.sensors.taxels.rest import ROUNDING, quantum
 from palpate.signals.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
@@ -162,7 +163,8 @@ def _rests(
         level = np.bincount(stretch[free], raw[free, *k], len(starts)) / count
         rest[:, *k] = np.interp(time, when, level)
         noise[k] = np.std(np.diff(raw[:, *k])[free[1:] & free[:-1]]) / np.sqrt(2.0)
-    return rest, np.maximum(noise, 12**-0.5)
+    steps = quantum(raw.reshape(len(raw), -1)).reshape(noise.shape)  # 0 where readings are continuous
+    return rest, np.maximum(noise, np.maximum(ROUNDING * steps, 1e-9))
 
 
 def _local(
