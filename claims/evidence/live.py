@@ -23,8 +23,8 @@ from palpate.live.lines import LineFrames
 from palpate.live.netft_device import NetFtDevice
 
 NOISE = np.repeat([0.02, 0.001], 3)  # N, N m
-FAR = 12.0  # usual steps between lines, from which on damage is to be found
-SAID = {"received": r"([\d,]+) received", "lost": r"lost +([\d,]+) samples", "away": r"([\d,]+) of them while"}
+FAR = 12.0  # steps, in units of the usual one between two lines, from which damage must be found
+COUNTS = {"received": r"([\d,]+) received", "lost": r"lost +([\d,]+) samples", "away": r"([\d,]+) of them while"}
 RIG = """\
 [surface]
 kind = "sphere"
@@ -57,7 +57,7 @@ def _losses(kills: int) -> Row:
         sent = _sent(device, folder / "out.txt", running, kills)
         text = (folder / "out.txt").read_text()
     found = {
-        name: int(each[1].replace(",", "")) if (each := re.search(how, text)) else -1 for name, how in SAID.items()
+        name: int(each[1].replace(",", "")) if (each := re.search(how, text)) else -1 for name, how in COUNTS.items()
     }
     got = f"{sent:,} sent, {found['received']:,} received, {found['lost']:,} lost, {found['away']:,} of them meanwhile"
     what = f"Net F/T at 1 kHz, receiver killed {kills} times: samples that are neither received nor lost"
@@ -153,7 +153,7 @@ def _lines(values: np.ndarray) -> list[bytes]:
 
 
 def _damage(line: bytes, rng: np.random.Generator) -> tuple[bytes, int, float]:
-    """Return a line with another sign or leading digit, of which number, and by how much that changed."""
+    """Return a line in which one number has another sign or leading digit, that number's index, and its change."""
     parts = line.split(b",")
     which = int(rng.integers(len(parts)))
     before, digits = parts[which], parts[which].lstrip(b"-")

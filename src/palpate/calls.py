@@ -31,23 +31,6 @@ class _Numbers:
     """Marker that stands for NumPy's ArrayLike in an annotation."""
 
 
-def later(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
-    """Return the `__getattr__` of a package that imports its public names when they are first requested.
-
-    Args:
-        package: its name.
-        homes: module of the package -> the names in it, separated by spaces.
-    """
-    home = {name: module for module, names in homes.items() for name in names.split()}
-
-    def find(name: str) -> object:
-        if name not in home:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(f"{package}.{home[name]}"), name)
-
-    return find
-
-
 def by_name(dotted: str) -> Any:
     """Import and return an object of a module, for values to save or draw and for tables of classes.
 

@@ -98,10 +98,7 @@ def evaluate(
 
 def _say(report: EvaluationReport) -> None:
     matched = f"{report.samples:,}, {report.matched:,} of them with a truth, {report.answered:,} of those answered"
-    counts = {
-        name: getattr(report, name) for name in ("samples", "matched", "answered", "unmatched", "missed", "outside")
-    }
-    lines([("contacts", Quantity(matched, counts))])
+    lines([("contacts", Quantity(matched, {name: getattr(report, name) for name in _COUNTS}))])
     lines(shares(report.statuses))
     if report.touches:
         table(

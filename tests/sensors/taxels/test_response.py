@@ -129,10 +129,14 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     cells, truth = skin.readings(loads, 3)
     body = TaxelBody.anywhere(skin.positions, skin.normals, along=(1.0, 0.0, 0.0))
     recording = Recording(np.arange(len(cells)) / RATE, {CELLS: cells})
-    found = identify_response(body, recording, TrueSamples(truth.frame / RATE, truth.place, force=truth.force))
+    known = TrueSamples(truth.frame / RATE, truth.place, force=truth.force)
+    found = identify_response(body, recording, known)
     assert found.sums == sums
-    assert found.curve[[0, 3]] == pytest.approx(1.0, abs=0.3)
     assert "left_out" in found.provenance
+    with pytest.raises(InputError, match=r"pull at the skin\..*change the sign"):
+        identify_response(body, recording, replace(known, force=-truth.force))
+    with pytest.raises(InputError, match=r"from the nearest taxel.*in m, in the surface's frame"):
+        identify_response(body, recording, replace(known, point=truth.place + 0.1 * np.eye(3)[0]))
 
 
 def test_few_presses_and_truths_without_forces_are_refused() -> None:

@@ -19,7 +19,7 @@ from palpate.errors import InputError
 from palpate.sensors.fused.agreement import Agreement
 from palpate.sensors.fused.lasting_unseen import LastingUnseen, fuse_with_unseen
 from palpate.sensors.fused.locator import FusedFrames, FusedLocator
-from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.estimator import SQUARE, TaxelEstimator
 from palpate.signals.drift import Drift
 from palpate.signals.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
 from palpate.signals.smoothing import require_forward
@@ -42,7 +42,6 @@ FEATURES = (
     "force_zz",
 )
 SHARE, BOUND, UNEXPLAINED, BELIEF = range(4)  # their columns after the skin's
-_WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # of a covariance by its six numbers
 
 
 class FusedEstimator(ContactEstimator):
@@ -290,7 +289,7 @@ class FusedEstimator(ContactEstimator):
         shear = None
         if self.taxels.body.response is not None:
             six = skin[:, self._covers : self._covers + 6]
-            along = np.einsum("nij,ni,nj->n", six[:, _WHOLE].reshape(-1, 3, 3), normals, normals)
+            along = np.einsum("nij,ni,nj->n", six[:, SQUARE].reshape(-1, 3, 3), normals, normals)
             across = 0.5 * (six[:, [0, 3, 5]].sum(axis=1) - along)
             deviations = np.hypot(deviations, np.sqrt(np.maximum(along, 0.0)))
             shear = np.column_stack([skin[:, ROW.force] + normal[:, None] * normals, 1.0 / across])

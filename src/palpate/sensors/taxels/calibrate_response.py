@@ -10,10 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import CHI2_95
 from palpate.contact.ground_truth import TrueSamples
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels._loads import LEAST_PATCH
-from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.estimator import SQUARE, TaxelEstimator
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.response import AXES, TaxelResponse, response_terms
@@ -27,12 +28,13 @@ PARTS = 4  # of the presses, each left out in turn
 PRESSED, FULL = 0.02, 0.5  # of the largest force, and of the largest of a press, from which frames are used
 EACH, EVERY = 4, 2  # frames of a press, and of those each so many to try
 CHECKED = 2  # parts that are predicted in the recording as it ran
+MOSTLY, BESIDE = 0.8, 2.0  # of the forces that press; pitches to the nearest taxel, at most, of half of the points
 ROUNDS = 10
 PATCHES = np.concatenate([np.linspace(LEAST_PATCH, 0.0, 4)[:-1], [0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0]])
 _LOOSE = 0.3  # squared pitches: deviation of a patch before it is learned
 _ALIKE = 1e-2  # weight of the mean gains in those of a taxel
 _INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
-CHI2 = (3.841458820694124, 5.991464547107979)  # 95 % points with one and two degrees of freedom
+CHI2 = (3.841458820694124, CHI2_95)  # 95 % points with one and two degrees of freedom
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,8 @@ def _presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pitch: f
     """Return the frames of a recording in which a force is known, less the rest before and after."""
     if truth.force is None:
         raise InputError("the true contacts have no forces.", where=recording.source, hint="Add columns fx, fy, fz.")
-    raw = np.where(np.isfinite(cells := _raw(body, recording)), cells, 0.0)
+    cells = replace(body, response=TaxelResponse.guessed(len(body), pitch)).raw(recording)
+    raw = np.where(np.isfinite(cells), cells, 0.0)
     time, step = recording.time, float(np.median(np.diff(recording.time)))
     row = np.clip(np.searchsorted(truth.time, time - 0.5 * step), 0, len(truth.time) - 1)
     size = np.linalg.norm(truth.force, axis=1)[row] * (np.abs(truth.time[row] - time) <= 0.5 * step)
@@ -140,14 +143,22 @@ def _presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pitch: f
         raise NotIdentifiable(few, rank=len(largest), missing=("gains",))
     point, force = truth.point[row[used]], truth.force[row[used]]
     offset, local = _local(body, point, force, pitch)
+    _require_presses(offset, local, pitch, recording.source)
     return Presses(press[used], used, (raw - rest)[used], noise, offset, point, local)
 
 
-def _raw(body: TaxelBody, recording: Recording) -> Float[np.ndarray, "n k 3"]:
-    """Return the readings of a recording as they are."""
-    plain = TaxelResponse.guessed(len(body), 1.0)
-    normal, sideways = replace(body, response=plain).loads(recording)
-    return np.stack([*np.split(sideways, 2, axis=1), normal], axis=2)
+def _require_presses(
+    offset: Float[np.ndarray, "n k 2"], force: Float[np.ndarray, "n 3"], pitch: float, source: str
+) -> None:
+    """Require that the forces press, and that the points lie on the skin."""
+    if np.mean(force[:, 2] > 0) < MOSTLY:
+        hint = "State the force on the skin, in the surface's frame: change the sign of fx, fy, fz."
+        raise InputError("most of the true forces pull at the skin.", where=source, hint=hint)
+    away = float(np.median(np.linalg.norm(offset, axis=2).min(axis=1)))
+    if away > BESIDE:
+        hint = "State the points in m, in the surface's frame, which is that of the taxels."
+        far = f"the true points lie {1e3 * pitch * away:.3g} mm from the nearest taxel (median)."
+        raise InputError(far, where=source, hint=hint)
 
 
 def _rests(
@@ -342,7 +353,7 @@ def _errors(
     error = turn[:2] @ (found.point[best] - presses.point[i]) / pitch
     place = turn[:2] @ found.covariance[best] @ turn[:2].T / pitch**2
     six = np.array([found.features[f"force_{name}"][best] for name in ("xx", "xy", "xz", "yy", "yz", "zz")])
-    spread = turn @ six[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3) @ turn.T
+    spread = turn @ six[SQUARE].reshape(3, 3) @ turn.T
     own = [*error, place[0, 0], place[0, 1], place[1, 1], *(turn @ found.force[best]), *spread.ravel()]
     return np.array([[*own, *presses.force[i]]])
 

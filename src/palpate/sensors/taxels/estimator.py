@@ -35,8 +35,9 @@ more than the force; pressure on one cell at most [Pa], and mean [Pa]; standard 
 principal axes [m]; angle of the long axis [rad], from rising rows towards rising columns, or anticlockwise from
 `TaxelBody.tangents`; number of cells."""
 SHEAR = ("slip", "slip_sd", "torque_sd", "force_xx", "force_xy", "force_xz", "force_yy", "force_yz", "force_zz")
-"""Of taxels with three axes: ratio of tangential to normal force, its standard deviation and that of the torque [N m];
-the force's covariance [N^2]."""
+"""Ratio of tangential to normal force, its standard deviation and that of the torque [N m], and the force's covariance
+[N^2]; of taxels with three axes."""
+SQUARE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # where the nine numbers of a covariance are among its six
 HEAD = 2048  # frames from which rest, noise and faults are taken
 _ROWS = 1024  # of a piece of answers
 

@@ -304,6 +304,14 @@ class TaxelBody(Value):
         Raises:
             InputError: as by `readings`.
         """
+        return self.split(self.raw(recording))
+
+    def raw(self, recording: Recording) -> Float[np.ndarray, "n k ..."]:
+        """Return the readings as they are, (n, k), or (n, k, 3) of three axes, read-only; implausible ones are NaN.
+
+        Raises:
+            InputError: as by `readings`.
+        """
         if CELLS not in recording.channels:
             hint = "Name their columns (cells) or topic in the rig's [skin]."
             raise InputError("has no readings of taxels.", where=recording.source, hint=hint)
@@ -319,7 +327,7 @@ class TaxelBody(Value):
         if np.nanmax(np.abs(rows), initial=0.0) > LARGEST:  # a fault of the log
             rows = np.where(np.abs(rows) <= LARGEST, rows, np.nan)
         rows.flags.writeable = False
-        return self.split(rows)
+        return rows
 
     def split(self, rows: np.ndarray) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n m"]]:
         """Return what `loads` does, for raw readings (n, k), or (n, k, 3) of taxels with three axes."""
