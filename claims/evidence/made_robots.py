@@ -118,7 +118,7 @@ def poses_apart(path: Path, base: str, sensor: str, joints: tuple[str, ...], cou
     if sorted(made.joints) != sorted(joints):
         return np.inf
     values = np.random.default_rng(4).uniform(-3, 3, (count, len(joints)))
-    quaternion, position = made.poses(values[:, [joints.index(name) for name in made.joints]])
+    quaternion, position = (each[:, 0] for each in made.poses(values[:, [joints.index(name) for name in made.joints]]))
     rotation, worst = rotation_from_quaternion(quaternion), 0.0
     for k, row in enumerate(values):
         for name, value in zip(joints, row, strict=True):

@@ -66,7 +66,8 @@ if _CHECKING:
     from palpate.sensors.taxels import TaxelBody, TaxelEstimator
     from palpate.sensors.taxels.skin_map import Sheet, map_skin
     from palpate.setup import load_rig
-    from palpate.setup.pipeline import estimate, open_log
+    from palpate.setup.estimate import estimate
+    from palpate.setup.pipeline import open_log
     from palpate.signals import Butterworth, Kalman, Payload, Recording
     from palpate.spatial.pose import Pose
     from palpate.spatial.wrench import Wrench
@@ -137,7 +138,8 @@ _NAMES = {
     "palpate.sensors.taxels": "TaxelBody TaxelEstimator",
     "palpate.sensors.taxels.skin_map": "Sheet map_skin",
     "palpate.setup": "load_rig",
-    "palpate.setup.pipeline": "estimate open_log",
+    "palpate.setup.estimate": "estimate",
+    "palpate.setup.pipeline": "open_log",
     "palpate.signals": "Butterworth Kalman Payload Recording",
     "palpate.spatial.pose": "Pose",
     "palpate.spatial.wrench": "Wrench",

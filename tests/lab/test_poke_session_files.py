@@ -123,7 +123,8 @@ def test_the_urdf_is_the_arm(written: Written) -> None:
     pytest.importorskip("pinocchio")
     kinematics = Kinematics(Urdf(folder / "arm.urdf"), "ft_sensor", "forearm")
     joints = np.random.default_rng(2).uniform(-1.0, 1.5, (20, 2))
-    quaternion, position = kinematics.poses(joints[:, [JOINTS.index(name) for name in kinematics.joints]])
+    turned, moved = kinematics.poses(joints[:, [JOINTS.index(name) for name in kinematics.joints]])
+    quaternion, position = turned[:, 0], moved[:, 0]
     pose = session.bench.arm.pose(joints[:, 0], joints[:, 1])
     np.testing.assert_allclose(Pose.from_quaternion(quaternion, position).rotation, pose.rotation, atol=1e-12)
     np.testing.assert_allclose(position, pose.translation, atol=1e-12)

@@ -14,7 +14,7 @@ from palpate.files.logs import read_recording
 from palpate.files.models import read_model
 from palpate.sensors.taxels.intensity import Intensity
 from palpate.sensors.taxels.section import SkinSection
-from palpate.setup.rig import load_rig
+from palpate.setup.load import load_rig
 from palpate.signals.drift import Drift
 from palpate.signals.payload import Payload
 from palpate.signals.recording import CELLS, ORIENTATION

@@ -13,6 +13,7 @@ from tyro.conf import arg
 
 from palpate.cli.contact_files import compared_blocks
 from palpate.cli.estimate_log import Estimated, estimate_log, record_of
+from palpate.cli.estimate_robot import estimate_robot, require_robot_options
 from palpate.cli.events import say_touches
 from palpate.cli.report import judged, run_of
 from palpate.cli.rig_options import RigOptions
@@ -25,6 +26,7 @@ from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.contacts import require_format
 from palpate.files.ground_truth import read_ground_truth
 from palpate.setup.link import Link
+from palpate.setup.load import robot_of
 from palpate.setup.pipeline import OpenedLog
 from palpate.viewer.report import render, require_report
 from palpate.viewer.run_compare import compared
@@ -75,6 +77,10 @@ def estimate(
     """
     if workers is not None and workers < 1:
         raise InputError(f"must be at least 1, not {workers}.", where="--workers")
+    if setup.rig is not None and (robot := robot_of(setup.rig)) is not None:
+        require_robot_options(robot, setup, report=report, truth=truth, compare=compare, workers=workers)
+        estimate_robot(log, robot, output, frame, setup.sensor)
+        return
     rig = setup.load()
     inputs = (log, setup.rig, *rig.files().values(), truth, compare)
     if output is not None:  # this and what follows: before the work, not after it

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 from palpate.cli.summarising_writer import ProcessWriter, SummedWriter, writer_process, writing_here
+from palpate.contact.contacts import Contacts
 from palpate.files.models import provenance, write_provenance
 from palpate.interrupts import uninterrupted
 from palpate.processes import keep_memory
@@ -102,7 +103,11 @@ def estimate_log(
             inputs = provenance(files, {}) if parallel is None else parallel.inputs.result()
             return inputs | provenance({}, options)
 
-        writer, record = _written(pipeline, writing, watch, output, made_from, keep_short=keep_short)
+        blocks = (
+            EstimatedBlock(len(block), opened.position / max(opened.size, 1), found, placed)
+            for block, found, placed in pipeline.stream()
+        )
+        writer, record = write_blocks(blocks, writing, watch, output, made_from, keep_short=keep_short)
     summary, ended = writer.summary, record["ended"]
     pipeline.seconds["write"] = writer.seconds
     warnings, short = pipeline.warnings(), [opened.torn] if opened.torn else []
@@ -137,21 +142,50 @@ def _start(opened: OpenedLog, files: Mapping[str, Path | None]) -> Generator[_Pa
         yield _Parallel(reader, writer, inputs)
 
 
-def _written(
-    pipeline: Pipeline,
+class EstimatedBlock(NamedTuple):
+    """The contacts of the next samples of a log.
+
+    Attributes:
+        samples: number of these samples.
+        share: share (0 to 1) of the log that was read.
+        found: contacts to summarise.
+        placed: contacts to write.
+    """
+
+    samples: int
+    share: float
+    found: Contacts
+    placed: Contacts
+
+
+def write_blocks(
+    blocks: Iterator[EstimatedBlock],
     writing: AbstractContextManager[SummedWriter],
     watch: Watch,
     output: Path | None,
     made_from: Callable[..., dict[str, str]],
     *,
-    keep_short: bool,
+    keep_short: bool = True,
 ) -> tuple[SummedWriter, dict[str, str]]:
-    """Write OUTPUT and OUTPUT.toml: both, or after a further Ctrl-C neither."""
+    """Write OUTPUT and OUTPUT.toml: both, or after a further Ctrl-C neither; return the writer and the record.
+
+    Args:
+        blocks: the contacts.
+        writing: context of the writer of OUTPUT.
+        watch: called after every block.
+        output: OUTPUT; None: contacts are only summarised.
+        made_from: returns the contents of OUTPUT.toml, with `interrupted` that says whether Ctrl-C ended it.
+        keep_short: after Ctrl-C the contacts so far take the name of OUTPUT; False: they stay OUTPUT.part.
+
+    Raises:
+        InputError: the log cannot be read on, or the output cannot be written.
+        KeyboardInterrupt: Ctrl-C before the first row, or without `keep_short`.
+    """
     try:
         with ExitStack() as stack:
             writer = stack.enter_context(writing)
             try:
-                interrupted = _interrupted(pipeline, writer, watch)
+                interrupted = _interrupted(blocks, writer, watch)
                 if interrupted and not keep_short:
                     raise _Stopped
                 record = made_from(interrupted=interrupted)
@@ -166,15 +200,15 @@ def _written(
     return writer, record
 
 
-def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool:
-    """Estimate all blocks; return whether Ctrl-C ended it, and raise it if there is no row yet."""
+def _interrupted(blocks: Iterator[EstimatedBlock], writer: SummedWriter, watch: Watch) -> bool:
+    """Write all blocks; return whether Ctrl-C ended it, and raise it if there is no row yet."""
     samples = 0
     try:
-        for block, found, placed in pipeline.stream():
+        for block in blocks:
             with uninterrupted():  # a block is written and counted, or neither
-                writer.write(found, placed)
-            samples += len(block)
-            watch(samples, pipeline.log.position / max(pipeline.log.size, 1))
+                writer.write(block.found, block.placed)
+            samples += block.samples
+            watch(samples, block.share)
     except KeyboardInterrupt:
         if not writer.rows:
             raise

@@ -35,7 +35,8 @@ class SummedWriter:
     """
 
     def __init__(self, writer: ContactsWriter | None = None) -> None:
-        self._writer, self.summary, self.seconds, self.rows = writer, RunSummary(), 0.0, 0
+        self._writer: ContactsWriter | None = writer
+        self.summary, self.seconds, self.rows = RunSummary(), 0.0, 0
 
     def write(self, found: Contacts, placed: Contacts) -> None:
         """Write a block: summarise `found`, in the surface's frame, and write `placed`, in that of the file.

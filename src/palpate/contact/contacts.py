@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import by_name, called_as
 from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.contact.origins import Origin, Origins
 from palpate.errors import InputError
 from palpate.spatial._arrays import FLOAT, INT64, Value, shaped
 from palpate.spatial.arguments import integer
@@ -54,6 +55,7 @@ class Contacts(Value):
         estimate: batch of n estimates: point, force, covariance, status.
         features: name -> (n,) values that a sensor adds, SI (a sheet's row, column, area, ...); NaN without a contact.
         notes: remarks on the log and the sensor, one sentence each.
+        origins: sensor and link of each row, where a robot has several; None: all rows are of one sensor.
 
     Raises:
         InputError: a column does not have one value of its type for each row.
@@ -65,6 +67,7 @@ class Contacts(Value):
     estimate: ContactEstimate
     features: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=lambda: {})
     notes: tuple[str, ...] = ()
+    origins: Origins | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in _COLUMNS.items():
@@ -74,6 +77,7 @@ class Contacts(Value):
         count = len(self.sample)
         estimates = {"estimate": self.estimate.status, "estimate's point": self.estimate.point[..., 0]}
         columns = {"time": self.time, "identity": self.identity, **estimates, **features}
+        columns |= {} if self.origins is None else {"origins' index": self.origins.index}
         for name, values in columns.items():
             if values.shape != (count,):
                 raise InputError(f"{name} must have one value for each of {count} rows, not shape {values.shape}.")
@@ -140,7 +144,16 @@ class Contacts(Value):
             for name in dict.fromkeys(name for part in parts for name in part.features)
         }
         notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
-        return cls(**columns, estimate=estimate, features=features, notes=notes)
+        origins = None
+        if any(part.origins is not None for part in parts):
+            origins = Origins.joined([part._origins() for part in parts])
+        return cls(**columns, estimate=estimate, features=features, notes=notes, origins=origins)
+
+    def _origins(self) -> Origins:
+        """Return the origins; of one sensor its rows have a blank one."""
+        if self.origins is not None:
+            return self.origins
+        return Origins(np.zeros(len(self), dtype=np.int64), (Origin(),) if len(self) else ())
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -166,7 +179,8 @@ class Contacts(Value):
             return self.estimate[which]
         columns = {name: getattr(self, name)[which] for name in _COLUMNS}
         features = {name: values[which] for name, values in self.features.items()}
-        return replace(self, **columns, estimate=self.estimate[which], features=features)
+        origins = None if self.origins is None else self.origins[which]
+        return replace(self, **columns, estimate=self.estimate[which], features=features, origins=origins)
 
     @property
     def point(self) -> Float[np.ndarray, "n 3"]:
@@ -218,12 +232,34 @@ class Contacts(Value):
         """Mask of the rows that have a point and a normal, answered or not, (n,)."""
         return np.asarray(np.isfinite(np.hstack([self.estimate.point, self.estimate.normal])).all(axis=1))
 
+    @property
+    def sensor(self) -> np.ndarray:
+        """Name of the robot's sensor that each row is from, (n,) text; "" for a rig of one sensor."""
+        return self._origins().sensor
+
+    @property
+    def link(self) -> np.ndarray:
+        """Name of the robot's link that each row is on, (n,) text; "" for a rig of one sensor."""
+        return self._origins().link
+
+    def of(self, sensor: str) -> Contacts:
+        """Return the `Contacts` of one sensor of a robot.
+
+        Raises:
+            InputError: there is no such sensor.
+        """
+        return self[self._origins().rows_of(sensor)]
+
     def strongest(self) -> Int[np.ndarray, " s"]:
         """Return the row with the largest force of each sample, its first row if none has a force, (s,) int."""
-        force = np.linalg.norm(self.estimate.force, axis=1)
-        order = np.lexsort((-np.where(np.isfinite(force), force, -1.0), self.sample))
-        _, first = np.unique(self.sample[order], return_index=True)
+        force, sample = np.linalg.norm(self.estimate.force, axis=1), self._samples()
+        order = np.lexsort((-np.where(np.isfinite(force), force, -1.0), sample))
+        _, first = np.unique(sample[order], return_index=True)
         return order[first]
+
+    def _samples(self) -> Int[np.ndarray, " n"]:
+        """Return a number for each row that is unique to its sample, also if several sensors count theirs."""
+        return self.sample if self.origins is None else self.sample * len(self.origins.among) + self.origins.index
 
     def with_estimate(self, estimate: ContactEstimate) -> Contacts:
         """Return `Contacts` with the same rows and another batch of n estimates.
@@ -319,7 +355,7 @@ class Contacts(Value):
             return "Contacts(no rows)"
         counts = np.bincount(self.status, minlength=len(Status))
         seen = ", ".join(f"{count:,} {Status(code)}" for code, count in enumerate(counts) if count)
-        samples = len(np.unique(self.sample))
+        samples = len(np.unique(self._samples()))
         several = "" if samples == len(self) else f" of {samples:,} samples"
         known = self.time[np.isfinite(self.time)]
         span = f", {known.min():.3f} to {known.max():.3f} s" if len(known) else ""

@@ -10,10 +10,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.calls import called_as
+from palpate.contact.origins import Origin, Origins
+from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
 __all__ = ["Events", "largest_deviation"]
+
+_OTHER = ("features", "paths", "origins")  # fields that are not arrays
 
 
 @called_as("contacts.touches()[0]", contacts="contacts[(contacts.time >= touch.start) & (contacts.time <= touch.end)]")
@@ -41,6 +45,7 @@ class Events(Value):
         identity: (k,) of the contact; 0 if a sensor has one at a time.
         paths: k arrays (m, 4): time [s] and point [m] of the sample nearest to the mean of each 0.1 s of a touch.
         features: name -> (k,) value that the sensor adds, in the sample with the largest force; NaN if it has none.
+        origins: sensor and link of each touch, where a robot has several sensors; None: all are of one.
 
     Raises:
         InputError: arrays of other or different shapes.
@@ -60,13 +65,53 @@ class Events(Value):
     identity: Int[np.ndarray, " k"]
     paths: Sequence[Float[np.ndarray, "_ 4"]]
     features: Mapping[str, Float[np.ndarray, " k"]] = field(default_factory=lambda: {})
+    origins: Origins | None = None
 
     def __post_init__(self) -> None:
         features = MappingProxyType({name: frozen(values) for name, values in self.features.items()})
         paths = tuple(frozen(path) for path in self.paths)
         for name, value in vars(self).items():
-            made = {"features": features, "paths": paths}.get(name)
-            object.__setattr__(self, name, frozen(value, dtype=value.dtype) if made is None else made)
+            made = {"features": features, "paths": paths, "origins": self.origins}
+            object.__setattr__(self, name, made[name] if name in made else frozen(value, dtype=value.dtype))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Events]) -> Events:
+        """Join `Events` of several sensors in the order in which the touches began.
+
+        Raises:
+            InputError: there are none.
+        """
+        if not parts:
+            raise InputError("parts must be at least one Events, and is empty.")
+        order: np.ndarray = np.argsort(np.concatenate([part.start for part in parts]), kind="stable")
+        arrays = {
+            name: np.concatenate([getattr(part, name) for part in parts])[order]
+            for name in vars(parts[0])
+            if name not in _OTHER
+        }
+        paths: list[np.ndarray] = [path for part in parts for path in part.paths]
+        features = {
+            name: np.concatenate([part.features.get(name, np.full(len(part), np.nan)) for part in parts])[order]
+            for name in dict.fromkeys(name for part in parts for name in part.features)
+        }
+        known = [part.origins for part in parts if part.origins is not None]
+        origins = Origins.joined(known)[order] if len(known) == len(parts) else None
+        return cls(**arrays, paths=tuple(paths[int(k)] for k in order), features=features, origins=origins)
+
+    def with_origin(self, origin: Origin) -> Events:
+        """Return the same `Events` as those of one sensor of a robot."""
+        kept = {name: getattr(self, name) for name in vars(self) if name != "origins"}
+        return Events(**kept, origins=Origins(np.zeros(len(self), dtype=np.int64), (origin,)))
+
+    @property
+    def sensor(self) -> np.ndarray:
+        """Name of the robot's sensor that felt each touch, (k,) text; "" for a rig of one sensor."""
+        return np.full(len(self), "") if self.origins is None else self.origins.sensor
+
+    @property
+    def link(self) -> np.ndarray:
+        """Name of the robot's link that was touched, (k,) text; "" for a rig of one sensor."""
+        return np.full(len(self), "") if self.origins is None else self.origins.link
 
     def __len__(self) -> int:
         return len(self.start)
@@ -77,7 +122,8 @@ class Events(Value):
         Raises:
             IndexError: there is no touch with this index.
         """
-        columns = {name: value[which] for name, value in vars(self).items() if name not in ("features", "paths")}
+        columns = {name: value[which] for name, value in vars(self).items() if name not in _OTHER}
+        columns |= {"sensor": str(self.sensor[which]), "link": str(self.link[which])}
         features = {name: value[which] for name, value in self.features.items()}
         duration = self.end[which] - self.start[which]
         return Touch(**columns, path=self.paths[which], features=features, duration=duration)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.origins import Origins
 from palpate.processes import require_polars_threads
 from palpate.spatial.arguments import takes_arrays
 
@@ -18,23 +20,29 @@ _VECTORS = ("px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "torque")
 _VARIANCES = ("var_xx", "var_xy", "var_xz", "var_yy", "var_yz", "var_zz")
 NUMBERS = ("time", *_VECTORS, *_VARIANCES)
 COLUMNS = ("sample", "time", "contact", "status", *_VECTORS, *_VARIANCES, "candidates")  # `contact` is the identity
+ORIGIN = ("sensor", "link")  # further columns of a robot's contacts
 _UPPER = np.triu_indices(3)
 LABELS = [status.label for status in Status]  # at the place of their code
 
 
-def schema(features: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return a dict of column name -> polars type: `COLUMNS`, then features (Float64)."""
+def schema(added: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return a dict of column name -> polars type: `COLUMNS`, then `added` ones, `ORIGIN` or features (Float64)."""
     types: dict[str, Any] = {name: pl.Int64 if name in WHOLE else pl.Float64 for name in COLUMNS}
-    return types | {"status": pl.String} | dict.fromkeys(features, pl.Float64)
+    return types | {"status": pl.String} | {name: pl.String if name in ORIGIN else pl.Float64 for name in added}
+
+
+def added_columns(contacts: Contacts) -> tuple[str, ...]:
+    """Return a tuple of the columns of contacts besides `COLUMNS`: `ORIGIN` of a robot, and features."""
+    return (*(() if contacts.origins is None else ORIGIN), *contacts.features)
 
 
 def features_of(names: tuple[str, ...] | list[str]) -> tuple[str, ...]:
-    """Return a tuple of the column names that are features of a sensor: those not in `COLUMNS`."""
-    return tuple(name for name in names if name not in COLUMNS)
+    """Return a tuple of the column names that are features of a sensor: those not in `COLUMNS` or `ORIGIN`."""
+    return tuple(name for name in names if name not in (*COLUMNS, *ORIGIN))
 
 
 def to_frame(contacts: Contacts) -> pl.DataFrame:
-    """Return a polars `DataFrame` with the columns `COLUMNS`, then features; null for NaN, statuses as labels.
+    """Return a polars `DataFrame` with `COLUMNS`, then `added_columns`; null for NaN, statuses as labels.
 
     Raises:
         InputError: the process was forked from one in which polars had started its threads.
@@ -52,9 +60,10 @@ def to_frame(contacts: Contacts) -> pl.DataFrame:
             **dict(zip(_VECTORS, numbers.T, strict=True)),
             **dict(zip(_VARIANCES, variances.T, strict=True)),
             "candidates": estimate.candidates,
+            **({} if contacts.origins is None else {"sensor": contacts.sensor, "link": contacts.link}),
             **contacts.features,
         },
-        schema=schema(tuple(contacts.features)),
+        schema=schema(added_columns(contacts)),
     ).with_columns(pl.col(pl.Float64).fill_nan(None))
 
 
@@ -76,9 +85,16 @@ def from_frame(frame: pl.DataFrame) -> Contacts:
         name: frame[name].fill_null(float("nan")).to_numpy().astype(np.float64) for name in features_of(frame.columns)
     }
     contacts = assembled(sample, contact, candidates, codes.to_numpy(), numbers, features)
+    if set(ORIGIN) <= set(frame.columns):
+        contacts = replace(contacts, origins=origins_of(*(frame[name] for name in ORIGIN)))
     if (row := pointless(contacts.estimate)) is not None:
         raise ValueError(f"row {row} of a block has the status of a located contact, but no point")
     return contacts
+
+
+def origins_of(sensors: pl.Series, links: pl.Series) -> Origins:
+    """Return the `Origins` of the columns `ORIGIN` of a table; "" where there is no name."""
+    return Origins.of_names(sensors.fill_null("").to_list(), links.fill_null("").to_list())
 
 
 def pointless(estimate: ContactEstimate) -> int | None:

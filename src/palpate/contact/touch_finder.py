@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.contact.events import Events
+from palpate.contact.origins import EXPECTED, Origin, Origins
 from palpate.signals.recording import LARGEST
 
 GAP, SHORTEST = 0.05, 0.02  # s
@@ -92,9 +94,13 @@ class TouchFinder:
         self._rows, self._features = 0, dict[str, None]()
         self._open = np.empty((0, _Span.length)), np.empty((0, _Sum.plain.stop))  # samples of the last window
         self._windows: list[tuple[np.ndarray, np.ndarray]] = []
+        self._of: dict[Origin, TouchFinder] = {}  # a finder for each sensor of a robot
 
     def add(self, contacts: Contacts) -> None:
-        """Add the next contacts; numbers whose sums would overflow are left out."""
+        """Add the next contacts; numbers whose sums would overflow, and expected contacts, are left out."""
+        if contacts.origins is not None:
+            self._add_of_robot(contacts, contacts.origins)
+            return
         time, estimate = contacts.time, contacts.estimate
         known = np.abs(time) <= LATEST  # not NaN
         steps = np.diff(np.concatenate([self._last, time[known]]))
@@ -113,6 +119,14 @@ class TouchFinder:
             self._open = spans[~done], sums[~done]
         self._rows += len(time)
 
+    def _add_of_robot(self, contacts: Contacts, origins: Origins) -> None:
+        expected = contacts.features.get(EXPECTED, np.zeros(0)) == 1
+        for k, origin in enumerate(origins.among):
+            rows: np.ndarray = np.flatnonzero(origins.index == k)
+            if len(rows) and not (expected.any() and expected[rows].all()):
+                settings = {"gap": self._gap, "shortest": self._shortest, "speed": self._speed}
+                self._of.setdefault(origin, TouchFinder(**settings)).add(replace(contacts[rows], origins=None))
+
     def _windows_of(
         self, spans: Float[np.ndarray, "n s"], sums: Float[np.ndarray, "n w"]
     ) -> tuple[Float[np.ndarray, "k s"], Float[np.ndarray, "k w"]]:
@@ -127,6 +141,8 @@ class TouchFinder:
 
     def touches(self) -> Events:
         """Return the touches of all samples so far as `Events`."""
+        if self._of:
+            return Events.joined([each.touches().with_origin(origin) for origin, each in self._of.items()])
         parts = [*self._windows, self._windows_of(*self._open)]
         wide = np.empty((0, _Span.length + len(self._features)))  # no sample may have been answered
         spans, sums = _joined([wide, *(spans for spans, _ in parts)]), np.concatenate([sums for _, sums in parts])

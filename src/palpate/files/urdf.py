@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import pairwise
@@ -327,33 +327,45 @@ class Urdf:
 
 @takes_arrays
 class Kinematics:
-    """Forward kinematics of one link in another, computed by pinocchio.
+    """Forward kinematics of links in another link, computed by pinocchio.
+
+    Args:
+        urdf: the robot.
+        base: link in whose frame the others are given.
+        links: the other links; one name is one link.
 
     Attributes:
+        links: names of the other links.
         joints: names of the joints whose positions are needed; for one that mimics another, that other.
+        turning: (j,) whether each of these turns, so that its position is an angle.
 
     Raises:
-        InputError: there is no such link, or not one path connects the two; a joint in it is neither fixed nor of one
-            axis, or mimics one that does not move by itself; or pinocchio is not installed, or cannot read the URDF.
+        InputError: there is no such link, or not one path connects two of them; a joint between is neither fixed nor of
+            one axis, or mimics one that does not move by itself; or pinocchio is not installed, or cannot read the
+            URDF.
     """
 
-    def __init__(self, urdf: Urdf, base: str, sensor: str) -> None:
+    def __init__(self, urdf: Urdf, base: str, links: str | Sequence[str]) -> None:
         with importing_extra("joint states need pinocchio", "urdf", where=str(urdf.path)):
             self._pin: Any = import_module("pinocchio")
-        chain, known = urdf.chain(base, sensor), {joint.name: joint for joint in urdf.joints}
+        self.links = (links,) if isinstance(links, str) else tuple(links)
+        known = {joint.name: joint for joint in urdf.joints}
+        moving = dict.fromkeys(joint.name for link in self.links for joint in urdf.chain(base, link))
+        chain = [known[name] for name in moving]
         for joint in chain:
             if joint.mimics and (joint.mimics not in known or known[joint.mimics].mimics):
                 what = f"joint {joint.name!r} follows {joint.mimics!r}, which does not move by itself."
                 raise InputError(what, where=str(urdf.path))
         self.joints = tuple(dict.fromkeys(joint.mimics or joint.name for joint in chain))
         self._limited = [known[name].kind == "revolute" for name in self.joints]
+        self.turning = np.array([known[name].kind != "prismatic" for name in self.joints], dtype=bool)
         try:
             self._model = self._pin.buildModelFromUrdf(str(urdf.path))
         except Exception as problem:  # whatever its parser meets
             reason = " ".join(str(problem).split())[:160]
             raise InputError(f"pinocchio cannot read this URDF ({reason}).", where=str(urdf.path)) from problem
-        self._data = self._model.createData()
-        self._frames = [self._model.getFrameId(link, self._pin.FrameType.BODY) for link in (base, sensor)]
+        self._data, self._where = self._model.createData(), self._pin.neutral(self._model)
+        self._frames = [self._model.getFrameId(link, self._pin.FrameType.BODY) for link in (base, *self.links)]
         places = [self._model.joints[self._model.getJointId(joint.name)] for joint in chain]  # in pinocchio's numbers
         sources = [self.joints.index(joint.mimics or joint.name) for joint in chain]
         self._moved = list(zip(places, sources, (joint.follows for joint in chain), strict=True))
@@ -372,31 +384,74 @@ class Kinematics:
             what = f"joint {self.joints[k]!r} reads up to {largest:.4g}, more than a turn: it seems to be in degrees."
             raise InputError(what, where=where, hint="Write positions of joints in radians.")
 
-    def poses(self, values: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-        """Return the sensor's quaternions x, y, z, w (n, 4) and positions (n, 3) [m] in the base.
+    def poses(self, values: Float[np.ndarray, "n j"]) -> tuple[Float[np.ndarray, "n k 4"], Float[np.ndarray, "n k 3"]]:
+        """Return quaternions x, y, z, w (n, k, 4) and positions (n, k, 3) [m] of the links in the base.
 
-        `values` are positions of `joints`, (n, k) [rad, m].
+        `values` are positions of `joints`, (n, j) [rad, m].
 
         Raises:
             InputError: values has another shape.
         """
-        pin, model, data = self._pin, self._model, self._data
-        moved = np.ones(len(values), dtype=bool)
-        moved[1:] = (values[1:] != values[:-1]).any(axis=1)
-        values, row_of = np.unique(values[moved], axis=0, return_inverse=True)  # an arm that stays, stays in one pose
-        row_of = row_of[np.cumsum(moved) - 1]
-        rotation, shift = np.empty((len(values), 3, 3)), np.empty((len(values), 3))
-        where = pin.neutral(model)
-        base, sensor = self._frames
-        for k, row in enumerate(values):
-            for place, source, (factor, offset) in self._moved:
-                value = factor * row[source] + offset
-                turns = place.nq == 2  # a continuous joint: cosine and sine
-                where[place.idx_q : place.idx_q + place.nq] = (np.cos(value), np.sin(value)) if turns else value
-            pin.forwardKinematics(model, data, where)
-            pose = pin.updateFramePlacement(model, data, base).actInv(pin.updateFramePlacement(model, data, sensor))
-            rotation[k], shift[k] = pose.rotation, pose.translation
-        return quaternion_from_rotation(rotation)[row_of], shift[row_of]
+        values, row_of = _distinct(values)
+        base, *links = self._frames
+        pin, model, data, where, frames = self._pin, self._model, self._data, self._where, self._data.oMf
+        made = np.empty((len(values), len(links), 4, 4))
+        root = np.empty((len(values), 4, 4))
+        positions = self._positions(values)
+        for k, row in enumerate(positions):
+            where[:] = row
+            pin.framesForwardKinematics(model, data, where)
+            root[k] = frames[base].homogeneous
+            for i, link in enumerate(links):
+                made[k, i] = frames[link].homogeneous
+        turned = np.swapaxes(root[:, None, :3, :3], -1, -2)
+        shift = np.einsum("...ij,...j->...i", turned, made[..., :3, 3] - root[:, None, :3, 3])
+        return quaternion_from_rotation(turned @ made[..., :3, :3])[row_of], shift[row_of]
+
+    def jacobians(self, values: Float[np.ndarray, "n j"], link: str) -> Float[np.ndarray, "n 6 j"]:
+        """Return the derivatives (n, 6, j) of a link's pose by the positions of `joints`, in the base.
+
+        The rows are rotation vector [rad] and translation [m].
+
+        Raises:
+            InputError: values has another shape, or the link is not one of `links`.
+        """
+        if link not in self.links:
+            raise InputError(f"link must be one of {', '.join(self.links)}, not {link!r}.")
+        values, row_of = _distinct(values)
+        pin, model, data, aligned = self._pin, self._model, self._data, self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        base, frame = self._frames[0], self._frames[1 + self.links.index(link)]
+        made = np.zeros((len(values), 6, len(self.joints)))
+        for k, where in enumerate(self._positions(values)):
+            pin.computeJointJacobians(model, data, where)
+            pin.updateFramePlacements(model, data)
+            of_base, of_link = (pin.getFrameJacobian(model, data, each, aligned) for each in (base, frame))
+            lever = data.oMf[frame].translation - data.oMf[base].translation
+            turn = data.oMf[base].rotation.T
+            turning = turn @ (of_link[3:] - of_base[3:])
+            moving = turn @ (of_link[:3] - of_base[:3] - np.cross(of_base[3:], lever, axis=0))
+            for place, source, (factor, _) in self._moved:
+                made[k, :3, source] += factor * turning[:, place.idx_v]
+                made[k, 3:, source] += factor * moving[:, place.idx_v]
+        return made[row_of]
+
+    def _positions(self, values: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "n q"]:
+        """Return the numbers by which pinocchio states positions of `joints`."""
+        made = np.tile(self._where, (len(values), 1))
+        for place, source, (factor, offset) in self._moved:
+            value = factor * values[:, source] + offset
+            if place.nq == 2:  # a continuous joint: cosine and sine
+                made[:, place.idx_q], made[:, place.idx_q + 1] = np.cos(value), np.sin(value)
+            else:
+                made[:, place.idx_q] = value
+        return made
+
+
+def _distinct(values: Float[np.ndarray, "n j"]) -> tuple[Float[np.ndarray, "m j"], Int[np.ndarray, " n"]]:
+    """Return the rows that differ from the one before, and of each row its place among these."""
+    moved = np.ones(len(values), dtype=bool)  # an arm that stays, stays in one pose
+    moved[1:] = (values[1:] != values[:-1]).any(axis=1)
+    return values[moved], np.cumsum(moved) - 1
 
 
 def _tree(joints: Iterable[Joint]) -> FrameTree:

@@ -29,7 +29,8 @@ from palpate.live.source import BATCH, Batch, Source, drained, source_of
 from palpate.live.stream_buffer import SlotForm, StreamBuffer
 from palpate.live.stuck_watch import StuckWatch
 from palpate.setup.built import BuiltEstimator
-from palpate.setup.rig import Rig, load_rig
+from palpate.setup.load import load_rig
+from palpate.setup.rig import Rig
 from palpate.setup.setup import Setup
 from palpate.setup.tables import RigFilter
 from palpate.signals.recording import (

@@ -15,7 +15,7 @@ from palpate.errors import InputError
 from palpate.live.json_lines import JsonLines, datagram_address
 from palpate.live.receiver import PRIORITY, hurry, orphaned
 from palpate.live.stream_buffer import SlotForm, StreamBuffer
-from palpate.setup.rig import load_rig
+from palpate.setup.load import load_rig
 from palpate.setup.source import RigSource
 
 RATE = 100.0  # Hz

@@ -1,4 +1,4 @@
-"""Estimate the contacts of a log with a rig, as `palpate estimate` and `palpate.estimate` do."""
+"""Open a log with the rig of one sensor, and process its samples to contacts."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from palpate.files.logs import open_log as open_by_layout
 from palpate.files.logs.arrays import DataFrame, arrays_of
 from palpate.files.logs.layout import pose_path
 from palpate.setup.built import BuiltEstimator
+from palpate.setup.load import load_rig
 from palpate.setup.prefetch import LogReader, MotionAhead, PrefetchedLog, reading_in_process
-from palpate.setup.rig import ESTIMATE, Rig, load_rig, with_mesh
+from palpate.setup.rig import Rig
 from palpate.setup.setup import Setup
 from palpate.signals.recording import CELLS, ORIENTATION, POSITION, Recording
 from palpate.surfaces._jit import compile_seconds
-from palpate.waiting import waiting
 
-__all__ = ["FRAMES", "HEAD", "OpenedLog", "Pipeline", "estimate", "open_log"]
+__all__ = ["FRAMES", "HEAD", "OpenedLog", "Pipeline", "open_log"]
 
 FRAMES = ("surface", "sensor", "base")
 HEAD = 20_000  # samples of the start of a log from which noise, rate and rest are taken
@@ -346,61 +346,6 @@ class Pipeline:
         """Return what may be wrong with the samples so far, one sentence each."""
         said = (*self.initial_warnings, *self.estimator.warnings(), *self._seen.warnings(self.estimator))
         return list(dict.fromkeys(said))
-
-
-@called_as(
-    ESTIMATE,
-    rate='palpate.estimate({"time": np.arange(len(wrenches)) / rate, "force": wrenches[:, :3], '
-    '"torque": wrenches[:, 3:]}, "rig.toml")',
-    start='contacts = palpate.estimate("log.csv", "rig.toml"), then contacts[contacts.time >= start]',
-    end='contacts = palpate.estimate("log.csv", "rig.toml"), then contacts[contacts.time < end]',
-    surface="palpate.WrenchEstimator(surface, palpate.ForceTorque(noise=(0.02, 0.001))).run("
-    'palpate.Recording(time, {"force": force, "torque": torque})), or a rig with [surface] kind = "ellipsoid"',
-    payload='a rig with [force_torque] payload = "payload.toml", then palpate.estimate("log.csv", "rig.toml")',
-    output='palpate.estimate("log.csv", "rig.toml").save("contacts.csv")',
-)
-def estimate(
-    log: LogLike,
-    rig: Rig | str | PathLike[str] | None = None,
-    *,
-    mesh: str | PathLike[str] | None = None,
-    unit: str | None = None,
-    frame: str = "surface",
-    sensor: str | None = None,
-    topic: str | None = None,
-) -> Contacts:
-    """Estimate every contact in a log, exactly as `palpate estimate` does.
-
-    Args:
-        log: the file, or a bag's folder; or a table of polars or pandas, or arrays by their names, as a file has them.
-        rig: the rig, or its file. None: the mesh is in the frame of a tared six-axis sensor.
-        mesh: file of the surface, in place of the rig's.
-        unit: unit of the mesh file's numbers: m, cm, mm, um or in.
-        frame: frame of the contacts: "surface", "sensor" or "base".
-        sensor: name of the sensor's table in the rig, if the log fits several sensors.
-        topic: topic of the sensor's readings, in place of the one that the rig names.
-
-    Returns:
-        The contacts, at least one row for each sample; `notes` has warnings, then notes.
-
-    Raises:
-        InputError: the log, the mesh or a file of the rig cannot be used, there is neither a rig nor a mesh, the unit
-            or frame is unknown, or the log has no poses for the base or does not begin at rest although it must.
-        GeometryError: the mesh has no usable surface.
-        NotIdentifiable: the load cells that the rig uses do not determine a wrench.
-    """
-    known = rig if isinstance(rig, Rig) or rig is None else load_rig(rig)
-    known = known if mesh is None else with_mesh(known, mesh, unit)
-    if known is None:
-        raise InputError("neither a rig nor a mesh is given.", hint=f"Write {ESTIMATE}.")
-    if mesh is None and unit is not None:
-        raise InputError("unit belongs to a mesh, and no mesh is given.", hint='Write mesh="probe.stl", unit="mm".')
-    name = log if isinstance(log, str | PathLike) else "the log"
-    with waiting(f"finding the contacts in {name}"), open_log(log, known, sensor, topic) as opened:
-        pipeline = Pipeline.of(opened, frame)
-        found = Contacts.joined([contacts for _, _, contacts in pipeline.stream()])
-        first = [said for said in (opened.torn, pipeline.unbelievable()) if said]
-        return found.noted((*first, *pipeline.warnings(), *pipeline.notes()))
 
 
 def _require_pose(log: OpenedLog, head: Recording) -> None:

@@ -13,7 +13,6 @@ from palpate.calls import called_as
 from palpate.contact.estimator import ContactEstimator
 from palpate.errors import InputError
 from palpate.files.logs.layout import LogLayout
-from palpate.files.models import load_toml
 from palpate.files.schema import parse
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
 from palpate.setup.drift import RigDrift
@@ -25,17 +24,13 @@ from palpate.setup.tables import OF_ANY_MESH, RigSurface
 from palpate.signals.recording import FORCE, Recording
 from palpate.spatial.pose import Pose
 
-__all__ = ["ESTIMATE", "Rig", "check_rig", "load_rig", "with_mesh"]
+__all__ = ["ESTIMATE", "Rig", "check_rig", "with_mesh"]
 
 ESTIMATE = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
 """Calls that find contacts in a log, for hints."""
 _SLICED = {"columns", "position", "cells"}  # keys that name columns
 _SLICE = re.compile(r"(.+)\[(\d+):(\d+)\]")
 _LONGEST = 1 << 16  # columns of a slice
-_NO_RIG = {
-    "a mesh": (".stl", ".obj", ".ply", ".dae"),
-    "a log": (".csv", ".parquet", ".npy", ".npz", ".mcap", ".bag", ".db3"),
-}
 
 
 @runtime_checkable
@@ -63,6 +58,7 @@ class Rig(SharedTables):
         sensors: name of a sensor's table -> its values, as the dataclass of `palpate.setup.kinds.KINDS`.
         source: source of live samples; None: the rig is for logs.
         folder: where relative paths start.
+        name: name of the sensor among those of a robot; "": a rig of its own.
         time, orientation, acceleration, filter, estimate, contacts: the other tables.
         drift, pokes: tables that may be missing, which are None then.
     """
@@ -71,6 +67,7 @@ class Rig(SharedTables):
     sensors: Mapping[str, Any] = field(default_factory=dict[str, Any])
     source: RigSource | None = None
     folder: Path = field(default_factory=Path)
+    name: str = ""
 
     @property
     def kinds(self) -> tuple[SensorKind, ...]:
@@ -104,6 +101,7 @@ class Rig(SharedTables):
         Raises:
             InputError: the rig has no sensor of this name, or several that are not combined and none is named.
         """
+        sensor = None if sensor == self.name else sensor
         named = {kind.name: kind for kind in self.kinds}
         together = [kind for kind in named.values() if kind.parts]
         if sensor is None and (together or len(named) == 1):
@@ -207,29 +205,14 @@ def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> R
     return replace(rig, surface=replace(surface, mesh=str(Path(mesh).resolve()), **kept))
 
 
-@called_as('palpate.load_rig("rig.toml")')
-def load_rig(path: str | PathLike[str]) -> Rig:
-    """Read a rig file; errors name the place in the file and the nearest valid key.
-
-    Raises:
-        InputError: the file cannot be read or is not TOML, a key or a needed table is misspelt or missing, a value has
-            another type or is out of bounds, or tables contradict each other.
-    """
-    path = Path(path)
-    for what, suffixes in _NO_RIG.items():
-        if path.suffix.lower() in suffixes:
-            raise InputError(f"is {what}, not a rig.", where=str(path), hint=f"Write {ESTIMATE}.")
-    return check_rig(load_toml(path), path)
-
-
-def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
-    """Return the rig of a parsed TOML table, as if it were read from `path`.
+def check_rig(table: Mapping[str, Any], path: Path, name: str = "") -> Rig:
+    """Return the rig of a parsed TOML table, as if it were read from `path`; `name`: of a robot's sensor.
 
     Raises:
         InputError: a key or a needed table is misspelt or missing, a value has another type or is out of bounds, or
             tables contradict each other.
     """
-    common = [each.name for each in fields(Rig) if each.name not in ("sensors", "folder")]
+    common = [each.name for each in fields(Rig) if each.name not in ("sensors", "folder", "name")]
     table = {name: _spread(value, path) for name, value in table.items()}
     shared = {name: value for name, value in table.items() if name in common}
     own = {name: value for name, value in table.items() if name not in common}
@@ -237,7 +220,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
         if name not in KINDS:
             raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, [*common, *KINDS]))
     sensors = {kind.name: _sensor(own[kind.name], kind, path) for kind in KINDS.among(own)}
-    rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent)
+    rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent, name=name)
     if rig.time.unit is not None:
         to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
     for kind in rig.kinds:

@@ -279,6 +279,7 @@ def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTab
     }
     if not found.identity.any():  # of a sensor that feels one contact at a time
         del columns["contact"]
+    names = {} if found.origins is None else {"sensor": found.sensor.tolist(), "link": found.link.tolist()}
     for name, values in found.features.items():
         words, scale, unit = feature(name, found.features)
         if is_shown(name, found.features) or not spelled:
@@ -291,10 +292,13 @@ def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTab
         deviation = 1e3 * float(found.deviation[k])  # [mm], which says how many digits mean something
         return rounded(float(values[k]), deviation) if text == UNCERTAIN else text.format(values[k])
 
-    rows = [tuple(cell(*column, k) for column in columns.values()) for k in range(min(len(found), most))]
+    rows = [
+        (*(of[k] for of in names.values()), *(cell(*column, k) for column in columns.values()))
+        for k in range(min(len(found), most))
+    ]
     more = [f"The first {most} of {len(found):,}."] if len(found) > most else []
     more += [f"Start and end are seconds {after}."] if after else []
-    return ReportTable(tuple(columns), tuple(rows), " ".join(more))
+    return ReportTable((*names, *columns), tuple(rows), " ".join(more))
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:

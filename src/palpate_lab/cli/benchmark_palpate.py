@@ -16,7 +16,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.locate import Locator
 from palpate.errors import InputError
-from palpate.setup.pipeline import estimate
+from palpate.setup.estimate import estimate
 from palpate_lab.benchmark.files import Task, as_contacts
 from palpate_lab.cli.benchmark_entrants import Entrant, EntrantResult, live_entrant
 

@@ -12,7 +12,19 @@ import numpy as np
 import polars as pl
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.table import COLUMNS, LABELS, NUMBERS, WHOLE, assembled, features_of, from_frame, pointless, schema
+from palpate.contact.table import (
+    COLUMNS,
+    LABELS,
+    NUMBERS,
+    ORIGIN,
+    WHOLE,
+    assembled,
+    features_of,
+    from_frame,
+    origins_of,
+    pointless,
+    schema,
+)
 from palpate.contact.table import to_frame as table_of
 from palpate.errors import InputError
 from palpate.files.tables.table import TextTable, read_table
@@ -21,9 +33,9 @@ from palpate.files.units import near
 _PIECE = 1 << 23  # bytes of text parsed at a time
 
 
-def header(features: tuple[str, ...]) -> bytes:
+def header(added: tuple[str, ...]) -> bytes:
     """Return the first line of a contacts.csv, the names of its columns, as bytes with a newline."""
-    return (",".join((*COLUMNS, *features)) + "\n").encode()
+    return (",".join((*COLUMNS, *added)) + "\n").encode()
 
 
 def to_csv(contacts: Contacts) -> bytes:
@@ -72,6 +84,8 @@ def read_csv(path: Path) -> Contacts:
     added = table.numbers(names, strict=True)[0] if names else np.empty((len(table), 0))
     features = {name: added[:, k].copy() for k, name in enumerate(names)}
     contacts = assembled(sample, contact, candidates, _statuses(table), numbers, features, table.notes)
+    if set(ORIGIN) <= set(table.names):
+        contacts = replace(contacts, origins=origins_of(*(table.strings(name) for name in ORIGIN)))
     if (row := pointless(contacts.estimate)) is not None:
         table.refuse(row, "has a status that needs a point, but has no point")
     return contacts
@@ -96,9 +110,9 @@ def noted(contacts: Contacts, note: str) -> Contacts:
 def _types(line: bytes) -> dict[str, Any] | None:
     """Return the types of the columns that our header names; None for another header."""
     names = line.decode("utf-8", "replace").rstrip("\n").split(",")
-    features = tuple(names[len(COLUMNS) :])
+    added = tuple(names[len(COLUMNS) :])
     ours = tuple(names[: len(COLUMNS)]) == COLUMNS and len(set(names)) == len(names)
-    return schema(features) if ours and all(name.isidentifier() for name in features) else None
+    return schema(added) if ours and all(name.isidentifier() for name in added) else None
 
 
 def _pieces(file: BinaryIO, torn: bool, types: dict[str, Any]) -> Iterator[Contacts]:
@@ -112,7 +126,8 @@ def _pieces(file: BinaryIO, torn: bool, types: dict[str, Any]) -> Iterator[Conta
 
 
 def _parsed(text: bytes, types: dict[str, Any]) -> pl.DataFrame:
-    return pl.read_csv(text, has_header=False, schema=types, quote_char=None) if text else pl.DataFrame(schema=types)
+    quote = '"' if set(ORIGIN) <= set(types) else None  # only names have any
+    return pl.read_csv(text, has_header=False, schema=types, quote_char=quote) if text else pl.DataFrame(schema=types)
 
 
 def _statuses(table: TextTable) -> np.ndarray:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.table import pointless
+from palpate.contact.origins import Origin, Origins
+from palpate.contact.table import ORIGIN, pointless
+from palpate.errors import InputError
 from palpate.files.mcap.rows import CDR, ChannelRows, Fields, layout, made, stamped
 from palpate.files.mcap.writer import WrittenTopic
 from palpate.files.message_types import RULE, described, written_topic
@@ -21,7 +24,6 @@ __all__ = [
     "POSE_FIELDS",
     "WRENCH_FIELDS",
     "ContactMessages",
-    "named_features",
     "topics",
 ]
 
@@ -39,6 +41,7 @@ float64 torque # about the normal
 float64[9] covariance # of the point, m^2, row by row
 """
 _STATUS = "uint8 status\n"
+_ORIGIN = "string sensor # of a robot\nstring link # that is touched\n"
 KIND = "palpate_msgs/msg/Contact"
 _CONTACT_FIELDS: Fields = (
     *((name, "<i8", ()) for name in ("sample", "contact", "candidates")),
@@ -54,40 +57,65 @@ _UPPER = np.triu_indices(3)
 LATEST = 2**31 * 10**9 - 1  # ns: the largest stamp whose seconds fit an int32
 
 
-def topics(features: tuple[str, ...] = ()) -> tuple[WrittenTopic, ...]:
-    """Return the topics of a file of contacts: one with all numbers of each row, two for viewers."""
+def topics(features: tuple[str, ...] = (), origins: Sequence[Origin] = ()) -> tuple[WrittenTopic, ...]:
+    """Return the topics of a file of contacts: one with all numbers of each row, two for viewers.
+
+    A robot has these three for each of its `origins`.
+    """
     added = "".join(f"float64 {name} # of the sensor, SI\n" for name in features)
     inner = ("std_msgs/Header", "geometry_msgs/Point", "geometry_msgs/Vector3")
-    return (
-        WrittenTopic("/palpate/contact/estimate", KIND, described(f"{_CONTACT}{added}{_STATUS}", inner)),
-        written_topic("/palpate/contact/point", "geometry_msgs/PoseStamped"),
-        written_topic("/palpate/contact/wrench", "geometry_msgs/WrenchStamped"),
+    definition = described(f"{_CONTACT}{added}{_STATUS}{_ORIGIN if origins else ''}", inner)
+    return tuple(
+        topic
+        for room in [f"/palpate/{each.sensor}" for each in origins] or ["/palpate/contact"]
+        for topic in (
+            WrittenTopic(f"{room}/estimate", KIND, definition),
+            written_topic(f"{room}/point", "geometry_msgs/PoseStamped"),
+            written_topic(f"{room}/wrench", "geometry_msgs/WrenchStamped"),
+        )
     )
 
 
-def named_features(definition: str) -> tuple[str, ...]:
+def _named_features(definition: str) -> tuple[str, ...]:
     """Return the names of the features in a definition of `KIND`."""
     own = definition.split(RULE, 1)[0].partition("covariance")[2]
     return tuple(re.findall(r"^float64 (\w+)", own, re.MULTILINE))
 
 
-def _contact_fields(features: tuple[str, ...]) -> Fields:
-    return (*_CONTACT_FIELDS, *((f"feature {name}", "<f8", ()) for name in features), ("status", "u1", ()))
+def _contact_fields(features: tuple[str, ...], names: Sequence[int] = ()) -> Fields:
+    """Return the fields of `KIND`; `names` are the bytes of a robot's sensor and link, with the final NUL."""
+    added: Fields = tuple((f"feature {name}", "<f8", ()) for name in features)
+    origin = [
+        field
+        for name, length in zip(ORIGIN, names, strict=False)
+        for field in ((f"{name} length", "<u4", ()), (name, f"S{length}", ()))
+    ]
+    return (*_CONTACT_FIELDS, *added, ("status", "u1", ()), *origin)
 
 
 @takes_arrays
 class ContactMessages:
-    """Converter of contacts to messages of the three `topics`.
+    """Converter of contacts to messages of the `topics`.
 
     Args:
-        frame_id: name of the frame of the contacts, for viewers.
+        frame_id: name of the frame of the contacts, for viewers; of a robot's, the name for each `Origin`.
         features: names of the features of every row.
     """
 
-    def __init__(self, frame_id: str, features: tuple[str, ...] = ()) -> None:
+    def __init__(self, frame_id: str | Mapping[Origin, str], features: tuple[str, ...] = ()) -> None:
         self._features = features
-        fields = (_contact_fields(features), POSE_FIELDS, WRENCH_FIELDS)
-        self._kinds = [ChannelRows(channel, *stamped(frame_id, each)) for channel, each in enumerate(fields, 1)]
+        self._robot = not isinstance(frame_id, str)
+        frames: Mapping[Origin, str] = {Origin(): frame_id} if isinstance(frame_id, str) else frame_id
+        self._kinds = dict[Origin, list[ChannelRows]]()
+        for origin, frame in frames.items():
+            names = [name.encode() + b"\0" for name in origin] if self._robot else []
+            fields, common = stamped(frame, _contact_fields(features, [len(name) for name in names]))
+            for key, name in zip(ORIGIN, names, strict=False):
+                common = {**common, key: name, f"{key} length": len(name)}
+            first = 3 * len(self._kinds) + 1
+            viewers = (stamped(frame, each) for each in (POSE_FIELDS, WRENCH_FIELDS))
+            kinds = [(fields, common), *viewers]
+            self._kinds[origin] = [ChannelRows(first + k, *each) for k, each in enumerate(kinds)]
         self._last = 0
 
     def of(
@@ -100,12 +128,30 @@ class ContactMessages:
             stamps: (n,) [ns] where they are known more exactly than by the times.
 
         Raises:
-            InputError: stamps has another shape.
+            InputError: stamps has another shape, or a row is of a sensor without a frame.
         """
         stamps = self._stamps(contacts.time) if stamps is None else stamps
+        if not self._robot:
+            return self._messages(contacts, stamps, *self._kinds.values())
+        if contacts.origins is None:
+            raise InputError("contacts must have origins: the file is of a robot's sensors.")
+        parts = list[tuple[np.ndarray, list[np.ndarray]]]()
+        for k, origin in enumerate(contacts.origins.among):
+            rows = np.flatnonzero(contacts.origins.index == k)
+            if len(rows):
+                if origin not in self._kinds:
+                    raise InputError(f"the sensor {origin.sensor!r} has no frame among those of the file.")
+                parts.append(self._messages(contacts[rows], stamps[rows], self._kinds[origin]))
+        raw = np.concatenate([np.empty(0, np.uint8), *(part for part, _ in parts)])
+        return raw, [view for _, views in parts for view in views]
+
+    def _messages(
+        self, contacts: Contacts, stamps: Int[np.ndarray, " n"], kinds: list[ChannelRows]
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return the messages of one sensor's contacts."""
         estimate = contacts.estimate
         placed = np.flatnonzero(np.isfinite(np.hstack([estimate.point, estimate.normal])).all(axis=1))
-        raw, messages = made(self._kinds, [stamps, stamps[placed], stamps[placed]])
+        raw, messages = made(kinds, [stamps, stamps[placed], stamps[placed]])
         everything, pose, wrench = messages
         everything["sample"], everything["contact"] = contacts.sample, contacts.identity
         everything["time"] = contacts.time
@@ -131,17 +177,20 @@ class ContactMessages:
         return stamps
 
 
-def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Contacts:
-    """Return the contacts in messages of `KIND`, (n, length) bytes as uint8, whose frame has one name.
+def from_messages(payloads: np.ndarray, definition: str) -> Contacts:
+    """Return the contacts in messages of `KIND` from one topic, (n, length) bytes as uint8.
 
-    `features` are those that their definition names.
+    `definition` is the text that states the fields of `KIND` in their file.
 
     Raises:
         ValueError: a message is not of this type, has an unknown status, or is an answered row without a point.
     """
-    length = payloads.shape[1]
-    name = int(payloads[0, 12:16].view("<u4")[0]) if length > _NAMED else 0
+    length, features = payloads.shape[1], _named_features(definition)
+    first = payloads[0].tobytes()
+    name = int.from_bytes(first[12:16], "little") if length > _NAMED else 0
     kind = layout(stamped("x" * (name - 1), _contact_fields(features))[0]) if 0 < name < length else None
+    if kind is not None and _ORIGIN in definition:
+        kind = _with_origin(first, kind, name, features)
     if kind is None or kind.itemsize != length:
         raise ValueError(f"a message of {length} bytes is not of type {KIND}")
     rows = payloads.view(kind)[:, 0]
@@ -155,7 +204,26 @@ def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Conta
     if (row := pointless(estimate)) is not None:
         raise ValueError(f"row {row} of a block has a status that needs a point, but has no point")
     added = {name: rows[f"feature {name}"].copy() for name in features}
-    return Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate, added)
+    origins = None
+    if "sensor" in (kind.names or ()):
+        names = ([text.rstrip(b"\0").decode(errors="replace") for text in rows[key].tolist()] for key in ORIGIN)
+        origins = Origins.of_names(*names)
+    made = rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate, added
+    return Contacts(*made, origins=origins)
+
+
+def _with_origin(
+    message: bytes, before: np.dtype[np.void], frame: int, features: tuple[str, ...]
+) -> np.dtype[np.void] | None:
+    """Return the layout of a message that ends with two names after the fields of `before`; None if it does not fit."""
+    lengths, at = list[int](), before.itemsize
+    for _ in ORIGIN:
+        at += -(at - 4) % 4  # counted from the end of `encoding`
+        lengths.append(int.from_bytes(message[at : at + 4], "little"))
+        at += 4 + lengths[-1]
+    if at != len(message) or 0 in lengths:
+        return None
+    return layout(stamped("x" * (frame - 1), _contact_fields(features, lengths))[0])
 
 
 def _z_to(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:

@@ -10,11 +10,11 @@ import numpy as np
 import polars as pl
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.table import features_of, from_frame, schema
+from palpate.contact.table import ORIGIN, features_of, from_frame, schema
 from palpate.errors import InputError
 from palpate.files.atomic import PART
 from palpate.files.contacts.csv import csv_blocks, noted, require_columns
-from palpate.files.contacts.mcap import KIND, from_messages, named_features
+from palpate.files.contacts.mcap import KIND, from_messages
 from palpate.files.inputs import open_input, read_some
 from palpate.files.mcap.reader import MAGIC, McapFile
 from palpate.files.messages import MessageBlock
@@ -56,7 +56,7 @@ def _parquet(path: Path) -> Iterator[Contacts]:
         rows = pl.scan_parquet(path, glob=False)
         names = rows.collect_schema().names()
         require_columns(path, names)
-        types = schema(features_of(names))
+        types = schema((*(name for name in ORIGIN if name in names), *features_of(names)))
         rows = rows.select(pl.col(name).cast(kind) for name, kind in types.items())
         count = cast(int, rows.select(pl.len()).collect().item())
         for start in range(0, max(count, 1), _ROWS):
@@ -70,9 +70,13 @@ def _mcap(path: Path) -> Iterator[Contacts]:
     file, rows = McapFile(path), 0
     try:
         for messages in file.messages():
-            for records in _ours(messages):
-                rows += len(records)
-                yield from_messages(records, named_features(file.definitions.get(_KIND, "")))
+            definition = file.definitions.get(_KIND, "")
+            groups = list(_ours(messages))
+            if groups:
+                found = [from_messages(records, definition) for _, records in groups]
+                rows += sum(map(len, found))
+                order = np.argsort(np.concatenate([place for place, _ in groups]), kind="stable")
+                yield found[0] if len(found) == 1 else Contacts.joined(found)[order]
         note = file.torn
         if not rows and _KIND not in [topic.kind for topic in file.topics()]:
             raise InputError(f"has no topic of type {KIND}.", where=str(path), hint="`palpate estimate` writes one.")
@@ -82,13 +86,15 @@ def _mcap(path: Path) -> Iterator[Contacts]:
         yield noted(from_frame(pl.DataFrame(schema=schema())), note)
 
 
-def _ours(messages: MessageBlock) -> Iterator[np.ndarray]:
-    """Yield the messages that hold contacts, (n, length) bytes, one length at a time."""
+def _ours(messages: MessageBlock) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the messages that hold contacts, (n, length) bytes of one topic and length, and their order, (n,)."""
     keys = [key for key, topic in messages.topics.items() if topic.kind == _KIND and topic.encoding == "cdr"]
-    ours = np.isin(messages.topic, keys)
-    start, length = messages.start[ours], messages.length[ours]
-    changes = np.flatnonzero(np.diff(length)) + 1
-    for starts, lengths in zip(np.split(start, changes), np.split(length, changes), strict=True):
-        if len(starts) and (width := int(lengths[0])):
-            everywhere = np.ndarray(len(messages.data) - width + 1, f"V{width}", messages.data, strides=(1,))
-            yield everywhere[starts].view(np.uint8).reshape(-1, width)
+    for key in keys:
+        ours = np.flatnonzero(messages.topic == key)
+        place = messages.time[ours] if len(keys) > 1 else ours  # of a robot's sensors, in turn
+        start, length = messages.start[ours], messages.length[ours]
+        changes = np.flatnonzero(np.diff(length)) + 1
+        for places, starts, lengths in zip(*(np.split(each, changes) for each in (place, start, length)), strict=True):
+            if len(starts) and (width := int(lengths[0])):
+                everywhere = np.ndarray(len(messages.data) - width + 1, f"V{width}", messages.data, strides=(1,))
+                yield places, everywhere[starts].view(np.uint8).reshape(-1, width)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -17,7 +17,8 @@ import polars as pl
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.events import Events
-from palpate.contact.table import schema, to_frame
+from palpate.contact.origins import Origin
+from palpate.contact.table import ORIGIN, schema, to_frame
 from palpate.errors import InputError
 from palpate.files.atomic import PART, WHOLE, growing, part, replacing, writing
 from palpate.files.contacts.csv import header, to_csv
@@ -29,6 +30,14 @@ from palpate.processes import require_polars_threads
 _SMALL = 4096  # rows up to which Parquet files grow, should blocks be small
 _GROUP = 20_000  # rows of a group in the joined Parquet file: memory is a few of them
 _CHUNK = 2048  # samples of a chunk of MCAP
+
+
+FrameId = str | Mapping[Origin, str]
+"""Name of the contacts' frame, for viewers; of a robot's, a name for the contacts of each sensor."""
+
+
+def _added(frame_id: FrameId, features: tuple[str, ...]) -> tuple[str, ...]:
+    return features if isinstance(frame_id, str) else (*ORIGIN, *features)
 
 
 class _Appended:
@@ -60,8 +69,8 @@ class _Appended:
 
 
 class _Csv(_Appended):
-    def __init__(self, path: Path, _: str, features: tuple[str, ...]) -> None:
-        super().__init__(path, header(features))
+    def __init__(self, path: Path, frame_id: FrameId, features: tuple[str, ...]) -> None:
+        super().__init__(path, header(_added(frame_id, features)))
 
     def append(self, contacts: Contacts) -> None:
         self.write(to_csv(contacts))
@@ -71,8 +80,9 @@ class _Csv(_Appended):
 
 
 class _Mcap(_Appended):
-    def __init__(self, path: Path, frame_id: str, features: tuple[str, ...]) -> None:
-        self._mcap = McapWriter(topics(features), f"palpate {version('palpate')}")
+    def __init__(self, path: Path, frame_id: FrameId, features: tuple[str, ...]) -> None:
+        origins = () if isinstance(frame_id, str) else tuple(frame_id)
+        self._mcap = McapWriter(topics(features, origins), f"palpate {version('palpate')}")
         self._messages = ContactMessages(frame_id, features)
         super().__init__(path, self._mcap.head)
 
@@ -89,9 +99,9 @@ class _Mcap(_Appended):
 class _Parquet:
     """A folder of small, complete files, joined at the end."""
 
-    def __init__(self, path: Path, _: str, features: tuple[str, ...]) -> None:
+    def __init__(self, path: Path, frame_id: FrameId, features: tuple[str, ...]) -> None:
         self._folder = path
-        self._rows = pl.DataFrame(schema=schema(features))
+        self._rows = pl.DataFrame(schema=schema(_added(frame_id, features)))
         self._files = 0
         path.mkdir()
 
@@ -174,7 +184,7 @@ def require_format(path: Path) -> None:
 
 @contextmanager
 def open_contacts(
-    path: str | Path, *, frame_id: str = "surface", features: tuple[str, ...] = ()
+    path: str | Path, *, frame_id: FrameId = "surface", features: tuple[str, ...] = ()
 ) -> Generator[ContactsWriter]:
     """Yield a writer of contacts, block by block.
 
@@ -183,7 +193,8 @@ def open_contacts(
 
     Args:
         path: OUTPUT; its suffix, .csv, .parquet or .mcap, gives the format.
-        frame_id: name of the contacts' frame, for viewers; only MCAP stores it.
+        frame_id: name of the contacts' frame, for viewers, which only MCAP stores; for contacts of a robot's sensors, a
+            name for each `Origin`.
         features: names of the columns that the sensor adds, after the others.
 
     Raises:
@@ -216,7 +227,9 @@ def write_contacts(path: str | Path, contacts: Contacts, *, frame_id: str = "sur
     Raises:
         InputError: the suffix is unknown, or the file cannot be written.
     """
-    with open_contacts(path, frame_id=frame_id, features=tuple(contacts.features)) as writer:
+    origins = None if contacts.origins is None else contacts.origins.among
+    frames = frame_id if origins is None else dict.fromkeys(origins, frame_id)
+    with open_contacts(path, frame_id=frames, features=tuple(contacts.features)) as writer:
         writer.write(contacts)
 
 
@@ -257,6 +270,7 @@ def write_events(path: Path, events: Events) -> None:
         "samples": events.samples,
         "ambiguous": events.ambiguous,
         "contact": events.identity,
+        **({} if events.origins is None else {"sensor": events.sensor, "link": events.link}),
         **events.features,
     }
     with replacing(path) as temporary:

@@ -127,7 +127,8 @@ class JointPoses:
         self._used += len(good)
         if len(good):
             time = seconds(stamp if self._stamped else own.time)[good]
-            self.track.add(time, *self._kinematics.poses(values[good]))
+            quaternion, position = self._kinematics.poses(values[good])
+            self.track.add(time, quaternion[:, 0], position[:, 0])
 
     def notes(self) -> tuple[str, ...]:
         """Return notes, one sentence each: where the pose is from, and which messages lack joints."""

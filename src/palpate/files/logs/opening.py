@@ -91,7 +91,7 @@ def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     Raises:
         InputError: the file does not exist or cannot be read, is not a log, or needs a library that is not installed.
     """
-    source = _messages(path, _kind(path))
+    source = messages_of(path)
     if source is None:
         return {}
     arrays = [topic for topic in source.topics() if topic.count and role(topic.kind) == "array"]
@@ -148,7 +148,7 @@ def survey(path: Path) -> Survey | None:
     Raises:
         InputError: the file is not a log, or needs a library that is not installed.
     """
-    source = _messages(path, _kind(path))
+    source = messages_of(path)
     return None if source is None else survey_of(source)
 
 
@@ -279,8 +279,16 @@ def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
     return sealed(np.concatenate(arrays), own=True, dtype=arrays[0].dtype)
 
 
+def messages_of(path: Path) -> MessageFile | None:
+    """Return the messages of a log; None if it has no topics.
+
+    Raises:
+        InputError: the file does not exist or cannot be read, is not a log, or needs a library that is not installed.
+    """
+    return _messages(path, _kind(path))
+
+
 def _messages(path: Path, kind: str) -> MessageFile | None:
-    """Return the messages of a log; None if it has no topics."""
     if kind == ".mcap":
         return McapFile(path)
     if kind in (".bag", ".db3"):

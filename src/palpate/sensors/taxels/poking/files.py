@@ -157,5 +157,6 @@ def _posed(block: Recording, kinematics: Kinematics) -> Recording:
     kinematics.require_radians(values[known], block.source)
     quaternion, position = np.full((len(block), 4), np.nan), np.full((len(block), 3), np.nan)
     if known.any():
-        quaternion[known], position[known] = kinematics.poses(values[known])
+        turned, moved = kinematics.poses(values[known])
+        quaternion[known], position[known] = turned[:, 0], moved[:, 0]
     return replace(block, channels={**channels, ORIENTATION: quaternion, POSITION: position})

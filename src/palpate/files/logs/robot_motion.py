@@ -1,0 +1,260 @@
+"""The motion of a robot's links in a log: their poses in the base, from joint states or from /tf."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.files.logs.decoding import seconds
+from palpate.files.logs.joints import joint_positions, joint_stamps, joint_topic
+from palpate.files.logs.layout import ArrayChannel, LogLayout
+from palpate.files.logs.opening import messages_of, read_recording
+from palpate.files.logs.transforms import TreePoses, read_frames, tree_topics
+from palpate.files.messages import MessageFile, Topic
+from palpate.files.urdf import Kinematics, Urdf
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose_track import PoseTrack
+
+__all__ = ["TF", "JointSamples", "RobotMotion"]
+
+TF = "/tf"
+"""Name that stands for /tf and /tf_static as the source of the links' poses."""
+_CHUNK = 4096  # joint samples whose poses are computed at once
+_KEPT = 4  # chunks that are kept: sensors are read side by side in time
+_JUMP = 3.0  # of a joint's speed limit, beyond which a step cannot be its motion
+_FASTEST = 50.0  # rad/s, m/s: without a limit
+
+
+@takes_arrays
+class JointSamples:
+    """Positions of joints over time, and the poses of the links that they move.
+
+    Args:
+        kinematics: of the links.
+        time: (m,) [s] stamps that rise.
+        positions: (m, j) [rad, m] of `kinematics.joints`.
+        max_gap: [s] between neighbours, beyond which there is no answer between them.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
+
+    def __init__(
+        self, kinematics: Kinematics, time: Float[np.ndarray, " m"], positions: Float[np.ndarray, "m j"], max_gap: float
+    ) -> None:
+        self.kinematics, self.time, self.positions, self._max_gap = kinematics, time, positions, max_gap
+        self._chunks = dict[int, tuple[np.ndarray, np.ndarray]]()
+
+    def at(self, link: str, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
+        """Return quaternions x, y, z, w (n, 4) and positions (n, 3) [m] of a link in the base; NaN where not known.
+
+        At a joint sample they are exact; between two the pose is interpolated as by `PoseTrack`.
+
+        Raises:
+            InputError: time has another shape.
+        """
+        known = time[np.isfinite(time)]
+        first, last = (known.min(), known.max()) if len(known) else (np.inf, -np.inf)
+        start = max(int(np.searchsorted(self.time, first, side="right")) - 1, 0)
+        end = min(int(np.searchsorted(self.time, last)) + 1, len(self.time))
+        track = PoseTrack(0.0, self._max_gap)
+        place = self.kinematics.links.index(link)
+        for chunk in range(start // _CHUNK, -(-end // _CHUNK)):
+            quaternion, position = self._poses(chunk)
+            rows = slice(max(start - chunk * _CHUNK, 0), end - chunk * _CHUNK)
+            stamps = self.time[chunk * _CHUNK : (chunk + 1) * _CHUNK][rows]
+            track.add(stamps, quaternion[rows, place], position[rows, place])
+        track.complete()
+        return track.at(time)
+
+    def _poses(self, chunk: int) -> tuple[Float[np.ndarray, "c k 4"], Float[np.ndarray, "c k 3"]]:
+        """Return the poses of all links at the joint samples of a chunk."""
+        if chunk not in self._chunks:
+            while len(self._chunks) >= _KEPT:
+                del self._chunks[min(self._chunks)]
+            self._chunks[chunk] = self.kinematics.poses(self.positions[chunk * _CHUNK : (chunk + 1) * _CHUNK])
+        return self._chunks[chunk]
+
+    def covariance(self, link: str, time: Float[np.ndarray, " n"], encoder: float) -> Float[np.ndarray, "n 6 6"]:
+        """Return covariances (n, 6, 6) of the rotation vector [rad] and translation [m] of a link's poses, in the base.
+
+        Args:
+            link: name of the link.
+            time: (n,) [s].
+            encoder: standard deviation [rad] of the position of each joint that turns.
+
+        Raises:
+            InputError: time has another shape.
+        """
+        nearest = np.searchsorted(self.time, time).clip(0, len(self.time) - 1)
+        rows, row_of = np.unique(nearest, return_inverse=True)
+        slope = self.kinematics.jacobians(self.positions[rows], link)[..., self.kinematics.turning]
+        return (encoder**2 * slope @ np.swapaxes(slope, 1, 2))[row_of]
+
+
+class _Poses(Protocol):
+    """Source of the poses of links."""
+
+    def at(self, link: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+
+
+class _Tree:
+    """Poses of links from transforms."""
+
+    def __init__(self, source: MessageFile, base: str, links: Sequence[str], max_gap: float, where: str) -> None:
+        frames = read_frames(source, tree_topics(source.topics()))
+        if not frames.edges:
+            raise InputError("the log has no transforms (/tf).", where=where, hint="Name a topic as joints in [robot].")
+        self._links = {link: TreePoses(frames, base, link, 0.0, max_gap, where) for link in links}
+        names = {topic.name for each in self._links.values() for topic in each.topics}
+        for messages in source.messages(names) if names else ():
+            for each in self._links.values():
+                each.add(messages)
+
+    def at(self, link: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self._links[link].track.at(time)
+
+
+class RobotMotion:
+    """The poses of links in the base over time, which a log of joint states or transforms states.
+
+    Attributes:
+        samples: positions of the joints; None: poses are from /tf.
+    """
+
+    def __init__(self, poses: _Poses, encoder: float, notes: Sequence[str], warnings: Sequence[str]) -> None:
+        self._poses, self._encoder, self._notes, self._warnings = poses, encoder, tuple(notes), tuple(warnings)
+        self.samples = poses if isinstance(poses, JointSamples) else None
+
+    @classmethod
+    def read(
+        cls,
+        log: Path,
+        urdf: Urdf,
+        base: str,
+        links: Sequence[str],
+        *,
+        joints: str | Mapping[str, str] | None,
+        max_gap: float = 0.25,
+        encoder: float = 0.0,
+    ) -> RobotMotion:
+        """Read the motion of a robot from a log.
+
+        Args:
+            log: file, or folder of a bag.
+            urdf: the robot.
+            base: link in whose frame poses are given.
+            links: names of the other links.
+            joints: topic of joint states, None: the only one; `TF`; or joint -> column of a table, in rad and m.
+            max_gap: [s] between joint samples, beyond which no pose is known between them.
+            encoder: standard deviation [rad] of the position of each joint.
+
+        Raises:
+            InputError: the log cannot be read, or has no such topic, no such column or no position of a joint that
+                moves a link; a joint seems to be in degrees; or as for `Kinematics`.
+        """
+        source = messages_of(log)
+        if joints == TF:
+            if source is None:
+                raise InputError(
+                    "is a table, and has no /tf.", where=str(log), hint="Name columns as joints in [robot]."
+                )
+            return cls(_Tree(source, base, links, max_gap, str(log)), encoder, (), ())
+        kinematics = Kinematics(urdf, base, links)
+        if source is None:
+            if not isinstance(joints, Mapping):
+                hint = 'Write joints = { JOINT = "COLUMN" } in [robot].'
+                raise InputError("is a table, and has no topic of joint states.", where=str(log), hint=hint)
+            time, values = _of_table(log, kinematics.joints, joints)
+            name, notes = str(log), list[str]()
+        else:
+            topic = joint_topic(source.topics(), joints if isinstance(joints, str) else None, str(log))
+            time, values, notes = _of_topic(source, topic, kinematics.joints)
+            name = topic.name
+        lacking = [joint for joint, row in zip(kinematics.joints, values.T, strict=True) if np.isnan(row).all()]
+        if lacking:
+            what = f"{name!r} has no position of the joint {', '.join(map(repr, lacking))}."
+            raise InputError(what, where=str(log), hint="Record it, or choose a base link after this joint.")
+        known = np.isfinite(values).all(axis=1) & np.isfinite(time)
+        time, values = time[known], values[known]
+        newer = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1]) if len(time) else known[known]
+        time, values = time[newer], values[newer]
+        kinematics.require_radians(values, name)
+        samples = JointSamples(kinematics, time, values, max_gap)
+        return cls(samples, encoder, notes, _jumps(urdf, kinematics, time, values))
+
+    def at(self, link: str, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
+        """Return quaternions x, y, z, w (n, 4) and positions (n, 3) [m] of a link in the base; NaN where not known."""
+        return self._poses.at(link, time)
+
+    def covariance(self, link: str, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 6 6"]:
+        """Return covariances (n, 6, 6) of the rotation vector [rad] and translation [m] of a link's poses, in the base.
+
+        They are 0 without a deviation of the joints' positions, and for poses from /tf.
+        """
+        if self.samples is None or not self._encoder:
+            return np.zeros((len(time), 6, 6))
+        return self.samples.covariance(link, time, self._encoder)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return notes on the motion, one sentence each."""
+        return self._notes
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what may be wrong with the joints' positions, one sentence each."""
+        return self._warnings
+
+
+def _of_table(log: Path, names: Sequence[str], columns: Mapping[str, str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and positions of joints in a table; raise InputError for a joint without a column."""
+    for name in names:
+        if name not in columns:
+            what = f"joint {name!r} moves a sensor, and no column is named for it."
+            raise InputError(what, where="[robot] joints", hint="Add it.")
+    channel = ArrayChannel("joints", (len(names),), tuple(columns[name] for name in names), table="robot")
+    recording = read_recording(log, LogLayout(wrench=None, arrays=(channel,)))
+    return recording.time, recording.channels["joints"]
+
+
+def _of_topic(source: MessageFile, topic: Topic, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Return times and positions of joints in messages, and notes; a message may have some of the joints."""
+    stamped = source.has_stamps(topic, lambda messages: joint_stamps(messages, topic))
+    times, values, unread, count = [np.empty(0)], [np.empty((0, len(names)))], 0, 0
+    for messages in source.messages([topic.name]):
+        own = messages.of(topic)
+        stamp, found, sound, concerned = joint_positions(own, topic, names)
+        count, unread = count + len(sound), unread + int(np.count_nonzero(~sound))
+        good = sound & concerned
+        times.append(seconds(stamp if stamped else own.time)[good])
+        values.append(found[good])
+    notes = [f"{unread} of {count} messages of {topic.name!r} cannot be read"] if unread else []
+    if not stamped:
+        notes.append(f"messages of {topic.name!r} have no stamps: the times at which they were recorded are used")
+    return np.concatenate(times), np.concatenate(values), notes
+
+
+def _jumps(urdf: Urdf, kinematics: Kinematics, time: np.ndarray, values: np.ndarray) -> list[str]:
+    """Return a sentence for each joint that moves faster in some step than it can."""
+    said, joints = list[str](), {joint.name: joint for joint in urdf.joints}
+    steps = np.diff(time)
+    for k, name in enumerate(kinematics.joints):
+        joint = joints[name]
+        stated = urdf.limits(joint)[2] if joint.element.find("limit") is not None else 0.0
+        fastest = _JUMP * stated if stated > 0 else _FASTEST
+        moved = np.abs(np.diff(values[:, k]))
+        if joint.kind == "continuous":
+            moved = np.minimum(moved % (2 * np.pi), 2 * np.pi - moved % (2 * np.pi))
+        jumped = np.flatnonzero(moved > fastest * np.maximum(steps, 1e-3))
+        if len(jumped):
+            at, way = time[jumped[0] + 1], moved[jumped[0]]
+            said.append(
+                f"joint {name!r} jumps by {way:.3g} {'m' if joint.kind == 'prismatic' else 'rad'} at {at:.3f} s"
+                f"{f' and {len(jumped) - 1} times more' if len(jumped) > 1 else ''}: contacts of the links that it "
+                "moves are in the wrong place in the base around then"
+            )
+    return said

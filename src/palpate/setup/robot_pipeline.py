@@ -1,0 +1,241 @@
+"""Estimate the contacts of all sensors of a robot in one log, each by its own estimator, merged in time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ContactEstimate
+from palpate.contact.frames import in_base
+from palpate.contact.origins import EXPECTED, Origin, Origins
+from palpate.errors import InputError, PalpateError
+from palpate.files.logs.robot_motion import RobotMotion
+from palpate.setup.pipeline import Pipeline, open_log
+from palpate.setup.robot import Robot, RobotSensor
+from palpate.signals.recording import Recording
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import skew
+
+__all__ = ["RobotPipeline", "SensorRun", "merged"]
+
+
+@dataclass(frozen=True)
+class SensorRun:
+    """A sensor of a robot with the pipeline of its samples."""
+
+    sensor: RobotSensor
+    pipeline: Pipeline
+
+
+class RobotPipeline:
+    """The processing of a robot's log from the samples of its sensors to contacts, which can run once.
+
+    A sensor whose samples cannot be read or located is left out and named in `failed`; the others are kept.
+
+    Args:
+        robot: the robot.
+        log: file of the log.
+        frame: frame of the contacts: "surface" or "sensor", each sensor's own, or "base", that of the robot.
+        sensors: names of the sensors; None: all.
+
+    Attributes:
+        runs: sensors that are estimated.
+        failed: name of a sensor -> why it is left out, or was from some sample on.
+        features: names of the features of all sensors.
+
+    Raises:
+        InputError: no sensor can be estimated, there is no sensor of a name, or the base frame needs joint states that
+            the log does not have.
+    """
+
+    def __init__(
+        self, robot: Robot, log: Path, frame: str = "surface", sensors: tuple[str, ...] | str | None = None
+    ) -> None:
+        self._robot, self.frame = robot, frame
+        self.runs, self.failed = list[SensorRun](), dict[str, str]()
+        picked = robot.picked(sensors)
+        self._motion = self._read_motion(log, picked) if frame == "base" else None
+        for each in picked:
+            try:
+                opened = open_log(log, each.rig)
+                own = Pipeline.of(opened, "surface" if frame == "base" else frame)
+                self.runs.append(SensorRun(each, own))
+            except PalpateError as problem:
+                self.failed[each.name] = str(problem)
+        if not self.runs:
+            raise InputError(" ".join(f"{name}: {why}" for name, why in self.failed.items()), where=str(log))
+        named = (name for run in self.runs for name in run.pipeline.estimator.features)
+        expected = [EXPECTED] if any(each.expected for each in picked) else []
+        self.features = tuple(dict.fromkeys([*named, *expected]))
+
+    @property
+    def motion(self) -> RobotMotion | None:
+        """Motion of the links; None unless the contacts are in the base frame."""
+        return self._motion
+
+    def frames(self) -> dict[Origin, str]:
+        """Return a dict, origin -> name of the frame of its contacts."""
+        sensors = [run.sensor for run in self.runs]
+        if self.frame == "base":
+            return dict.fromkeys((each.origin for each in sensors), self._robot.base)
+        return {each.origin: (each.frame if self.frame == "sensor" else each.link) or self.frame for each in sensors}
+
+    def stream(self) -> Iterator[Contacts]:
+        """Yield the contacts of all sensors in the order of their times, in blocks."""
+        return merged([self._contacts(run) for run in self.runs])
+
+    @property
+    def share(self) -> float:
+        """Share (0 to 1) of the log that was read for all sensors."""
+        return min(run.pipeline.log.position / max(run.pipeline.log.size, 1) for run in self.runs)
+
+    def notes(self) -> list[str]:
+        """Return notes on the log and on the estimates so far, one sentence each, after the names of the sensors."""
+        motion = [] if self._motion is None else list(self._motion.notes())
+        return [*motion, *_named((run.sensor.name, run.pipeline.notes()) for run in self.runs)]
+
+    def warnings(self) -> list[str]:
+        """Return what may be wrong with the samples so far, one sentence each, after the names of the sensors."""
+        motion = [] if self._motion is None else list(self._motion.warnings())
+        lost = [f"{name} is left out: {why}" for name, why in self.failed.items()]
+        first = [(run.pipeline.log.torn, run.pipeline.unbelievable()) for run in self.runs]
+        own = [[*filter(None, said), *run.pipeline.warnings()] for said, run in zip(first, self.runs, strict=True)]
+        return [*lost, *motion, *_named(zip((run.sensor.name for run in self.runs), own, strict=True))]
+
+    def _read_motion(self, log: Path, sensors: Sequence[RobotSensor]) -> RobotMotion:
+        robot, table = self._robot, self._robot.table
+        urdf, base = robot.urdf, robot.base
+        if urdf is None:  # `base` has raised
+            raise InputError("the robot has no URDF.", where=str(robot.path))
+        links = list(dict.fromkeys(each.frame for each in sensors if each.frame is not None))
+        return RobotMotion.read(
+            log,
+            urdf,
+            base,
+            links,
+            joints=table.joints,
+            max_gap=table.max_gap,
+            encoder=np.radians(table.encoder),
+        )
+
+    def _contacts(self, run: SensorRun) -> Iterator[Contacts]:
+        """Yield the contacts of one sensor, with the columns of the robot's."""
+        sensor, names = run.sensor, list(self._robot.sensors)
+        try:
+            for block, _, placed in run.pipeline.stream():
+                yield self._of_robot(self._in_base(placed, block, run), sensor, names.index(sensor.name), len(names))
+        except PalpateError as problem:
+            self.failed[sensor.name] = f"its samples cannot be read on: {problem}"
+
+    def _of_robot(self, found: Contacts, sensor: RobotSensor, place: int, count: int) -> Contacts:
+        """Return contacts with origins, identities that no other sensor has, and all features."""
+        added = {EXPECTED: np.full(len(found), float(sensor.expected))} if EXPECTED in self.features else {}
+        unknown = np.full(len(found), np.nan)
+        return replace(
+            found,
+            identity=found.identity * count + place,
+            features={name: added.get(name, found.features.get(name, unknown)) for name in self.features},
+            origins=Origins(np.zeros(len(found), dtype=np.int64), (sensor.origin,)),
+        )
+
+    def _in_base(self, found: Contacts, block: Recording, run: SensorRun) -> Contacts:
+        """Return contacts in the base frame, their covariances with the error of the joints' positions."""
+        if self._motion is None or not len(found):
+            return found
+        if run.sensor.frame is None:
+            hint = "Name it as link in the rig."
+            raise InputError("the link of the sensor is not known, so its contacts have no base frame.", hint=hint)
+        rows = found.sample - found.sample[0]
+        time = block.time[rows]
+        quaternion, position = self._motion.at(run.sensor.frame, time)
+        placed = in_base(found.estimate, quaternion, position, run.pipeline.estimator.mount)
+        error = self._motion.covariance(run.sensor.frame, time)
+        return found.with_estimate(widened(placed, position, error) if error.any() else placed)
+
+
+@takes_arrays
+def widened(
+    estimate: ContactEstimate, origin: Float[np.ndarray, "n 3"], covariance: Float[np.ndarray, "n 6 6"]
+) -> ContactEstimate:
+    """Return n estimates in the base whose covariances have the errors of the link's poses added.
+
+    Args:
+        estimate: (n,) in the base.
+        origin: (n, 3) [m] of the link's frame in the base.
+        covariance: (n, 6, 6) of the rotation vector [rad] and the translation [m] of the link's pose, in the base.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
+    shifted = np.broadcast_to(np.eye(3), (len(covariance), 3, 3))
+    moved = np.concatenate([-skew(estimate.point - origin), shifted], axis=2)
+    return replace(estimate, covariance=estimate.covariance + moved @ covariance @ np.swapaxes(moved, 1, 2))
+
+
+def merged(streams: Sequence[Iterator[Contacts]]) -> Iterator[Contacts]:
+    """Yield the rows of several streams of contacts in the order of their times, in blocks.
+
+    The rows of one stream stay in their order: where its times go back or are missing, its latest time so far counts.
+    Rows of equal times are in the order of the streams.
+    """
+    buffers = [_Buffer(each) for each in streams]
+    while running := [each for each in buffers if not each.ended]:
+        min(running, key=lambda each: each.latest).advance()
+        horizon = min((each.latest for each in buffers if not each.ended), default=np.inf)
+        parts = [part for each in buffers for part in each.before(horizon)]
+        if parts:
+            rows, keys = Contacts.joined([part.rows for part in parts]), np.concatenate([part.keys for part in parts])
+            yield rows[np.argsort(keys, kind="stable")]
+
+
+class _Part(NamedTuple):
+    rows: Contacts
+    keys: Float[np.ndarray, " n"]
+
+
+class _Buffer:
+    """Rows of one stream that wait for those of others."""
+
+    def __init__(self, stream: Iterator[Contacts]) -> None:
+        self._stream, self._parts = stream, list[_Part]()
+        self.latest, self.ended = -np.inf, False
+
+    def advance(self) -> None:
+        """Take the next block of the stream."""
+        rows = next(self._stream, None)
+        self.ended = rows is None
+        if rows is not None and len(rows):
+            times = np.where(np.isfinite(rows.time), rows.time, -np.inf)
+            keys = np.maximum.accumulate(np.maximum(times, self.latest))
+            self.latest = float(keys[-1])
+            self._parts.append(_Part(rows, keys))
+
+    def before(self, horizon: float) -> list[_Part]:
+        """Return and remove the rows with times before the horizon; all if that is infinite."""
+        taken = list[_Part]()
+        while self._parts:
+            rows, keys = self._parts[0]
+            count = len(keys) if horizon == np.inf else int(np.searchsorted(keys, horizon))
+            if not count:
+                break
+            taken.append(_Part(rows[:count], keys[:count]))
+            if count < len(keys):
+                self._parts[0] = _Part(rows[count:], keys[count:])
+                break
+            del self._parts[0]
+        return taken
+
+
+def _named(said: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
+    """Return sentences after the names of the sensors that they are about; one that several have, once."""
+    names = dict[str, list[str]]()
+    for name, sentences in said:
+        for sentence in sentences:
+            names.setdefault(sentence, []).append(name)
+    return [f"{', '.join(of)}: {sentence}" for sentence, of in names.items()]
