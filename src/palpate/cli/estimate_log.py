@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sized
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
@@ -103,11 +103,9 @@ def estimate_log(
             inputs = provenance(files, {}) if parallel is None else parallel.inputs.result()
             return inputs | provenance({}, options)
 
-        blocks = (
-            EstimatedBlock(len(block), opened.position / max(opened.size, 1), found, placed)
-            for block, found, placed in pipeline.stream()
+        writer, record = write_blocks(
+            pipeline.stream(), lambda: opened.share, writing, watch, output, made_from, keep_short=keep_short
         )
-        writer, record = write_blocks(blocks, writing, watch, output, made_from, keep_short=keep_short)
     summary, ended = writer.summary, record["ended"]
     pipeline.seconds["write"] = writer.seconds
     warnings, short = pipeline.warnings(), [opened.torn] if opened.torn else []
@@ -142,24 +140,9 @@ def _start(opened: OpenedLog, files: Mapping[str, Path | None]) -> Generator[_Pa
         yield _Parallel(reader, writer, inputs)
 
 
-class EstimatedBlock(NamedTuple):
-    """The contacts of the next samples of a log.
-
-    Attributes:
-        samples: number of these samples.
-        share: share (0 to 1) of the log that was read.
-        found: contacts to summarise.
-        placed: contacts to write.
-    """
-
-    samples: int
-    share: float
-    found: Contacts
-    placed: Contacts
-
-
 def write_blocks(
-    blocks: Iterator[EstimatedBlock],
+    blocks: Iterator[tuple[Sized, Contacts, Contacts]],
+    share: Callable[[], float],
     writing: AbstractContextManager[SummedWriter],
     watch: Watch,
     output: Path | None,
@@ -170,7 +153,8 @@ def write_blocks(
     """Write OUTPUT and OUTPUT.toml: both, or after a further Ctrl-C neither; return the writer and the record.
 
     Args:
-        blocks: the contacts.
+        blocks: samples, their contacts to summarise, and those to write.
+        share: returns the share (0 to 1) of the log that was read.
         writing: context of the writer of OUTPUT.
         watch: called after every block.
         output: OUTPUT; None: contacts are only summarised.
@@ -185,7 +169,7 @@ def write_blocks(
         with ExitStack() as stack:
             writer = stack.enter_context(writing)
             try:
-                interrupted = _interrupted(blocks, writer, watch)
+                interrupted = _interrupted(blocks, share, writer, watch)
                 if interrupted and not keep_short:
                     raise _Stopped
                 record = made_from(interrupted=interrupted)
@@ -200,15 +184,17 @@ def write_blocks(
     return writer, record
 
 
-def _interrupted(blocks: Iterator[EstimatedBlock], writer: SummedWriter, watch: Watch) -> bool:
+def _interrupted(
+    blocks: Iterator[tuple[Sized, Contacts, Contacts]], share: Callable[[], float], writer: SummedWriter, watch: Watch
+) -> bool:
     """Write all blocks; return whether Ctrl-C ended it, and raise it if there is no row yet."""
     samples = 0
     try:
-        for block in blocks:
+        for block, found, placed in blocks:
             with uninterrupted():  # a block is written and counted, or neither
-                writer.write(block.found, block.placed)
-            samples += block.samples
-            watch(samples, block.share)
+                writer.write(found, placed)
+            samples += len(block)
+            watch(samples, share())
     except KeyboardInterrupt:
         if not writer.rows:
             raise

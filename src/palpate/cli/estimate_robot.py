@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.estimate_log import EstimatedBlock, record_of, write_blocks
+from palpate.cli.estimate_log import record_of, write_blocks
 from palpate.cli.events import say_touches
 from palpate.cli.rig_options import RigOptions
 from palpate.cli.summarising_writer import SummedWriter
@@ -68,10 +68,11 @@ def estimate_robot(log: Path, robot: Robot, output: Path | None, frame: str, sen
         ended = "interrupted" if interrupted else "whole"
         return provenance(files, {"frame": frame, "sensors": names, "ended": ended})
 
-    blocks = (EstimatedBlock(len(rows), pipeline.share, rows, rows) for rows in pipeline.stream())
+    blocks = ((rows, rows, rows) for rows in pipeline.stream())
     summary = _RobotWriter()
     with counting():
-        record = write_blocks(blocks, summary.writing(pipeline, output), progress, output, made_from)[1]
+        writing = summary.writing(pipeline, output)
+        record = write_blocks(blocks, lambda: pipeline.share, writing, progress, output, made_from)[1]
     title(str(log) if output is None else f"{log} -> {output}")
     touches = summary.finder.touches()
     felt = dict(zip(*np.unique(touches.sensor, return_counts=True), strict=True))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate.cli.inspect_log import inspect_contacts, inspect_log, say_contents
+from palpate.cli.inspect_robot import inspect_robot
 from palpate.console.console import Quantity, in_full, lines, note, span, title
 from palpate.console.options import FileOption, NameOption, SomeFile
 from palpate.contact.table import COLUMNS
@@ -21,6 +22,7 @@ from palpate.files.logs.topics import LIVE
 from palpate.files.models import MODELS, load_toml, read_model
 from palpate.setup import Rig, load_rig
 from palpate.setup.kinds import KINDS as SENSORS
+from palpate.setup.load import robot_of
 from palpate.signals.recording import CELLS
 from palpate.surfaces.collada import ColladaAsset
 from palpate.surfaces.mesh import UNITS, Mesh, unit_named
@@ -75,7 +77,7 @@ def inspect(
             raise InputError(what, where=str(file), hint="Give a log, or contacts of `palpate estimate`.")
         {".toml": _toml, ".cal": _ati, **dict.fromkeys(_MESHES, _mesh)}.get(suffix, _urdf)(file)
     else:
-        _data(incomplete or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
+        _data(incomplete or file, None if rig is None else load_rig(rig, sensor), sensor, topic, spectrum)
 
 
 def _cut_short(file: Path) -> str:
@@ -209,6 +211,8 @@ def _toml(file: Path) -> None:
         lines(model.summary(value))
         lines(getattr(value, "provenance", {}).items())
         note(getattr(value, "notes", ()))
+    elif (robot := robot_of(file)) is not None:
+        inspect_robot(robot)
     elif set(content) & {"surface", *SENSORS}:
         rig = load_rig(file)
         title(f"{file}: a rig")

@@ -15,11 +15,14 @@ from palpate.console.options import FileOption, NameOption, Output, Scalar
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.datasets import is_dataset, read_dataset, write_named
+from palpate.files.urdf import Urdf
 from palpate.live.capture import listen, stated_source
 from palpate.setup import load_rig
 from palpate.setup.body import GivenBody
 from palpate.setup.guess import quoted
+from palpate.setup.load import load_robot
 from palpate.setup.new import propose_rig
+from palpate.setup.robot_new import propose_robot
 
 _BODIES = (".stl", ".obj", ".ply", ".dae", ".urdf")
 
@@ -59,7 +62,8 @@ def rig_new(
         log: CSV, Parquet, NumPy, MCAP or a ROS bag: of wrenches, of voltages of load cells, of frames of a taxel sheet.
             Or the folder of a LeRobot data set, whose features state names.
             With --source it may be omitted: then three seconds of the untouched device are used.
-        mesh: STL, OBJ, PLY or DAE of what is touched, or a robot's URDF.
+        mesh: STL, OBJ, PLY or DAE of what is touched, or a robot's URDF: without --link every topic of the log that is
+            a sensor's is put on its link.
         output: rig.toml to write.
         sensor: force_torque, load_cells or skin, where the log could be of several.
         rate: sampling rate [Hz], where a table has no times, or only a counter.
@@ -83,6 +87,9 @@ def rig_new(
         raise InputError("already exists.", where=str(output), hint="Add --force to overwrite it.")
     if rate is not None and not 0 < rate < inf:
         raise InputError("must be positive.", where="--rate")
+    if log is not None and mesh is not None and mesh.suffix.lower() == ".urdf" and robot.link is None:
+        _write_robot(log, Urdf(mesh, _packages(robot.package)), output)
+        return
     body = None if mesh is None else GivenBody.of(mesh, robot.link, _packages(robot.package))
     with TemporaryDirectory() as scratch:
         seen = log if log is not None or live is None else listen(live, Path(scratch))
@@ -104,6 +111,17 @@ def rig_new(
     note([f"taken for {proposal.called}: {proposal.why}"])
     note(proposal.remarks, kind="check")
     note(["every line is a guess: check each one; the comments name the commands that find missing values"])
+
+
+def _write_robot(log: Path, urdf: Urdf, output: Path) -> None:
+    """Write the rig of a robot with a sensor for each topic of the log."""
+    proposal = propose_robot(log, urdf, output.parent)
+    write_text(output, proposal.text)
+    load_robot(output)
+    title(f"{log}, {urdf.path} -> {output}")
+    note([f"taken for {proposal.called}: {proposal.why}"])
+    note(proposal.remarks, kind="check")
+    note(["every line is a guess: check each one; `palpate inspect` lists the sensors, and what is missing"])
 
 
 def _packages(options: tuple[str, ...]) -> dict[str, Path]:

@@ -44,7 +44,8 @@ class RigOptions:
         filter: none (default), kalman, butterworth, or zero_phase (forward and backward); details in the rig.
         cutoff: cut-off frequency of a butterworth or zero_phase filter [Hz] (default 10).
         tare: seconds at the start of the log in which nothing is touched: their mean is subtracted.
-        sensor: name of the sensor's table in the rig, where there are several that the log could be of.
+        sensor: name of the sensor's table in the rig, where there are several that the log could be of; of a robot, the
+            names of one or more of its sensors, with commas between.
         topic: topic of the sensor's readings, in place of the rig's, where the log has several.
     """
 
@@ -103,7 +104,7 @@ class RigOptions:
 
     def _base(self) -> Rig:
         """Return the rig with the mesh, or the minimal rig of the mesh alone."""
-        known = None if self.rig is None else load_rig(self.rig)
+        known = None if self.rig is None else load_rig(self.rig, self.sensor)
         if self.mesh is None:
             if self.unit is not None:
                 raise InputError("is the unit of a mesh, but none is given.", where="--unit", hint="Add --mesh MESH.")

@@ -7,9 +7,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
+
+from tyro.conf import arg
 
 from palpate.console.console import counting, lines, note, title
+from palpate.console.options import Log, NameOption, Output
 from palpate.files.atomic import keep_inputs
 from palpate.files.logs.layout import pose_path
 from palpate.files.models import provenance, write_model
@@ -37,6 +40,7 @@ class CalibrationResult:
     next: Sequence[str] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
 class Calibration(ABC):
     """A command `palpate calibrate NAME`; a subclass is a dataclass whose fields are its arguments.
 
@@ -44,8 +48,9 @@ class Calibration(ABC):
     calibrations by an entry point `palpate.calibrations` called NAME.
     """
 
-    log: Path
-    output: Path
+    log: Log
+    output: Output
+    sensor: Annotated[NameOption, arg(help="name of the sensor, where the rig is of a robot.")] = None
     replaces: ClassVar[str] = ""
     """Input that the output may replace: a key of `Rig.files`, or "rig" for the rig itself; "" for none."""
 
@@ -74,7 +79,7 @@ class Calibration(ABC):
             InputError: the rig cannot be read.
         """
         rig: Path | None = getattr(self, "rig", None)
-        return Rig() if rig is None else load_rig(rig)
+        return Rig() if rig is None else load_rig(rig, self.sensor)
 
     @cached_property
     def reads(self) -> dict[str, Path]:

@@ -12,8 +12,6 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import INT64, Value, frozen
 from palpate.spatial.arguments import frozen_value
 
-__all__ = ["EXPECTED", "Origin", "Origins"]
-
 EXPECTED = "expected"
 """Name of the feature that is 1 where a sensor is always touched, such as at a foot: its contacts are no events."""
 

@@ -16,8 +16,6 @@ from palpate.setup.robot import Robot
 from palpate.setup.robot_pipeline import RobotPipeline
 from palpate.waiting import waiting
 
-__all__ = ["estimate"]
-
 
 @called_as(
     ESTIMATE,

@@ -23,8 +23,6 @@ from palpate.setup.robot import Robot, RobotSensor, RobotTable
 from palpate.signals.recording import FORCE
 from palpate.spatial.pose import Pose
 
-__all__ = ["load_rig", "load_robot", "robot_of"]
-
 TF = "/tf"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _TABLES = tuple(each.name for each in fields(Rig) if each.name not in ("sensors", "folder", "name"))
@@ -41,7 +39,7 @@ def load_rig(path: str | PathLike[str], sensor: str | None = None) -> Rig:
 
     Args:
         path: the file.
-        sensor: name of the sensor, if the rig is of a robot with several.
+        sensor: name of the sensor, if the rig is of a robot with several, or of its table in a rig of one.
 
     Raises:
         InputError: the file cannot be read or is not TOML, a key or a needed table is misspelt or missing, a value has
@@ -50,22 +48,28 @@ def load_rig(path: str | PathLike[str], sensor: str | None = None) -> Rig:
     """
     document = _document(path)
     if not _is_robot(document):
-        return check_rig(document, Path(path))
+        rig = check_rig(document, Path(path))
+        if sensor is not None:
+            rig.kind(sensor)
+        return rig
     robot = _robot(document, Path(path))
-    if sensor is None and len(robot.sensors) > 1:
-        what = f"is the rig of a robot with several sensors: {', '.join(robot.sensors)}."
+    names = [*robot.sensors, *robot.faulty]
+    if sensor is None and len(names) > 1:
+        what = f"is the rig of a robot with several sensors: {', '.join(names)}."
         raise InputError(what, where=str(path), hint="Name one with --sensor.")
-    return robot.picked(sensor)[0].rig
+    return robot.picked(sensor or names[0])[0].rig
 
 
 def load_robot(path: str | PathLike[str]) -> Robot:
     """Read the rig of a robot; errors name the place in the file and the nearest valid key.
 
+    A sensor whose tables cannot be used is among the `faulty` ones of the robot, with its error.
+
     Tables outside [robot] and [sensors.NAME], such as [time] or [source], are for all sensors that have none of these.
 
     Raises:
-        InputError: the file cannot be read or is not TOML, it is not of a robot, a key or a needed table is misspelt or
-            missing, a value has another type or is out of bounds, or tables contradict each other or the URDF.
+        InputError: the file cannot be read or is not TOML, it is not of a robot or has no sensors, two sensors read one
+            topic, or [robot] has an unknown key or a value that is refused, or contradicts the URDF.
     """
     document = _document(path)
     if not _is_robot(document):
@@ -107,11 +111,13 @@ def _robot(document: Mapping[str, Any], path: Path) -> Robot:
         if name not in _TABLES:
             raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, ["robot", "sensors", *_TABLES]))
     urdf = table.read_urdf(path.parent)
-    sensors = {
-        name: _Expanded(str(name), own, shared, table, urdf, path).sensor()
-        for name, own in cast("dict[str, Any]", stated).items()
-    }
-    robot = Robot(table, sensors, path)
+    sensors, faulty = dict[str, RobotSensor](), dict[str, InputError]()
+    for name, own in cast("dict[str, Any]", stated).items():
+        try:
+            sensors[name] = _Expanded(name, own, shared, table, urdf, path).sensor()
+        except InputError as problem:  # the other sensors can be used
+            faulty[name] = problem
+    robot = Robot(table, sensors, faulty, path)
     if urdf is not None:
         for link in (robot.base, *table.expected):
             urdf.require(link)
@@ -175,6 +181,10 @@ class _Expanded:
             self._urdf.require(self._link)
         touched = self._surface()
         kinds = [KINDS[name] for name in self._tables if name in KINDS]
+        lost = any(kind.needs_surface for kind in kinds) and "surface" not in self._tables
+        if lost and self._link is None and self._urdf is not None:
+            hint = 'Add link = "NAME": the link in whose frame it reports; also surface = { link = ... } if not touched.'
+            raise InputError("the link of the sensor is not stated.", where=self._where, hint=hint)
         if self._link is not None and any(FORCE in kind.channels for kind in kinds):
             self._tables.setdefault("orientation", self._orientation())
         try:

@@ -77,6 +77,11 @@ class OpenedLog:
         return self._log.position
 
     @property
+    def share(self) -> float:
+        """Share (0 to 1) of the log that was read."""
+        return self.position / max(self.size, 1)
+
+    @property
     def torn(self) -> str:
         """Sentence that says where the file was cut off; "" if it is complete, or before the last block."""
         return self._log.torn

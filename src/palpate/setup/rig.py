@@ -213,12 +213,12 @@ def check_rig(table: Mapping[str, Any], path: Path, name: str = "") -> Rig:
             tables contradict each other.
     """
     common = [each.name for each in fields(Rig) if each.name not in ("sensors", "folder", "name")]
-    table = {name: _spread(value, path) for name, value in table.items()}
-    shared = {name: value for name, value in table.items() if name in common}
-    own = {name: value for name, value in table.items() if name not in common}
-    for name in own:
-        if name not in KINDS:
-            raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, [*common, *KINDS]))
+    table = {key: _spread(value, path) for key, value in table.items()}
+    shared = {key: value for key, value in table.items() if key in common}
+    own = {key: value for key, value in table.items() if key not in common}
+    for key in own:
+        if key not in KINDS:
+            raise InputError(f"unknown key {key!r}.", where=str(path), hint=near(key, [*common, *KINDS]))
     sensors = {kind.name: _sensor(own[kind.name], kind, path) for kind in KINDS.among(own)}
     rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent, name=name)
     if rig.time.unit is not None:

@@ -99,11 +99,13 @@ class Robot:
     Attributes:
         table: the [robot] of its rig.
         sensors: name -> sensor, in the order of the file.
+        faulty: name of a sensor that the rig does not state well -> what is wrong.
         path: file of the rig.
     """
 
     table: RobotTable
     sensors: Mapping[str, RobotSensor]
+    faulty: Mapping[str, InputError]
     path: Path
 
     @cached_property
@@ -130,13 +132,15 @@ class Robot:
         return self.table.base or self.urdf.root(self.urdf.links[0])
 
     def picked(self, names: tuple[str, ...] | str | None) -> tuple[RobotSensor, ...]:
-        """Return the named sensors, or all for None.
+        """Return the named sensors, or for None all that are not faulty.
 
         Raises:
-            InputError: there is no sensor of a name.
+            InputError: there is no sensor of a name, or it is faulty.
         """
         names = (names,) if isinstance(names, str) else names
         for name in names or ():
+            if name in self.faulty:
+                raise self.faulty[name]
             if name not in self.sensors:
                 what = f"the robot has no sensor {name!r}."
                 raise InputError(what, where="--sensor", hint=near(name, self.sensors))

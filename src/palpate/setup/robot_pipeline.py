@@ -22,8 +22,6 @@ from palpate.signals.recording import Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
-__all__ = ["RobotPipeline", "SensorRun", "merged"]
-
 
 @dataclass(frozen=True)
 class SensorRun:
@@ -58,8 +56,8 @@ class RobotPipeline:
         self, robot: Robot, log: Path, frame: str = "surface", sensors: tuple[str, ...] | str | None = None
     ) -> None:
         self._robot, self.frame = robot, frame
-        self.runs, self.failed = list[SensorRun](), dict[str, str]()
-        picked = robot.picked(sensors)
+        self.runs, picked = list[SensorRun](), robot.picked(sensors)
+        self.failed = {name: str(problem) for name, problem in robot.faulty.items() if sensors is None}
         self._motion = self._read_motion(log, picked) if frame == "base" else None
         for each in picked:
             try:
@@ -93,7 +91,7 @@ class RobotPipeline:
     @property
     def share(self) -> float:
         """Share (0 to 1) of the log that was read for all sensors."""
-        return min(run.pipeline.log.position / max(run.pipeline.log.size, 1) for run in self.runs)
+        return min(run.pipeline.log.share for run in self.runs)
 
     def notes(self) -> list[str]:
         """Return notes on the log and on the estimates so far, one sentence each, after the names of the sensors."""

@@ -85,6 +85,12 @@ def _paths(types: _Types, kind: str, deepest: int) -> Iterator[str]:
             yield from (f"{member.name}[].{each.name}" for each in numbers)
 
 
+def defines_header(topic: Topic) -> bool:
+    """Return whether the definition of a topic's type begins with a header."""
+    members = _types(topic.definition, topic.kind).get(topic.kind, ()) if topic.definition else ()
+    return [member.kind for member in members[:1]] == ["std_msgs/Header"]
+
+
 def field_of(topic: Topic, path: str, axes: tuple[str, ...] = ()) -> FieldPath | None:
     """Return the reader of a field path; None if the messages of the topic have no such list of numbers.
 
@@ -93,9 +99,9 @@ def field_of(topic: Topic, path: str, axes: tuple[str, ...] = ()) -> FieldPath |
     generic, known = re.sub(r"\[\d+\]", "[0]", path.removesuffix("[]")), paths_of(topic)
     each = tuple(f"{generic}[].{axis}" for axis in axes)
     if each and set(each) <= set(known):
-        return FieldPath(_types(topic.definition, topic.kind), topic.kind, path.removesuffix("[]"), axes)
+        return FieldPath(topic, path.removesuffix("[]"), axes)
     found = generic in known
-    return FieldPath(_types(topic.definition, topic.kind), topic.kind, path.removesuffix("[]")) if found else None
+    return FieldPath(topic, path.removesuffix("[]")) if found else None
 
 
 class FieldPath:
@@ -105,10 +111,10 @@ class FieldPath:
         stamped: whether the messages begin with a header.
     """
 
-    def __init__(self, types: _Types, kind: str, path: str, members: tuple[str, ...] = ()) -> None:
-        self._types, self._kind, self._members = types, kind, members
+    def __init__(self, topic: Topic, path: str, members: tuple[str, ...] = ()) -> None:
+        self._types, self._kind, self._members = _types(topic.definition, topic.kind), topic.kind, members
         self._parts = [(match[1], match[2]) for match in _PART.finditer(path)]
-        self.stamped = [member.kind for member in types[kind][:1]] == ["std_msgs/Header"]
+        self.stamped = defines_header(topic)
 
     def count(self, cursor: Cursor) -> Int[np.ndarray, " n"]:
         """Return how many numbers each message has."""

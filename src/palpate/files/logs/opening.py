@@ -27,7 +27,7 @@ from palpate.files.logs.log import Log, LogContents
 from palpate.files.logs.message_fields import FieldPath, field_of, paths_of
 from palpate.files.logs.parquet import ParquetLog
 from palpate.files.logs.pose_table import pose_layout
-from palpate.files.logs.survey import Survey, survey_of
+from palpate.files.logs.survey import Survey, frame_named, survey_of
 from palpate.files.logs.text import CsvLog, TextFrames, holds_text_frames
 from palpate.files.logs.topic_log import TopicLog
 from palpate.files.logs.topics import choose, choose_images
@@ -96,6 +96,17 @@ def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
         return {}
     arrays = [topic for topic in source.topics() if topic.count and role(topic.kind) == "array"]
     return {topic.name: shape for topic in arrays if (shape := _shape(source, topic)) is not None}
+
+
+def frames_named(path: Path, topics: Sequence[Topic]) -> dict[str, str]:
+    """Return topic -> the frame that the header of its first message names, of those that have a header.
+
+    Raises:
+        InputError: the file does not exist or cannot be read, is not a log, or needs a library that is not installed.
+    """
+    source = messages_of(path)
+    named = {} if source is None else {topic.name: frame_named(source, topic) for topic in topics}
+    return {name: frame for name, frame in named.items() if frame}
 
 
 def topic_fields(path: Path) -> dict[tuple[str, str], int]:

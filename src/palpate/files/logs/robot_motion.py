@@ -20,8 +20,6 @@ from palpate.files.urdf import Kinematics, Urdf
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose_track import PoseTrack
 
-__all__ = ["TF", "JointSamples", "RobotMotion"]
-
 TF = "/tf"
 """Name that stands for /tf and /tf_static as the source of the links' poses."""
 _CHUNK = 4096  # joint samples whose poses are computed at once

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.files.logs.cursor import Cursor
-from palpate.files.logs.decoding import FIXED, decode, role
+from palpate.files.logs.decoding import FIXED, decode, has_header, role
 from palpate.files.logs.joints import JOINTS, joint_names
+from palpate.files.logs.message_fields import defines_header
 from palpate.files.logs.transforms import SeenEdge, TransformTree, frame_name, tree_topics
 from palpate.files.messages import MessageBlock, MessageFile, Topic
 
@@ -57,6 +58,23 @@ def survey_of(source: MessageFile) -> Survey:
     for messages in source.messages([*wanted, *(topic.name for topic in trees)]) if wanted or trees else ():
         found.add(messages, wanted)
     return found
+
+
+def frame_named(source: MessageFile, topic: Topic) -> str:
+    """Return the frame that the header of a topic's first readable message names; "" if there is none.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    if not (has_header(topic.kind) or defines_header(topic)):
+        return ""
+    return source.first(topic, lambda messages: _named(Cursor(messages, topic.encoding))) or ""
+
+
+def _named(cursor: Cursor) -> str | None:
+    _, at, length = cursor.header()
+    first = np.flatnonzero(cursor.sound)[:1]
+    return next((frame_name(cursor.data[at[k] : at[k] + length[k]]) for k in first), None)
 
 
 def _frames_of(messages: MessageBlock, topic: Topic) -> tuple[str, str]:
