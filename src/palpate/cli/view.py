@@ -9,6 +9,7 @@ from typing import Annotated
 from tyro.conf import arg
 
 from palpate.cli.contact_files import compared_blocks, on_body, written
+from palpate.cli.estimate_robot import require_robot_options
 from palpate.cli.rig_options import RigOptions
 from palpate.console.console import announce, counting, lines, note, progress, title, wait
 from palpate.console.options import FileOption, Log
@@ -23,7 +24,10 @@ from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places_page import serve_taxels
 from palpate.sensors.taxels.poking.evaluate_command import is_taxel_file
 from palpate.setup import Rig
+from palpate.setup.load import robot_of
 from palpate.setup.pipeline import OpenedLog, Pipeline
+from palpate.setup.robot import Robot
+from palpate.setup.robot_view import robot_scene
 from palpate.setup.setup import Setup
 from palpate.setup.view import LayerData, layers_of, view_of
 from palpate.surfaces import Surface
@@ -68,6 +72,9 @@ def view(
     if is_taxel_file(log):
         _view_taxels(log, setup, host, port)
         return
+    if setup.rig is not None and (robot := robot_of(setup.rig)) is not None:
+        _view_robot(log, robot, setup, film, (host, port))
+        return
     rig = setup.load()
     import_mesh_reader()
     contacts = written(log)
@@ -83,6 +90,21 @@ def view(
         _write_film(scene, film)
         return
     serve(scene, host, port, up=_announce_address)
+
+
+def _view_robot(log: Path, robot: Robot, setup: RigOptions, film: Path | None, address: tuple[str, int]) -> None:
+    """Show a robot that moves, and the contacts on it."""
+    require_robot_options(robot, setup)
+    import_mesh_reader()
+    wait("finding the contacts of all sensors")
+    with counting():
+        scene, notes = robot_scene(robot, log, setup.sensor)
+    title(f"{log}: {len(scene):,} pictures, {len(scene.touches)} touches")
+    note(notes)
+    if film is not None:
+        _write_film(scene, film)
+        return
+    serve(scene, *address, up=_announce_address)
 
 
 def _announce_address(address: str) -> None:

@@ -183,7 +183,9 @@ class _Expanded:
         kinds = [KINDS[name] for name in self._tables if name in KINDS]
         lost = any(kind.needs_surface for kind in kinds) and "surface" not in self._tables
         if lost and self._link is None and self._urdf is not None:
-            hint = 'Add link = "NAME": the link in whose frame it reports; also surface = { link = ... } if not touched.'
+            hint = (
+                'Add link = "NAME": the link in whose frame it reports; also surface = { link = ... } if not touched.'
+            )
             raise InputError("the link of the sensor is not stated.", where=self._where, hint=hint)
         if self._link is not None and any(FORCE in kind.channels for kind in kinds):
             self._tables.setdefault("orientation", self._orientation())

@@ -87,7 +87,11 @@ def caption(moment: SceneMoment, magnification: int, more: Sequence[tuple[str, s
 
 def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterator[tuple[str, str]]:
     """Yield names and values of one contact; of several, its features are on one line."""
-    if not single:
+    if contact.origin.sensor and contact.located:
+        yield f"<b>{escape(contact.origin.link)}</b>", f"<b>{_force(contact)}</b>, {escape(contact.origin.sensor)}"
+        if not single:  # a line each: a robot has many
+            return
+    elif not single:
         yield f"<b>contact {contact.identity}</b>", f"<b>{_force(contact)}</b>, {contact.status.words}"
     yield "place [mm]", _place(contact)
     yield "95 % half-axes", _ellipse(contact, magnification)
@@ -185,10 +189,11 @@ def touch_list(scene: Scene, time: float) -> str:
         look = "background:rgba(0,114,178,.18);font-weight:600" if k == marked else ""
         lines.append(
             f'<tr data-asks="seek {seconds:.6f}" style="cursor:pointer;{look}"><td>{k + 1}</td>'
-            f"<td>{seconds:.2f}</td><td>{found.peak_force[k]:.2f}</td><td>{place}</td></tr>"
+            f"<td>{seconds:.2f}</td><td>{found.peak_force[k]:.2f}</td><td>{escape(found.link[k]) or place}</td></tr>"
         )
     more = f"<div>and {len(found) - LISTED:,} more</div>" if len(found) > LISTED else ""
-    head = "".join(f"<th>{name}</th>" for name in ("touch", "at [s]", "peak [N]", "x y z [mm]"))
+    last = "x y z [mm]" if found.origins is None else "link"
+    head = "".join(f"<th>{name}</th>" for name in ("touch", "at [s]", "peak [N]", last))
     return (
         "<style>.palpate-touches { margin: .2em .8em .6em; max-height: 10.5em; overflow-y: auto; font-size: .8em; }"
         ".palpate-touches table { width: calc(100% - .8em); text-align: right; border-collapse: collapse; }"

@@ -105,7 +105,7 @@ class Marker:
             self._label.position = words
         below = contact.normal[2] < STEEP  # two results are often at one place: their labels are on two sides
         _put(self._label, anchor=self._anchors[int(below)])
-        name = f"{contact.identity}: " if scene.several else ""
+        name = f"{contact.origin.link or contact.identity}: " if scene.several else ""
         _put(self._label, text=f"{name}{length * scene.size / scene.newton:.1f} N")
 
     def _show_torque(self, share: float) -> None:

@@ -24,7 +24,7 @@ def strongest(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Int[np.ndarr
         InputError: starts has another shape.
     """
     counted = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(contacts)))  # a file may not be in order
-    return starts if len(starts) == len(contacts) else replace(contacts, sample=counted).strongest()
+    return starts if len(starts) == len(contacts) else replace(contacts, sample=counted, origins=None).strongest()
 
 
 def sheet_places(contacts: Contacts) -> Float[np.ndarray, "n 2"] | None:

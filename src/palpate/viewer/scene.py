@@ -15,6 +15,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import Events
+from palpate.contact.origins import Origin
 from palpate.contact.touch_finder import find_touches
 from palpate.errors import InputError
 from palpate.spatial.arguments import frozen_value, takes_arrays
@@ -94,6 +95,7 @@ class ShownContact:
         frame: (3, 3) rotation whose columns are the long axis, the short axis and the normal.
         covariance: (3, 3) [m^2] of the point.
         features: finite values that the sensor adds, by name, in SI units.
+        origin: sensor and link of a robot; blank for a rig of one sensor.
     """
 
     identity: int
@@ -107,6 +109,7 @@ class ShownContact:
     frame: Float[np.ndarray, "3 3"]
     covariance: Float[np.ndarray, "3 3"]
     features: Mapping[str, float]
+    origin: Origin = Origin()
 
     @cached_property
     def located(self) -> bool:
@@ -487,6 +490,7 @@ def _shown(found: Contacts, row: int) -> ShownContact:
         frame=frame,
         covariance=found.covariance[row],
         features={name: value for name, value in features.items() if np.isfinite(value)},
+        origin=Origin() if found.origins is None else found.origins.among[int(found.origins.index[row])],
     )
 
 

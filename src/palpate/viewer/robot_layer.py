@@ -1,0 +1,135 @@
+"""Draw the links of a robot on the page, moving, and list its sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import rotation_from_quaternion
+from palpate.spatial.shown import three_digits
+from palpate.viewer.drawing import box
+from palpate.viewer.scene import Scene
+
+if TYPE_CHECKING:
+    from viser import ClientHandle, GlbHandle, GuiApi, ViserServer
+
+GREY = (196, 204, 212, 255)
+Triangles = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
+"""Vertices [m] and faces of a link, in its frame."""
+
+
+@takes_arrays
+class RobotLayer:
+    """A layer of the page that draws a robot's links where they are, and lists its sensors.
+
+    Args:
+        links: link -> triangles, of those that have a geometry.
+        quaternions: (m, k, 4) x, y, z, w of these links in the base at each sample of the scene; NaN where not known.
+        positions: (m, k, 3) [m] likewise.
+        sensors: sensor -> force [N] of its contacts at each sample, (m,): 0 without a contact, NaN without readings.
+        rates: sensor -> readings per second.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
+
+    def __init__(
+        self,
+        links: Mapping[str, Triangles],
+        quaternions: Float[np.ndarray, "m k 4"],
+        positions: Float[np.ndarray, "m k 3"],
+        sensors: Mapping[str, Float[np.ndarray, " m"]],
+        rates: Mapping[str, float],
+    ) -> None:
+        self._links, self._sensors, self._rates = links, sensors, rates
+        self._turned, self._moved = _filled(quaternions), _filled(positions)
+        self._handles: list[GlbHandle] = []
+
+    @property
+    def covers(self) -> bool:
+        """Return False: contacts are drawn on the links."""
+        return False
+
+    @property
+    def places(self) -> Float[np.ndarray, "n 3"]:
+        """Return corners of all links over the motion, (n, 3) [m]."""
+        seen = np.linspace(0, max(len(self._moved) - 1, 0), 20).astype(int)
+        corners = [_corners(vertices) for vertices, _ in self._links.values()]
+        made = [
+            corner @ rotation_from_quaternion(self._turned[i, k]).T + self._moved[i, k]
+            for i in np.unique(seen)
+            for k, corner in enumerate(corners)
+            if np.isfinite(self._moved[i, k]).all()
+        ]
+        return np.concatenate([np.zeros((1, 3)), *made])
+
+    def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
+        """Draw the links."""
+        self._handles = [
+            server.scene.add_glb(f"/robot/{k}", _glb(vertices / scene.size, faces), cast_shadow=False)
+            for k, (vertices, faces) in enumerate(self._links.values())
+        ]
+
+    def panel(self, gui: GuiApi) -> None:
+        """Add a checkbox that hides the robot."""
+        seen = gui.add_checkbox("robot", True, hint="hide it to see the contacts behind it")
+
+        def switch(_: object) -> None:
+            for handle in self._handles:
+                handle.visible = seen.value
+
+        seen.on_update(switch)
+
+    def show(self, scene: Scene, index: int) -> None:
+        """Move the links to where they are at a sample."""
+        for k, handle in enumerate(self._handles):
+            if np.isfinite(self._moved[index, k]).all():
+                handle.wxyz = np.roll(self._turned[index, k], 1)
+                handle.position = scene.placed(self._moved[index, k])
+
+    def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
+        """Return (sensor, text) pairs: its contact force or that it has none, and its rate."""
+        return [
+            (name, f"{_state(float(force[index]))}, {three_digits(self._rates[name])} Hz")
+            for name, force in self._sensors.items()
+        ]
+
+    def legend(self) -> list[str]:
+        """Return no items."""
+        return []
+
+
+def _state(force: float) -> str:
+    if np.isnan(force):
+        return "no readings"
+    return f"{three_digits(force)} N" if force > 0 else "nothing touches"
+
+
+def _corners(vertices: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "8 3"]:
+    """Return the corners of the box about vertices."""
+    return np.stack(np.meshgrid(*box(vertices).T, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _filled(values: Float[np.ndarray, "m k w"]) -> Float[np.ndarray, "m k w"]:
+    """Return poses in which those that are not known are the ones before, or else the first known."""
+    known = np.isfinite(values).all(axis=(1, 2))
+    if not known.any():
+        return values
+    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
+    return values[np.where(last < 0, int(known.argmax()), last)]
+
+
+def _glb(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> bytes:
+    import trimesh
+
+    graph: Any = trimesh.graph
+    mesh = graph.smooth_shade(trimesh.Trimesh(vertices, faces, process=True), angle=0.5)
+    mesh.visual.vertex_colors = np.tile(np.array(GREY, np.uint8), (len(mesh.vertices), 1))
+    made = BytesIO()
+    trimesh.Scene([mesh]).export(made, file_type="glb")
+    return made.getvalue()
