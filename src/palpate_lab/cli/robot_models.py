@@ -1,4 +1,4 @@
-"""Write the models and the rig of a simulated robot: what its owner knows of the sensors, with the errors that it states."""
+"""Write the models and the rig of a simulated robot: what its owner knows of the sensors, with the stated errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from palpate.signals.payload import Payload
 from palpate.signals.recording import CELLS, Recording
 from palpate_lab.simulation.robot.files import JOINTS, topic_of
 from palpate_lab.simulation.robot.motion import QUIET
-from palpate_lab.simulation.robot.run import TIP_NOISE, Devices
+from palpate_lab.simulation.robot.run import TIP_NOISE
 from palpate_lab.simulation.robot.sensors import Pad, Robot, Sensor, Sheet, Tip, Wrist
 from palpate_lab.simulation.robot.tree import GRAVITY, RobotLink
 from palpate_lab.simulation.three_axis_skins import ThreeAxisSkin
@@ -30,9 +30,10 @@ PLACED = 1e-4  # m: standard deviation along each axis of the places of taxels
 _PRESSES = 120  # of the pad that is calibrated
 _WEIGHT, _CENTRE, _BIAS = 0.01, 2e-4, (5e-3, 2e-4)  # N; m; N, N m: standard deviations of a payload
 _MATRIX, _LENGTH = 2e-3, 0.01  # of the forward model of load cells, and the arm [m] at which torques err as forces
+_TURNING = 5e-4  # V: of a cell's bias as the weight of its tip turns, 0.02 N over four cells
 _INTENSITY = "sheets.toml"
 _TARE = QUIET - 0.5
-_RIG = """# A simulated robot: what its sensors are, and where. What touched it is in truth.csv; nothing here knows of it.
+_RIG = """# A simulated robot: what its sensors are, and where. What touched it is in truth.csv alone.
 [robot]
 urdf = "robot.urdf"
 joints = "{joints}"
@@ -69,7 +70,7 @@ kind = "load_cells"
 link = "{link}"
 model = "{name}.toml"
 topic = "{topic}"
-estimate = {{ tare = {tare} }}
+estimate = {{ tare = {tare}, contact = {{ on = 0.3, off = 0.15 }} }}   # N: more than the weight of the tip
 """
 _WRIST = """
 [sensors.{name}]
@@ -167,6 +168,7 @@ def _cells(sensor: Tip, rng: np.random.Generator) -> LoadCells:
         noise,
         covariance=np.diag(deviation.ravel() ** 2),
         positions=sensor.cells.position,
+        drift=_TURNING / float(noise[0]),
     )
 
 

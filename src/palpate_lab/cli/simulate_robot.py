@@ -27,7 +27,7 @@ def simulate_hand(
     *,
     output: Folder,
     seed: Count = 0,
-    seconds: Number = 60.0,
+    seconds: Number = 50.0,
     touches: Count = 100,
     speed: Number = 1.0,
     encoder: Number = 0.0,
@@ -45,7 +45,7 @@ def simulate_hand(
         touches: number of touches.
         speed: speed of the fastest joint [rad/s].
         encoder: standard deviation of each joint's error [degrees].
-        free: duration of free.mcap [s], in which the robot moves and nothing touches it; 0: none.
+        free: duration of free.mcap [s], in which the robot moves and pauses, untouched; 0: none.
     """
     _simulate("hand", output, seed, seconds, touches, speed, 1000, encoder, free)
 
@@ -54,7 +54,7 @@ def simulate_humanoid(
     *,
     output: Folder,
     seed: Count = 0,
-    seconds: Number = 60.0,
+    seconds: Number = 50.0,
     touches: Count = 100,
     speed: Number = 1.0,
     encoder: Number = 0.0,
@@ -63,7 +63,7 @@ def simulate_humanoid(
 ) -> None:
     """Simulate a torso with two arms, twelve patches of skin and two force/torque sensors.
 
-    Record a torso with two arms of seven joints while it moves and is touched, at several places at once and by grips.
+    Record a torso with two arms of seven joints while it moves and is touched, at several places at once.
     Six sheets of one-axis taxels and six pads of three-axis ones cover torso, arms and hands.
 
     Args:
@@ -73,7 +73,7 @@ def simulate_humanoid(
         touches: number of touches.
         speed: speed of the fastest joint [rad/s].
         encoder: standard deviation of each joint's error [degrees].
-        free: duration of free.mcap [s], in which the robot moves and nothing touches it; 0: none.
+        free: duration of free.mcap [s], in which the robot moves and pauses, untouched; 0: none.
         wrench_rate: rate of the force/torque sensors [Hz].
     """
     _simulate("humanoid", output, seed, seconds, touches, speed, wrench_rate, encoder, free)
@@ -124,9 +124,7 @@ def _require(option: str, given: float, least: float, most: float) -> None:
         raise InputError(f"must be from {least:g} to {most:g}, not {given:g}.", where=option)
 
 
-def _record(
-    robot: Robot, settings: RobotSettings, folder: Path, seed: int, free: float, encoder: float
-) -> RobotRun:
+def _record(robot: Robot, settings: RobotSettings, folder: Path, seed: int, free: float, encoder: float) -> RobotRun:
     """Simulate the runs, and write all files."""
     from dataclasses import replace
 
@@ -140,7 +138,7 @@ def _record(
     write_robot_log(robot, run, folder / "run.mcap")
     write_robot_truth(robot, run, folder / "truth.csv")
     if free:
-        untouched = replace(settings, seconds=free, touches=0)
+        untouched = replace(settings, seconds=free, touches=0, pauses=True)
         log = simulate_robot(robot, devices, untouched, np.random.default_rng([seed, 3]), progress)
         write_robot_log(robot, log, folder / "free.mcap")
     write_robot_models(robot, np.random.default_rng([seed, 4]), folder)

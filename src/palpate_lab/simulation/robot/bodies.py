@@ -24,29 +24,30 @@ _SPREAD, _TILT = 0.05, 0.035  # of a pad's gains, and of their axes [rad]
 TIP = (0.011, 0.016, 0.009)  # m: half-lengths of a fingertip on load cells
 _BOX = (0.010, 0.014, 0.007)  # m: of a fingertip with a pad
 _BIAS = (3.0, 0.05)  # N, N m: standard deviation of a wrist's bias
-_FINGERS = (("index", 0.030, 3), ("middle", 0.010, 3), ("ring", -0.010, 3), ("little", -0.030, 2))
-_LENGTHS = (0.042, 0.027, 0.022)  # m
+_FINGERS: tuple[tuple[str, Three, Three, int], ...] = (  # place [m], turn [rad] and number of joints
+    ("thumb", (0.044, 0.02, 0.004), (0.3, 0.9, -0.8), 3),
+    ("index", (0.030, 0.092, 0.0), (0.0, 0.0, -0.06), 3),
+    ("middle", (0.010, 0.092, 0.0), (0.0, 0.0, -0.02), 3),
+    ("ring", (-0.010, 0.092, 0.0), (0.0, 0.0, 0.02), 3),
+    ("little", (-0.030, 0.092, 0.0), (0.0, 0.0, 0.06), 2),
+)
+_LENGTHS, _THICK = (0.042, 0.027, 0.022), 0.007  # m: of bones, and their radius
 
 
 def hand(rng: np.random.Generator) -> Robot:
     """Draw a hand: thumb, index and middle finger end in tips on load cells, ring and little finger in pads."""
     pillars = pillar_array(_ROWS, _COLUMNS, int(rng.integers(1 << 30)))
     palm = Shape("box", (0.042, 0.045, 0.014), (0.0, 0.045, 0.0))
-    links = [RobotLink("palm", shapes=(palm,), mass=0.4)]
-    for name, x, joints in _FINGERS:
-        rpy = (0.0, 0.0, -2.0 * x)
-        links += _finger(name, (x, 0.092, 0.0), rpy, joints, follows=name == "ring")
-    links += _finger("thumb", (0.044, 0.02, 0.004), (0.3, 0.9, -0.8), 3)
-    tips, sensors = ("thumb", "index", "middle"), list[Tip | Pad]()
-    for name in ("thumb", *(name for name, *_ in _FINGERS)):
-        if name in tips:
-            cells = random_cells(LAYOUTS[4], rng)
-            sensors.append(Tip(name, f"{name}_tip", EllipsoidBody(TIP), cells))
+    links, sensors = [RobotLink("palm", shapes=(palm,), mass=0.4)], list[Tip | Pad]()
+    for name, at, turn, joints in _FINGERS:
+        box = name in ("ring", "little")
+        links += _finger(name, at, turn, joints, spreads=not box, follows=name == "ring", box=box)
+        if box:
+            sensors.append(Pad(name, f"{name}_tip", facing((0.0, 0.0, _BOX[2]), _Z, _X), _unit(pillars, rng)))
         else:
-            top = facing((0.0, 0.0, _BOX[2]), _Z, _X)
-            sensors.append(Pad(name, f"{name}_tip", top, _unit(pillars, rng)))
+            sensors.append(Tip(name, f"{name}_tip", EllipsoidBody(TIP), random_cells(LAYOUTS[4], rng)))
     regions = tuple(Region((each,)) for each in sensors)
-    return Robot("hand", "palm", tuple(links), tuple(sensors), regions, pillars)
+    return Robot("hand", "palm", tuple(links), tuple(sensors), regions, pillars, grasps=True)
 
 
 def humanoid(rng: np.random.Generator) -> Robot:
@@ -60,9 +61,7 @@ def humanoid(rng: np.random.Generator) -> Robot:
     ]
     sheet = Rolled(rows=10, columns=14, pitch=_PITCH, radius=TORSO)
     half = (sheet.columns - 1) / 2 * sheet.pitch / sheet.radius
-    sheets = [
-        Sheet(name, "torso", _turned(turn - half, 0.18), sheet) for name, turn in (("belly", 0.0), ("back", pi))
-    ]
+    sheets = [Sheet(name, "torso", _turned(turn - half, 0.18), sheet) for name, turn in (("belly", 0.0), ("back", pi))]
     links, sensors = [torso], [*sheets, *pads]
     regions = [Region((each,)) for each in sensors]
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -71,48 +70,33 @@ def humanoid(rng: np.random.Generator) -> Robot:
     return Robot("humanoid", "torso", tuple(links), tuple(sensors), tuple(regions), pillars)
 
 
-def _finger(name: str, at: Three, rpy: Three, joints: int, follows: bool = False) -> list[RobotLink]:
-    """Return a finger along y that bends about x towards z; the last of three joints may follow the one before."""
-    links, parent = list[RobotLink](), "palm"
-    for k in range(joints):
-        length = _LENGTHS[k]
-        bone = Shape("cylinder", (0.007, length / 2 - 0.007), (0.0, 0.0, length / 2))
-        mimic = (f"{name}_{k - 1}", 0.8) if follows and k == 2 else None
-        # the joint's z lies along the finger, so that its bone is a cylinder along z
-        turn = rpy if k == 0 else (0.0, 0.0, 0.0)
-        links.append(
-            RobotLink(
-                f"{name}_{k}",
-                parent,
-                at if k == 0 else (0.0, 0.0, _LENGTHS[k - 1]),
-                _raised(turn) if k == 0 else turn,
-                (1.0, 0.0, 0.0) if k or joints == 2 else _first(name),
-                middle=0.15 if k == 0 and joints == 3 and name != "ring" else 0.5,
-                span=0.3 if k == 0 and joints == 3 and name != "ring" else 0.55,
-                mimic=mimic,
-                shapes=(bone,),
-                mass=0.03,
-            )
-        )
-        parent = f"{name}_{k}"
-    box = name in ("ring", "little")
-    shape = Shape("box", _BOX) if box else Shape("ellipsoid", TIP)
-    flat = (pi / 2, 0.0, 0.0)  # y along the finger again, and z out of its pad
+def _finger(
+    name: str, at: Three, rpy: Three, joints: int, *, spreads: bool = True, follows: bool = False, box: bool = False
+) -> list[RobotLink]:
+    """Return a finger along y that bends about x towards z, with its tip: an ellipsoid or a box.
+
+    Its links but the tip have z along the finger, so that bones are cylinders along z. The first joint spreads the
+    finger, or bends it; the last may follow the one before.
+    """
+    links, parent, origin, turn = list[RobotLink](), "palm", at, _raised(rpy)
+    for k, length in enumerate(_LENGTHS[:joints]):
+        spread, last = spreads and k == 0, f"{name}_{k - 1}" if follows and k == joints - 1 else ""
+        axis, middle, span = (_Y, 0.0, 0.3) if spread else (_X, 0.55, 0.5)
+        bone = Shape("cylinder", (_THICK, length / 2 - _THICK), (0.0, 0.0, length / 2))
+        mimic = (last, 0.8) if last else None
+        links.append(RobotLink(f"{name}_{k}", parent, origin, turn, axis, middle, span, mimic, (bone,), 0.03))
+        parent, origin, turn = f"{name}_{k}", (0.0, 0.0, length), (0.0, 0.0, 0.0)
+    shape, mass = (Shape("box", _BOX), 0.012) if box else (Shape("ellipsoid", TIP), 0.003)
     end = (0.0, 0.0, _LENGTHS[joints - 1] + shape.size[1] - 0.006)
-    return [*links, RobotLink(f"{name}_tip", parent, end, flat, shapes=(shape,), mass=0.012 if box else 0.003)]
-
-
-def _first(name: str) -> Three:
-    """Return the axis of a finger's first joint: it spreads index, middle finger and thumb, and bends the others."""
-    return (1.0, 0.0, 0.0) if name == "ring" else (0.0, 1.0, 0.0)
+    flat = (pi / 2, 0.0, 0.0)  # y along the finger again, and z out of its pad
+    return [*links, RobotLink(f"{name}_tip", parent, end, flat, shapes=(shape,), mass=mass)]
 
 
 def _raised(rpy: Three) -> Three:
-    """Return the angles that also turn z into y, along a finger."""
+    """Return angles about fixed axes that also turn z into y."""
     from scipy.spatial.transform import Rotation
 
-    turned = Rotation.from_euler("xyz", rpy) * Rotation.from_euler("x", -pi / 2)
-    x, y, z = turned.as_euler("xyz").tolist()
+    x, y, z = (Rotation.from_euler("xyz", rpy) * Rotation.from_euler("x", -pi / 2)).as_euler("xyz").tolist()
     return x, y, z
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.signals.recording import CELLS
 from palpate_lab.simulation.contacts import contact_wrenches, directed_forces
 from palpate_lab.simulation.robot.plan import RATE, RobotTouch
 from palpate_lab.simulation.robot.sensors import Pad, Robot, Sheet
@@ -15,9 +16,8 @@ from palpate_lab.simulation.skin_bench import PaperSheet, read_out
 from palpate_lab.simulation.three_axis_touches import Loads
 from palpate_lab.simulation.touched.body import Physics
 from palpate_lab.simulation.touched.sensors import loads as sheet_loads
-from palpate.signals.recording import CELLS
 
-MODULUS = 4e5  # Pa, of a sheet: radius of the pressed disc by Hertz
+MODULUS = 1e5  # Pa, of a sheet's foam: radius of the pressed disc by Hertz, 5 to 9 mm
 _EDGE = 10e-3  # m: of what touches a pad: round up to here
 
 

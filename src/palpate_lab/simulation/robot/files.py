@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate_lab.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
-from palpate_lab.simulation.robot.plan import RATE
+from palpate_lab.simulation.robot.plan import RATE, RobotTouch
 from palpate_lab.simulation.robot.run import RobotRun
-from palpate_lab.simulation.robot.sensors import Face, Pad, Robot, Sensor, Sheet, Wrist
+from palpate_lab.simulation.robot.sensors import Face, Pad, Part, Robot, Sensor, Sheet, Wrist
 from palpate_lab.simulation.robot.tree import meshed, mjcf, moving, urdf
 from palpate_lab.simulation.shapes import EllipsoidBody
 
@@ -76,31 +76,33 @@ def write_robot_truth(robot: Robot, run: RobotRun, path: Path) -> None:
     """
     import polars
 
-    contacts, (turned, placed) = run.contacts, run.poses
-    felt = [_felt(robot, touch.region, touch.part) for touch in run.touches]
-    rows = [(k, name) for k, touch in enumerate(contacts.touch.tolist()) for name in felt[touch]]
-    which = np.array([k for k, _ in rows], dtype=np.int64)
-    true = contacts.of(which)
-    links = [robot.regions[each.region].parts[each.part].link for each in run.touches]
-    number = {link.name: k for k, link in enumerate(robot.links)}
-    own = np.array([number[link] for link in links], dtype=np.int64)[true.touch]
-    turn, origin = turned[true.frame, own], placed[true.frame, own]
-    base = [np.einsum("nij,nj->ni", turn, each) for each in (true.point, true.normal, true.force)]
+    parts = [robot.regions[each.region].parts[each.part] for each in run.touches]
+    touch: list[int] = run.contacts.touch.tolist()
+    rows = [(k, name) for k, number in enumerate(touch) for name in _felt(robot, run.touches[number])]
+    true = run.contacts.of(np.array([k for k, _ in rows], dtype=np.int64))
+    names = [each.name for each in robot.links]
+    link = np.array([names.index(part.link) for part in parts], dtype=np.int64)[true.touch]
+    turn, origin = (each[true.frame, link] for each in run.poses)
+    point, normal, force = (np.einsum("nij,nj->ni", turn, each) for each in (true.point, true.normal, true.force))
     table: dict[str, Any] = {"time": START + true.frame / RATE, "sensor": [name for _, name in rows]}
-    table |= {"link": [links[k] for k in true.touch], "touch": true.touch}
+    table |= {"link": [names[k] for k in link], "touch": true.touch}
     table |= {"kind": [run.touches[k].kind for k in true.touch], "share": true.share}
-    for letter, own_values in zip("pnf", (true.point, true.normal, true.force), strict=True):
-        table |= {f"{letter}{axis}": own_values[:, k] for k, axis in enumerate(_AXES)}
-    table["torque"] = true.torsion
-    for letter, values in zip("pnf", (base[0] + origin, base[1], base[2]), strict=True):
-        table |= {f"base_{letter}{axis}": values[:, k] for k, axis in enumerate(_AXES)}
-    polars.DataFrame(table).write_csv(path, float_precision=_DIGITS)
+    table |= _columns("", true.point, true.normal, true.force) | {"torque": true.torsion}
+    polars.DataFrame(table | _columns("base_", point + origin, normal, force)).write_csv(path, float_precision=_DIGITS)
 
 
-def _felt(robot: Robot, region: int, part: int) -> list[str]:
+def _columns(prefix: str, *values: Float[np.ndarray, "m 3"]) -> dict[str, np.ndarray]:
+    """Return the columns px, py, pz, nx, ... of points, normals and forces."""
+    named = zip("pnf", values, strict=True)
+    return {f"{prefix}{letter}{axis}": each[:, k] for letter, each in named for k, axis in enumerate(_AXES)}
+
+
+def _felt(robot: Robot, touch: RobotTouch) -> list[str]:
     """Return the names of the sensors that feel a touch."""
-    touched, wrist = robot.regions[region].parts[part], robot.regions[region].wrist
-    return [*([] if isinstance(touched, Face) else [touched.name]), *([wrist] if wrist else [])]
+    region = robot.regions[touch.region]
+    part: Part = region.parts[touch.part]
+    names = ["" if isinstance(part, Face) else part.name, region.wrist]
+    return [name for name in names if name]
 
 
 def _joint_states(

@@ -13,6 +13,7 @@ from palpate_lab.simulation.robot.tree import RobotLink, mjcf, moving
 
 QUIET = 3.0  # s at the start without motion or touch
 _SINES, _ROUNDS = 3, 4
+_MARGIN = 1.005  # for what is between two samples of a motion that is drawn
 _LEAST = 0.5  # of the largest speed: that of the slowest joint
 _SOFT = 1.0  # s in which the motion begins
 _WATCH = 5000  # steps between two calls of `watch`
@@ -22,15 +23,19 @@ _WATCH = 5000  # steps between two calls of `watch`
 class JointMotion:
     """Smooth motions of k joints: middle + s(t) sum A (sin(w t + p) - sin p), with t from `QUIET` and s from 0 to 1.
 
+    Where they pause, t stands still for a second every two seconds.
+
     Attributes:
         middle: (k,) [rad].
         size, rate, phase: (k, 3) A [rad], w [rad/s] and p [rad].
+        pauses: True: they pause.
     """
 
     middle: Float[np.ndarray, " k"]
     size: Float[np.ndarray, "k 3"]
     rate: Float[np.ndarray, "k 3"]
     phase: Float[np.ndarray, "k 3"]
+    pauses: bool = False
 
     @classmethod
     def drawn(cls, links: Sequence[RobotLink], rng: np.random.Generator, seconds: float, speed: float) -> JointMotion:
@@ -52,20 +57,37 @@ class JointMotion:
             rate *= (fastest / np.abs(velocity).max(axis=0))[:, None]
         position, velocity, _ = cls(middle, size, rate, phase).at(time)
         over = np.maximum(np.abs(position - middle).max(axis=0) / span, np.abs(velocity).max(axis=0) / fastest)
-        return cls(middle, size / np.maximum(over, 1.0)[:, None], rate, phase)
+        return cls(middle, size / np.maximum(_MARGIN * over, 1.0)[:, None], rate, phase)
 
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return positions [rad], velocities [rad/s] and accelerations [rad/s^2], (n, k) each, at times (n,) [s]."""
-        since = np.maximum(time - QUIET, 0.0)[:, None]
+        since, pace, change = _paced(np.maximum(time - QUIET, 0.0)[:, None], self.pauses)
         fade = np.exp(-0.5 * (since / _SOFT) ** 2)
         begun, begins, bends = 1.0 - fade, since / _SOFT**2 * fade, (1.0 - (since / _SOFT) ** 2) / _SOFT**2 * fade
         turn = since[..., None] * self.rate + self.phase
         way = np.sum(self.size * (np.sin(turn) - np.sin(self.phase)), axis=2)
         fast = np.sum(self.size * self.rate * np.cos(turn), axis=2)
         bent = -np.sum(self.size * self.rate**2 * np.sin(turn), axis=2)
+        slope, bend = begins * way + begun * fast, bends * way + 2 * begins * fast + begun * bent
         moves = (time > QUIET)[:, None]
-        acceleration = np.where(moves, bends * way + 2 * begins * fast + begun * bent, 0.0)
-        return self.middle + begun * way, np.where(moves, begins * way + begun * fast, 0.0), acceleration
+        return (
+            self.middle + begun * way,
+            np.where(moves, slope * pace, 0.0),
+            np.where(moves, bend * pace**2 + slope * change, 0.0),
+        )
+
+
+def _paced(time: Float[np.ndarray, "n 1"], pauses: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the time (n, 1) [s] that motions have, its rate, at most 1, and the change of that [1/s]."""
+    if not pauses:
+        return time, np.ones_like(time), np.zeros_like(time)
+    cycle, within = np.divmod(time, 2.0)
+    turn = 2 * np.pi * np.minimum(within, 1.0)
+    return (
+        0.5 * (cycle + np.minimum(within, 1.0) - np.sin(turn) / (2 * np.pi)),
+        0.5 * (1.0 - np.cos(turn)),
+        np.pi * np.sin(turn),
+    )
 
 
 class Mechanics:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.errors import InputError
 from palpate_lab.simulation.robot.motion import QUIET
-from palpate_lab.simulation.robot.sensors import Region, Robot, Sheet
+from palpate_lab.simulation.robot.sensors import Robot, Sheet
 
 RATE = 100  # Hz of skins and of the truth
 RAMP = 0.15  # s in which a force rises, and falls
@@ -19,7 +18,7 @@ SLOT = 2 * RAMP + FULL[1] + REST + 0.05  # s: the least time for each touch of a
 LIGHT, HEAVY = 1.5, 10.0  # N, bounds of normal forces, evenly between their logarithms
 SHEAR = 0.4  # largest ratio of shear to normal force
 TOGETHER = 0.4  # share of slots in which several regions are touched at the same time
-GRIPPED = 0.4  # share of touches of a sheet round an arm that are grips, by two opposite contacts
+GRASPED = 0.4  # share of touches of a sheet round an arm that are grasps, by two opposite contacts
 RADII = (8e-3, 15e-3)  # m, of what touches
 _END = 0.5  # s without touch at the end
 
@@ -32,7 +31,7 @@ class RobotTouch:
         start, full: frame at which it begins, and number of frames with the full force.
         force, shear, azimuth: normal force [N], its ratio to the shear, and the shear's direction [rad].
         radius: of what touches [m].
-        kind: "push", "together" (with other regions) or "grip" (two opposite contacts).
+        kind: "push", "together" (with other regions), or "grasp" (by fingers, or of an arm from both sides).
     """
 
     number: int
@@ -76,28 +75,27 @@ def plan_touches(robot: Robot, rng: np.random.Generator, touches: int, seconds: 
         left = touches - len(planned)
         share = -(-left // (needed - slot))
         begin = QUIET + slot * length
-        planned += _of_slot(robot.regions, rng, min(left, share), begin, length)
+        planned += _of_slot(robot, rng, min(left, share), begin, length)
     ordered = sorted(planned, key=lambda each: each.start)
     return [replace(each, number=k) for k, each in enumerate(ordered)]
 
 
-def _of_slot(
-    regions: Sequence[Region], rng: np.random.Generator, count: int, begin: float, length: float
-) -> list[RobotTouch]:
+def _of_slot(robot: Robot, rng: np.random.Generator, count: int, begin: float, length: float) -> list[RobotTouch]:
     """Draw `count` touches of different regions in a slot of time."""
-    together, common = bool(rng.random() < TOGETHER), float(rng.random())
-    found = list[RobotTouch]()
-    for region in rng.permutation(len(regions)).tolist():
+    together, common = bool(rng.random() < TOGETHER) and count > 1, float(rng.random())
+    found, regions = list[RobotTouch](), robot.regions
+    kind = ("grasp" if robot.grasps else "together") if together else "push"
+    order: list[int] = rng.permutation(len(regions)).tolist()
+    for region in order:
         if len(found) >= count:
             break
         late = (common if together else float(rng.random())) * (length - SLOT)
         start = round((begin + late) * RATE)
         part = int(rng.integers(len(regions[region].parts)))
-        kind = "together" if together and count > 1 else "push"
         found.append(_drawn(rng, region, part, start, kind))
         sheet = regions[region].parts[part]
-        if isinstance(sheet, Sheet) and sheet.ring and rng.random() < GRIPPED and len(found) < count:
-            first, other = replace(found.pop(), kind="grip"), _drawn(rng, region, part, start, "grip")
+        if isinstance(sheet, Sheet) and sheet.ring and rng.random() < GRASPED and len(found) < count:
+            first, other = replace(found.pop(), kind="grasp"), _drawn(rng, region, part, start, "grasp")
             along, around = first.place
             found += [first, replace(other, place=(along, (around + 0.5) % 1.0), full=first.full)]
     return found

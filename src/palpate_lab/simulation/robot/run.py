@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -32,6 +32,7 @@ class RobotSettings:
         speed: largest speed of a joint [rad/s].
         wrench_rate: of force/torque sensors [Hz].
         encoder: standard deviation [rad] of each joint's error.
+        pauses: True: the robot stops for a second every two seconds.
     """
 
     seconds: float = 60.0
@@ -39,6 +40,7 @@ class RobotSettings:
     speed: float = 1.0
     wrench_rate: int = 1000
     encoder: float = 0.0
+    pauses: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,13 +105,16 @@ def simulate_robot(
         InputError: MuJoCo is not installed, or the touches do not fit into the time.
     """
     touches = plan_touches(robot, rng, settings.touches, settings.seconds)
-    motion = JointMotion.drawn(moving(robot.links), rng, settings.seconds, settings.speed)
+    drawn = JointMotion.drawn(moving(robot.links), rng, settings.seconds, settings.speed)
+    motion = replace(drawn, pauses=settings.pauses)
     mechanics = Mechanics(robot.name, robot.links, robot.sites())
     frames = round(settings.seconds * RATE)
     readings, contacts = _skins(robot, devices, touches, frames, rng)
-    weights = _weights(robot, mechanics, motion, settings, watch)
-    for sensor, time, weight in weights:
-        readings[sensor.name] = time, _read(robot, sensor, weight, time, contacts, touches, frames, rng)
+    for sensor, time, weight in _weights(robot, mechanics, motion, settings, watch):
+        own = np.isin(contacts.touch, [k for k, each in enumerate(touches) if _presses(robot, each, sensor)])
+        acting = contacts.of(own).wrenches(frames) @ _mounted(robot, sensor).wrench_matrix().T
+        steps = [np.interp(time, np.arange(frames) / RATE, acting[:, k]) for k in range(6)]
+        readings[sensor.name] = time, _read(sensor, weight + np.stack(steps, axis=1), rng)
     joint_time = np.arange(round(settings.seconds * JOINT_RATE)) / JOINT_RATE + _JOINTS_LATE
     position, velocity, _ = motion.at(joint_time)
     position = position + devices.encoder + devices.sway * rng.standard_normal(position.shape)
@@ -153,37 +158,23 @@ def _weights(
     return [(each, time, loads[:, k]) for k, each in enumerate(sensors)]
 
 
-def _read(
-    robot: Robot,
-    sensor: Tip | Wrist,
-    weight: Float[np.ndarray, "n 6"],
-    time: Float[np.ndarray, " n"],
-    contacts: RobotContacts,
-    touches: Sequence[RobotTouch],
-    frames: int,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """Return voltages of a fingertip, or wrenches of a wrist; contacts change linearly from frame to frame."""
-    link = sensor.surface if isinstance(sensor, Wrist) else sensor.link
-    own = np.isin(contacts.touch, [each.number for each in touches if touched_link(robot, each) == link])
-    wrench = contacts.of(own).wrenches(frames) @ _mounted(robot, sensor.link, link).wrench_matrix().T
-    grid = np.arange(frames) / RATE
-    total = weight + np.column_stack([np.interp(time, grid, each) for each in wrench.T])
+def _read(sensor: Tip | Wrist, wrench: Float[np.ndarray, "n 6"], rng: np.random.Generator) -> np.ndarray:
+    """Return the voltages of a fingertip, or the wrenches of a wrist, by what acts on it."""
     if isinstance(sensor, Wrist):
-        return total + sensor.bias + np.repeat(sensor.noise, 3) * rng.standard_normal(total.shape)
-    exact = sensor.cells.voltages(total)
-    noise = sensor.cells.voltage_noise(TIP_NOISE, array=False) * rng.standard_normal(exact.shape)
-    return exact + noise + _TIP_BIAS * rng.standard_normal(exact.shape[1])
+        return wrench + sensor.bias + np.repeat(sensor.noise, 3) * rng.standard_normal(wrench.shape)
+    volts: np.ndarray = sensor.cells.voltages(wrench)
+    noise: np.ndarray = sensor.cells.voltage_noise(TIP_NOISE, array=False) * rng.standard_normal(volts.shape)
+    return volts + noise + _TIP_BIAS * rng.standard_normal(volts.shape[1])
 
 
-def touched_link(robot: Robot, touch: RobotTouch) -> str:
-    """Return the link that a touch presses."""
-    return robot.regions[touch.region].parts[touch.part].link
+def _presses(robot: Robot, touch: RobotTouch, sensor: Tip | Wrist) -> bool:
+    """Return whether a touch presses the link that a sensor carries."""
+    link = sensor.surface if isinstance(sensor, Wrist) else sensor.link
+    return robot.regions[touch.region].parts[touch.part].link == link
 
 
-def _mounted(robot: Robot, sensor: str, link: str) -> Pose:
-    """Return T_sensor_link of a link that fixed joints connect to the frame of a sensor above it."""
-    links, pose = {each.name: each for each in robot.links}, Pose.identity()
-    while link != sensor:
-        pose, link = links[link].origin() @ pose, links[link].parent
-    return pose
+def _mounted(robot: Robot, sensor: Tip | Wrist) -> Pose:
+    """Return the pose of the link that a sensor carries, in the frame of its readings."""
+    if isinstance(sensor, Tip):
+        return Pose.identity()
+    return next(each for each in robot.links if each.name == sensor.surface).origin()

@@ -5,8 +5,7 @@ A touch lands on a `Region`: what feels it, and the surface that it presses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -39,7 +38,7 @@ class Sheet:
     def places(self, draws: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
         """Return points [m] and normals in the link's frame, (n, 3) each, for draws from 0 to 1."""
         edge = np.array([EDGE, 0.0 if self.ring else EDGE])
-        most = np.array([self.sheet.rows, self.sheet.columns]) - 1.0 + (1.0 if self.ring else 0.0) * np.array([0, 1])
+        most = np.array([self.sheet.rows - 1.0, self.sheet.columns - (0.0 if self.ring else 1.0)])
         row, column = (edge + draws * (most - 2 * edge)).T
         points, normals = self.sheet.at(row, column)
         return self.pose.apply(points), self.pose.rotate(normals)
@@ -80,7 +79,7 @@ class Tip:
 
 @dataclass(frozen=True)
 class Wrist:
-    """A force/torque sensor in the frame `link`, which carries the link `surface`.
+    """A force/torque sensor in the frame `link`, whose only child is the link `surface`.
 
     Attributes:
         bias: (6,) [N, N m].
@@ -109,6 +108,7 @@ class Face:
 
 
 Sensor = Sheet | Pad | Tip | Wrist
+Part = Sheet | Pad | Tip | Face
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Region:
         wrist: name of the force/torque sensor that carries them, or "".
     """
 
-    parts: tuple[Sheet | Pad | Tip | Face, ...]
+    parts: tuple[Part, ...]
     wrist: str = ""
 
 
@@ -133,8 +133,8 @@ class Robot:
         links: parents before children.
         sensors: the sensors.
         regions: where it is touched.
-        gripped: True: touches at once are grasps by all fingers.
         pillars: pad like all of its pads, with gains of its own: the one that was calibrated.
+        grasps: True: touches of several regions at the same time are those of a grasp.
     """
 
     name: str
@@ -143,11 +143,7 @@ class Robot:
     sensors: tuple[Sensor, ...]
     regions: tuple[Region, ...]
     pillars: ThreeAxisSkin
-    extra: dict[str, str] = field(default_factory=dict)
-
-    def of(self, kind: type[Sensor]) -> Sequence[Sensor]:
-        """Return the sensors of a kind."""
-        return [each for each in self.sensors if isinstance(each, kind)]
+    grasps: bool = False
 
     def sites(self) -> list[str]:
         """Return the links in whose frames the weight beyond them is measured: of wrists and fingertips."""
