@@ -11,7 +11,7 @@ from tyro.conf import arg
 
 from palpate.console.console import counting, lines, note, progress, title, wait
 from palpate.errors import InputError
-from palpate_lab.cli.simulate import complete_session, require_new
+from palpate_lab.cli.simulate import complete_session, require_new, require_within
 
 if TYPE_CHECKING:
     from palpate_lab.simulation.robot.run import RobotRun, RobotSettings
@@ -91,13 +91,10 @@ def _simulate(
     free: float,
 ) -> None:
     require_new(output)
-    _require("--seed", seed, 0, 1 << 62)
-    _require("--seconds", seconds, 6.0, 3600.0)
-    _require("--touches", touches, 0, 100_000)
-    _require("--speed", speed, 0.01, 2.0)
-    _require("--encoder", encoder, 0.0, 5.0)
+    require_within(seed=(0, seed, 1 << 62), seconds=(6.0, seconds, 3600.0), touches=(0, touches, 100_000))
+    require_within(speed=(0.01, speed, 2.0), encoder=(0.0, encoder, 5.0))
     if free:
-        _require("--free", free, 6.0, 3600.0)
+        require_within(free=(6.0, free, 3600.0))
     if wrench_rate not in _RATES:
         raise InputError(f"must be one of {', '.join(map(str, _RATES))} Hz, not {wrench_rate}.", where="--wrench-rate")
     from palpate_lab.simulation.robot import bodies  # here: with them comes scipy
@@ -117,11 +114,6 @@ def _simulate(
             "see it. The response of one pad is calibrated, other models are true but for the errors that they state"
         ]
     )
-
-
-def _require(option: str, given: float, least: float, most: float) -> None:
-    if not least <= given <= most:
-        raise InputError(f"must be from {least:g} to {most:g}, not {given:g}.", where=option)
 
 
 def _record(robot: Robot, settings: RobotSettings, folder: Path, seed: int, free: float, encoder: float) -> RobotRun:
