@@ -48,8 +48,8 @@ docs: $(READY) ## the pages, into docs/_build
 claims: native ## every claim with its figure, into docs/evidence.md and the papers' pages; ONLY="NAME ..." some of them
 	$(BIN)/python -m claims $(if $(ONLY),--only $(ONLY))
 
-mutants: $(READY) ## faults by chance, turned on one by one: do the tests of their room notice?
-	$(BIN)/python -m mutants
+mutants: $(READY) ## faults by chance (SEED=0), turned on one by one: do the tests of their room notice?
+	$(BIN)/python -m mutants --seed $(or $(SEED),0)
 
 pictures: native ## the pictures of README and pages, into docs/pictures, from what `make demo` left
 	$(BIN)/python docs/pictures/make.py
