@@ -87,7 +87,7 @@ def test_columns_and_transforms_are_joint_states_in_another_form(tmp_path: Path)
     found = RobotMotion.read(table, urdf, "base", ["hand"], joints=columns).at("hand", time)
     np.testing.assert_allclose(found[1], expected[1], atol=1e-15)
     tree, turns = TYPES["tf2_msgs/msg/TFMessage"], Rotation.from_rotvec
-    rows = []
+    rows = list[tuple[int, str, Any]]()
     for k, (one, two) in enumerate(SLOW):
         edges = (("base", "upper", 0.0, one), ("upper", "fore", UPPER, two), ("fore", "hand", FORE, 0.0))
         moved = [transform(STEP * k, a, b, [x, 0, 0], turns([0, 0, turn]).as_quat()) for a, b, x, turn in edges]
@@ -95,6 +95,18 @@ def test_columns_and_transforms_are_joint_states_in_another_form(tmp_path: Path)
     found = RobotMotion.read(_log(tmp_path, rows), urdf, "base", ["hand"], joints="/tf").at("hand", time)
     np.testing.assert_allclose(found[1], expected[1], atol=1e-14)
     np.testing.assert_allclose(np.abs(np.sum(found[0] * expected[0], axis=1)), 1, atol=1e-14)
+
+
+def test_two_publishers_may_each_state_some_of_the_joints(tmp_path: Path) -> None:
+    """The arm moves at constant speed, so that positions between states are on its line."""
+    time = STEP * np.arange(len(SLOW)) / 1e9
+    expected = _motion(tmp_path, SLOW).at("hand", time)[1]
+    one, other = _states(SLOW[:, :1], ("shoulder",)), _states(SLOW[:, 1:], ("elbow",))
+    log = _log(tmp_path, [pair[k % 2] for k, pair in enumerate(zip(one, other, strict=True))])
+    motion = RobotMotion.read(log, _urdf(tmp_path), "base", ["hand"], joints=None)
+    np.testing.assert_allclose(motion.at("hand", time[1:-1])[1], expected[1:-1], atol=1e-14)
+    assert any("lack joints" in note for note in motion.notes())
+    assert not motion.warnings()
 
 
 def test_deviations_of_encoders_are_those_of_many_draws(tmp_path: Path) -> None:
@@ -173,7 +185,7 @@ def test_joint_states_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     urdf = _urdf(tmp_path)
     with pytest.raises(InputError, match="no position of the joint 'elbow'"):
         RobotMotion.read(_log(tmp_path, _states(SLOW[:, :1], ("shoulder",))), urdf, "base", ["hand"], joints=None)
-    with pytest.raises(InputError, match="joint 'shoulder' reads up to .* in degrees"):
+    with pytest.raises(InputError, match=r"joint 'shoulder' reads up to .* in degrees"):
         _motion(tmp_path, np.degrees(SLOW) + 30)
     with pytest.raises(InputError, match="there is no topic '/joints'"):
         RobotMotion.read(tmp_path / "log.mcap", urdf, "base", ["hand"], joints="/joints")
@@ -185,7 +197,7 @@ def test_what_may_be_wrong_is_a_sentence(tmp_path: Path) -> None:
     (said,) = _motion(tmp_path, jumping).warnings()
     assert said.startswith("joint 'elbow' jumps by 0.29")
     assert "at 1.000 s" in said
-    (said,) = _motion(tmp_path, SLOW + [0.0, 3.0]).warnings()
+    (said,) = _motion(tmp_path, SLOW + np.array([0.0, 3.0])).warnings()
     assert said.startswith("joint 'elbow' reads 3.2, beyond its limits -2.5 to 2.6")
     rows = _states(SLOW[:, ::-1])
     still = (STEP * 500, "/tf", TYPES["tf2_msgs/msg/TFMessage"]([]))

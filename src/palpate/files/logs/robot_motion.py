@@ -175,6 +175,9 @@ class RobotMotion:
         if lacking:
             what = f"{name!r} has no position of the joint {', '.join(map(repr, lacking))}."
             raise InputError(what, where=str(log), hint="Record it, or choose a base link after this joint.")
+        if np.isnan(values).any():
+            time, values = _filled(time, values, max_gap)
+            notes.append(f"some states on {name!r} lack joints: their positions are those between the next ones")
         known = np.isfinite(values).all(axis=1) & np.isfinite(time)
         time, values = time[known], values[known]
         newer = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1]) if len(time) else known[known]
@@ -232,6 +235,22 @@ def _of_topic(source: MessageFile, topic: Topic, names: Sequence[str]) -> tuple[
     if not stamped:
         notes.append(f"messages of {topic.name!r} have no stamps: the times at which they were recorded are used")
     return np.concatenate(times), np.concatenate(values), notes
+
+
+def _filled(time: np.ndarray, values: np.ndarray, max_gap: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times in order and positions, those that lack between two at most `max_gap` apart on a straight line."""
+    order = np.argsort(time, kind="stable")
+    time, values = time[order], values[order]
+    for column in values.T:
+        lacks, known = np.flatnonzero(np.isnan(column)), np.flatnonzero(np.isfinite(column))
+        place = np.searchsorted(known, lacks)
+        inside = (place > 0) & (place < len(known))
+        lacks, before, after = lacks[inside], known[place[inside] - 1], known[place[inside]]
+        step = column[after] - column[before]
+        near = (time[after] - time[before] <= max_gap) & (np.abs(step) < np.pi)  # not where a joint begins a new turn
+        lacks = lacks[near]
+        column[lacks] = np.interp(time[lacks], time[known], column[known])
+    return time, values
 
 
 def _jumps(urdf: Urdf, kinematics: Kinematics, time: np.ndarray, values: np.ndarray) -> list[str]:
