@@ -31,8 +31,8 @@ class RingSettings:
         apart: least angle between two contacts [deg].
         dropped: number of markers of an image that may be omitted.
         shift: standard deviation of the shift of a contact by a neighbour 30 degrees away [deg].
-        friction: standard deviation of shear / force; None: that of the calibration, and neighbours cause shears up to
-            0.8 of the force.
+        friction: standard deviation of shear / force; None: that of the calibration, and intervals have shears by
+            neighbours up to 0.8 of the force.
         wide: standard deviation of a contact's width, in those of the calibration's widths.
         reach: distance by which a contact may move between images and keep its identity [m].
         speed: at which a contact may move in addition [m/s].
@@ -93,7 +93,7 @@ class RingLocator:
         skin: radii of the outer surface and of the markers [m]; None: contacts do not move the skin under others.
 
     Attributes:
-        grip: largest shear / force with which a contact resists the skin's motion by its neighbours.
+        grip: largest shear / force with which a contact is expected to resist the skin's motion by its neighbours.
     """
 
     def __init__(
