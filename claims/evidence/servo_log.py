@@ -72,6 +72,6 @@ class ServoLog:
 
     def _followed(self, line: np.ndarray) -> np.ndarray:
         w = self.order / self.lag
-        plant = [w**2], [1.0, 2.0 * w, w**2]
-        above, below = bilinear(*(plant if self.order == 2 else ([w], [1.0, w])), fs=RATE)
+        plant = ([w**2], [1.0, 2.0 * w, w**2]) if self.order == 2 else ([w], [1.0, w])
+        above, below = (np.asarray(each, dtype=np.float64) for each in bilinear(*plant, fs=RATE))
         return line[0] + np.asarray(lfilter(above, below, line - line[0], axis=0))

@@ -24,10 +24,12 @@ FOLLOWS = 0.1  # share of the motion that may remain unexplained
 UNSURE = 3e-3  # s: delay or lag that is not known better is no answer
 FLOOR = 1e-3  # s: by which a robot's delay differs from one start to the next
 SURE = 3.0  # standard deviations
+OFTEN = 0.75  # of the period: positions that come less often do not show what happens between two commands
 LATE = (
     "Rows are so far from each other that commands may have been sent up to {:.0f} ms before them: log each command "
     "when it is sent, or more rows."
 )
+SELDOM = "Positions come no more often than commands: that the robot interpolates between commands is assumed."
 ALIKE = "Lags of first and of second order explain the log alike: only delay + lag is certain."
 UNITS = {"degrees": 180.0 / np.pi, "mm": 1e3}
 
@@ -82,7 +84,8 @@ def identify_servo(
     """
     first = _motion(command_time, commands, position_time, positions)
     start = np.array([max(_coarse(first), 0.0), 0.03])
-    kinds = [(order, ramp) for ramp in (first.period, 0.0) for order in (2, 1)]
+    often = float(np.median(np.diff(first.time))) < OFTEN * first.period
+    kinds = [(order, ramp) for ramp in ((first.period, 0.0) if often else (first.period,)) for order in (2, 1)]
     fits = [_without_lost(replace(first, order=order, ramp=ramp), start) for order, ramp in kinds]
     best, alike = _best(fits)
     motion, values = fits[best]
@@ -92,7 +95,7 @@ def identify_servo(
     deviation = np.sqrt(np.diag(covariance) * validation.widening)
     _require_known(values, deviation)
     deviation[0] = np.hypot(deviation[0], motion.unsure)
-    notes, found = list(validation.notes), values.tolist()
+    notes, found = [*validation.notes, *([] if often else [SELDOM])], values.tolist()
     if motion.unsure > FLOOR / 2.0:
         notes.append(LATE.format(1e3 * 12.0**0.5 * motion.unsure))
     for other in alike:

@@ -61,7 +61,8 @@ def _within(phase: Values, step: float) -> tuple[Values, float]:
     likely = np.empty((len(sizes), len(at)))
     for row, size in zip(likely, sizes.tolist(), strict=True):
         above = (phase - at[:, None]) / size
-        row[:] = np.log(np.maximum(ndtr(above) - ndtr(above - step / size), 1e-30)).sum(axis=1)
+        inside = np.asarray(ndtr(above) - ndtr(above - step / size), dtype=np.float64)
+        row[:] = np.log(np.maximum(inside, 1e-30)).sum(axis=1)
     alike = np.flatnonzero(likely.max(axis=0) > likely.max() - 1.0)
     best, size = float(at[alike[-1]]), float(sizes[np.argmax(likely[:, alike[-1]])])
     high: Values = (phase - best) / size
