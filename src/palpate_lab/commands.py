@@ -33,6 +33,16 @@ COMMANDS: dict[str, str | tuple[str, str, str]] = {
         "simulate_forearm_command",
         "Simulate a forearm with a skin and a force/torque sensor.",
     ),
+    "simulate hand": (
+        "palpate_lab.cli.simulate_robot",
+        "simulate_hand",
+        "Simulate a hand with five fingertips, which grasps and is pushed.",
+    ),
+    "simulate humanoid": (
+        "palpate_lab.cli.simulate_robot",
+        "simulate_humanoid",
+        "Simulate a torso with two arms, twelve patches of skin and two force/torque sensors.",
+    ),
     "simulate load-cells": (
         "palpate_lab.cli.simulate_load_cells",
         "simulate_load_cells",

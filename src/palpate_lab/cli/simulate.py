@@ -69,6 +69,18 @@ def require_new(folder: Path) -> None:
         raise InputError("is not empty.", where=str(folder), hint="Name a new folder.")
 
 
+def require_within(**bounds: tuple[int | float, int | float, int | float]) -> None:
+    """Check that options are within their bounds: least, given, most.
+
+    Raises:
+        InputError: one is not.
+    """
+    for name, (least, given, most) in bounds.items():
+        if not least <= given <= most:
+            option = f"--{name.replace('_', '-')}"
+            raise InputError(f"must be from {least:g} to {most:g}, not {given:g}.", where=option)
+
+
 @contextmanager
 def complete_session(output: Path) -> Generator[Path]:
     """Yield the path of a folder next to the output that becomes it at the end.

@@ -10,8 +10,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.console.console import Quantity, counting, lines, note, progress, title, wait
 from palpate.console.options import Scalar
-from palpate.errors import InputError
-from palpate_lab.cli.simulate import complete_session, require_new
+from palpate_lab.cli.simulate import complete_session, require_new, require_within
 
 if TYPE_CHECKING:
     from palpate_lab.simulation.touched import ForearmRun, ForearmSettings
@@ -54,8 +53,10 @@ def simulate_forearm_command(
     """
     free = (300.0 if drift else 0.0) if free is None else free
     require_new(output)
-    _require(seconds=(6.0, seconds, 3600.0), rows=(4, rows, 40), seed=(0, seed, 1 << 62), free=(0.0, free, 3600.0))
-    _require(touches=(1, touches, 5), unequal=(0.0, unequal, 0.5), clock_offset=(-1.0, clock_offset, 1.0))
+    require_within(
+        seconds=(6.0, seconds, 3600.0), rows=(4, rows, 40), seed=(0, seed, 1 << 62), free=(0.0, free, 3600.0)
+    )
+    require_within(touches=(1, touches, 5), unequal=(0.0, unequal, 0.5), clock_offset=(-1.0, clock_offset, 1.0))
     from palpate_lab.simulation.skin_bench import Rolled  # here: with them come scipy and the engine
     from palpate_lab.simulation.touched import MILD_DRIFT, ForearmSettings
 
@@ -74,14 +75,6 @@ def simulate_forearm_command(
     title(f"forearm of {rows} x {settings.sheet.columns} cells, seed {seed} -> {output}")
     lines(_figures(run))
     note(_next(output))
-
-
-def _require(**bounds: tuple[int | float, int | float, int | float]) -> None:
-    """Check that options are within their bounds: least, given, most."""
-    for name, (least, given, most) in bounds.items():
-        if not least <= given <= most:
-            option = f"--{name.replace('_', '-')}"
-            raise InputError(f"must be from {least:g} to {most:g}, not {given:g}.", where=option)
 
 
 def _record(settings: ForearmSettings, folder: Path, seed: int, free: float) -> ForearmRun:

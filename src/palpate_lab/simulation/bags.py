@@ -43,20 +43,23 @@ class Bag:
 
 
 @contextmanager
-def open_bag(path: Path, kinds: Mapping[str, str]) -> Generator[Bag]:
+def open_bag(path: Path, kinds: Mapping[str, str], defined: Mapping[str, str] | None = None) -> Generator[Bag]:
     """Yield a `Bag` to write one MCAP file; the file appears under its name when the block ends well.
 
     Args:
         path: path of the file.
         kinds: topic -> type, as in "std_msgs/msg/UInt8MultiArray".
+        defined: type -> definition of types that are not ROS's own.
 
     Raises:
         InputError: rosbags is not installed.
     """
     with importing_extra("writing MCAP needs rosbags", "ros"):
         from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in (defined or {}).items():
+        store.register(get_types_from_msg(text, name))
     with tempfile.TemporaryDirectory(dir=path.parent) as scratch:  # rosbags writes a folder with one MCAP in it
         bag = Path(scratch) / "bag"
         with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -64,7 +67,12 @@ def open_bag(path: Path, kinds: Mapping[str, str]) -> Generator[Bag]:
         shutil.move(bag / "bag.mcap", path)
 
 
-def write_bag(path: Path, kinds: Mapping[str, str], made: Callable[[Any], Iterable[Iterable[Stamped]]]) -> None:
+def write_bag(
+    path: Path,
+    kinds: Mapping[str, str],
+    made: Callable[[Any], Iterable[Iterable[Stamped]]],
+    defined: Mapping[str, str] | None = None,
+) -> None:
     """Write one MCAP file.
 
     Args:
@@ -72,22 +80,23 @@ def write_bag(path: Path, kinds: Mapping[str, str], made: Callable[[Any], Iterab
         kinds: topic -> type, as in "std_msgs/msg/UInt8MultiArray".
         made: function from the message types to an iterable for each topic of (stamp [ns], topic, message), in the
             order of their stamps.
+        defined: type -> definition of types that are not ROS's own.
 
     Raises:
         InputError: rosbags is not installed.
     """
-    with open_bag(path, kinds) as bag:
+    with open_bag(path, kinds, defined) as bag:
         for stamp, topic, message in heapq.merge(*made(bag.types), key=lambda each: each[0]):
             bag.write(stamp, topic, message)
 
 
 def wrenches(
-    types: Any, topic: str, time: Float[np.ndarray, " n"], rows: Float[np.ndarray, "n 6"]
+    types: Any, topic: str, time: Float[np.ndarray, " n"], rows: Float[np.ndarray, "n 6"], frame: str = "ft_sensor"
 ) -> Iterator[Stamped]:
-    """Yield (stamp [ns], topic, message) with a WrenchStamped of ft_sensor for each time [s] and row [N, N m]."""
+    """Yield (stamp [ns], topic, message) with a WrenchStamped of a frame for each time [s] and row [N, N m]."""
     vector, wrench, stamped = (types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Wrench", "WrenchStamped"))
     for stamp, row in zip(nanoseconds(time), rows.tolist(), strict=True):
-        yield stamp, topic, stamped(header(types, stamp, "ft_sensor"), wrench(vector(*row[:3]), vector(*row[3:])))
+        yield stamp, topic, stamped(header(types, stamp, frame), wrench(vector(*row[:3]), vector(*row[3:])))
 
 
 def poses(

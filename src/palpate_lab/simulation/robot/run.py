@@ -1,0 +1,180 @@
+"""Simulate a robot that moves while it is touched: readings of all its sensors and joints, and the true contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.spatial.pose import Pose
+from palpate_lab.simulation.robot.contacts import RobotContacts, pad_readings, planned_contacts, sheet_readings
+from palpate_lab.simulation.robot.motion import JointMotion, Mechanics
+from palpate_lab.simulation.robot.plan import RATE, RobotTouch, plan_touches
+from palpate_lab.simulation.robot.sensors import Pad, Robot, Sheet, Tip, Wrist
+from palpate_lab.simulation.robot.tree import moving
+from palpate_lab.simulation.skin_bench import PaperSheet, paper_sheet
+
+JOINT_RATE, TIP_RATE = 200, 500  # Hz
+_JOINTS_LATE = 0.0013  # s: joints are not measured at the times of the sensors
+_STEADY = 0.1  # of an encoder's error: noise; the rest is constant
+TIP_NOISE, _TIP_BIAS = 2e-3, 0.02  # N of a cell; V
+
+
+@dataclass(frozen=True)
+class RobotSettings:
+    """The settings of a run.
+
+    Attributes:
+        seconds: duration [s].
+        touches: number of touches.
+        speed: largest speed of a joint [rad/s].
+        wrench_rate: of force/torque sensors [Hz].
+        encoder: standard deviation [rad] of each joint's error.
+        pauses: True: the robot stops for a second every two seconds.
+    """
+
+    seconds: float = 60.0
+    touches: int = 100
+    speed: float = 1.0
+    wrench_rate: int = 1000
+    encoder: float = 0.0
+    pauses: bool = False
+
+
+@dataclass(frozen=True)
+class Devices:
+    """What a robot's sensors are in truth, the same in all its runs.
+
+    Attributes:
+        sheets: cells of each sheet, by its name.
+        encoder: (k,) constant errors [rad] of the joints.
+        sway: standard deviation [rad] of their noise.
+    """
+
+    sheets: dict[str, PaperSheet]
+    encoder: Float[np.ndarray, " k"]
+    sway: float
+
+    @classmethod
+    def drawn(cls, robot: Robot, rng: np.random.Generator, encoder: float) -> Devices:
+        """Draw the devices, with encoders whose errors have a standard deviation [rad]."""
+        sheets = {each.name: paper_sheet(each.sheet, rng) for each in robot.sensors if isinstance(each, Sheet)}
+        constant = encoder * (1.0 - _STEADY**2) ** 0.5 * rng.standard_normal(len(moving(robot.links)))
+        return cls(sheets, constant, _STEADY * encoder)
+
+
+@dataclass(frozen=True)
+class RobotRun:
+    """The logs of a run, and its truth.
+
+    Attributes:
+        joint_time, joints: (n,) [s], and positions and velocities of the joints (n, 2, k) as logged.
+        readings: times [s] and readings of each sensor, by its name.
+        touches: planned touches.
+        contacts: true contacts of all of them.
+        poses: rotations (n, l, 3, 3) and origins (n, l, 3) [m] of all links in each frame.
+    """
+
+    joint_time: Float[np.ndarray, " n"]
+    joints: Float[np.ndarray, "n 2 k"]
+    readings: dict[str, tuple[np.ndarray, np.ndarray]]
+    touches: Sequence[RobotTouch]
+    contacts: RobotContacts
+    poses: tuple[np.ndarray, np.ndarray]
+
+
+def simulate_robot(
+    robot: Robot,
+    devices: Devices,
+    settings: RobotSettings,
+    rng: np.random.Generator,
+    watch: Callable[[int, float], None] | None = None,
+) -> RobotRun:
+    """Simulate a run, and return the `RobotRun`.
+
+    Args:
+        robot: the robot.
+        devices: what its sensors are.
+        settings: the settings.
+        rng: random numbers of motion, touches and noise.
+        watch: function called with the number of samples done, and the share that is done.
+
+    Raises:
+        InputError: MuJoCo is not installed, or the touches do not fit into the time.
+    """
+    touches = plan_touches(robot, rng, settings.touches, settings.seconds)
+    drawn = JointMotion.drawn(moving(robot.links), rng, settings.seconds, settings.speed)
+    motion = replace(drawn, pauses=settings.pauses)
+    mechanics = Mechanics(robot.name, robot.links, robot.sites())
+    frames = round(settings.seconds * RATE)
+    readings, contacts = _skins(robot, devices, touches, frames, rng)
+    for sensor, time, weight in _weights(robot, mechanics, motion, settings, watch):
+        own = np.isin(contacts.touch, [k for k, each in enumerate(touches) if _presses(robot, each, sensor)])
+        acting = contacts.of(own).wrenches(frames) @ _mounted(robot, sensor).wrench_matrix().T
+        steps = [np.interp(time, np.arange(frames) / RATE, acting[:, k]) for k in range(6)]
+        readings[sensor.name] = time, _read(sensor, weight + np.stack(steps, axis=1), rng)
+    joint_time = np.arange(round(settings.seconds * JOINT_RATE)) / JOINT_RATE + _JOINTS_LATE
+    position, velocity, _ = motion.at(joint_time)
+    position = position + devices.encoder + devices.sway * rng.standard_normal(position.shape)
+    poses = mechanics.poses(motion.at(np.arange(frames) / RATE)[0])
+    return RobotRun(joint_time, np.stack([position, velocity], axis=1), readings, touches, contacts, poses)
+
+
+def _skins(
+    robot: Robot, devices: Devices, touches: Sequence[RobotTouch], frames: int, rng: np.random.Generator
+) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], RobotContacts]:
+    """Return the readings of sheets and pads, and the contacts, those of pads as they act in truth."""
+    time, found = np.arange(frames) / RATE, dict[str, tuple[np.ndarray, np.ndarray]]()
+    contacts = planned_contacts(robot, touches)
+    radii = np.array([each.radius for each in touches] or [0.0])[contacts.touch]
+    parts = [robot.regions[each.region].parts[each.part] for each in touches]
+    for sensor in robot.sensors:
+        own = np.isin(contacts.touch, [k for k, part in enumerate(parts) if part is sensor])
+        if isinstance(sensor, Sheet):
+            model = devices.sheets[sensor.name]
+            found[sensor.name] = time, sheet_readings(sensor, model, contacts.of(own), radii[own], frames, rng)
+        elif isinstance(sensor, Pad):
+            counts, acting = pad_readings(sensor, contacts.of(own), radii[own], frames, int(rng.integers(1 << 30)))
+            found[sensor.name] = time, counts
+            for values, true in zip(vars(contacts).values(), vars(acting).values(), strict=True):
+                values[own] = true
+    return found, contacts
+
+
+def _weights(
+    robot: Robot,
+    mechanics: Mechanics,
+    motion: JointMotion,
+    settings: RobotSettings,
+    watch: Callable[[int, float], None] | None,
+) -> list[tuple[Tip | Wrist, np.ndarray, np.ndarray]]:
+    """Return times and wrenches of weight and inertia beyond each wrist and fingertip, at its rate."""
+    sensors = [each for each in robot.sensors if isinstance(each, Tip | Wrist)]
+    rate = TIP_RATE if isinstance(sensors[0], Tip) else settings.wrench_rate
+    time = np.arange(round(settings.seconds * rate)) / rate
+    loads = mechanics.wrenches(motion.at(time), watch)
+    return [(each, time, loads[:, k]) for k, each in enumerate(sensors)]
+
+
+def _read(sensor: Tip | Wrist, wrench: Float[np.ndarray, "n 6"], rng: np.random.Generator) -> np.ndarray:
+    """Return the voltages of a fingertip, or the wrenches of a wrist, by what acts on it."""
+    if isinstance(sensor, Wrist):
+        return wrench + sensor.bias + np.repeat(sensor.noise, 3) * rng.standard_normal(wrench.shape)
+    volts: np.ndarray = sensor.cells.voltages(wrench)
+    noise: np.ndarray = sensor.cells.voltage_noise(TIP_NOISE, array=False) * rng.standard_normal(volts.shape)
+    return volts + noise + _TIP_BIAS * rng.standard_normal(volts.shape[1])
+
+
+def _presses(robot: Robot, touch: RobotTouch, sensor: Tip | Wrist) -> bool:
+    """Return whether a touch presses the link that a sensor carries."""
+    link = sensor.surface if isinstance(sensor, Wrist) else sensor.link
+    return robot.regions[touch.region].parts[touch.part].link == link
+
+
+def _mounted(robot: Robot, sensor: Tip | Wrist) -> Pose:
+    """Return the pose of the link that a sensor carries, in the frame of its readings."""
+    if isinstance(sensor, Tip):
+        return Pose.identity()
+    return next(each for each in robot.links if each.name == sensor.surface).origin()
