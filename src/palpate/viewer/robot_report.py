@@ -102,13 +102,12 @@ def _places(run: RobotRun) -> Section:
     if body is None:
         return Section(title, text=(run.undrawn,) if run.undrawn else ())
     point, normal = (np.array([getattr(mark, name) for mark in run.marks]) for name in ("point", "normal"))
-    marks = run.marks[:NUMBERED]
-    drawn = plots.silhouettes(body.vertices, body.faces, point, normal, run.touches.peak_force, marks)
+    drawn = plots.silhouettes(body.vertices, body.faces, point, normal, run.touches.peak_force)
     words = (
-        "The robot in its base frame as it stood at the strongest touch, from three sides. Each touch is drawn where "
-        "it was on its link. Dots are on the near side, rings on the far one; numbers are those of Touches."
+        "The robot in its base frame as it stood at the strongest touch, to be turned, and from three sides. Each "
+        "touch is drawn where it was on its link. Dots are on the near side, rings on the far one."
     )
-    turned = Drawing(body.vertices, body.faces, marks, title=f"where the robot of {run.log} was touched")
+    turned = Drawing(body.vertices, body.faces, run.marks[:NUMBERED], title=f"where the robot of {run.log} was touched")
     return Section(title, pictures=(picture(drawn, words),), drawing=turned.html())
 
 
