@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -55,9 +56,8 @@ def _stated(pose: Pose) -> dict[str, list[float]]:
 
 
 def _toml(value: object) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"  # pyright: ignore[reportUnknownVariableType]
-    return json.dumps(value)
+    text = json.dumps(value)
+    return re.sub(r'"(\w+)": ', r"\1 = ", text) if isinstance(value, dict) else text
 
 
 def _errors(folder: Path, name: str) -> np.ndarray:

@@ -16,35 +16,35 @@ from scipy.spatial.transform import Rotation
 from palpate.errors import InputError
 from palpate_lab.simulation.robot.bodies import hand, humanoid
 from palpate_lab.simulation.robot.files import START, write_robot, write_robot_log, write_robot_truth
-from palpate_lab.simulation.robot.motion import QUIET, JointMotion, Mechanics
+from palpate_lab.simulation.robot.motion import QUIET, JointMotion, RobotMechanics
 from palpate_lab.simulation.robot.plan import RATE, REST, plan_touches
-from palpate_lab.simulation.robot.run import Devices, RobotRun, RobotSettings, simulate_robot
-from palpate_lab.simulation.robot.sensors import Robot, Sheet, Wrist
-from palpate_lab.simulation.robot.tree import GRAVITY, Shape, moving, urdf
+from palpate_lab.simulation.robot.run import RobotDevices, RobotRun, RobotRunSettings, simulate_robot
+from palpate_lab.simulation.robot.sensors import LabRobot, SheetPatch, WristSensor
+from palpate_lab.simulation.robot.tree import GRAVITY, SolidShape, moving, urdf
 
 pytest.importorskip("mujoco")
 pytest.importorskip("rosbags")
 
 ROBOTS = pytest.mark.parametrize("make", [hand, humanoid])
-Make = Callable[[np.random.Generator], Robot]
-SETTINGS = RobotSettings(seconds=9.0, touches=16, wrench_rate=200)
+Make = Callable[[np.random.Generator], LabRobot]
+SETTINGS = RobotRunSettings(seconds=9.0, touches=16, wrench_rate=200)
 
 
-def _robot(make: Make) -> tuple[Robot, Mechanics]:
+def _robot(make: Make) -> tuple[LabRobot, RobotMechanics]:
     robot = make(np.random.default_rng(3))
-    return robot, Mechanics(robot.name, robot.links, robot.sites())
+    return robot, RobotMechanics(robot.name, robot.links, robot.sites())
 
 
-def _motion(robot: Robot) -> JointMotion:
+def _motion(robot: LabRobot) -> JointMotion:
     return JointMotion.drawn(moving(robot.links), np.random.default_rng(4), 20.0, 1.0)
 
 
-def _run(robot: Robot, settings: RobotSettings = SETTINGS, seed: int = 6) -> RobotRun:
-    devices = Devices.drawn(robot, np.random.default_rng(5), settings.encoder)
+def _run(robot: LabRobot, settings: RobotRunSettings = SETTINGS, seed: int = 6) -> RobotRun:
+    devices = RobotDevices.drawn(robot, np.random.default_rng(5), settings.encoder)
     return simulate_robot(robot, devices, settings, np.random.default_rng(seed))
 
 
-def _by_urdf(robot: Robot, positions: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _by_urdf(robot: LabRobot, positions: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Rotation and origin of each link at positions (k,) of the joints that move on their own, from the text alone."""
     root = ElementTree.fromstring(urdf(robot.name, robot.links))
     angles = dict(zip((link.joint for link in moving(robot.links)), positions.tolist(), strict=True))
@@ -127,7 +127,7 @@ def test_wrenches_obey_newton_and_euler(make: Make) -> None:
         np.testing.assert_allclose(found[:, s], wrench.reshape(-1, 6), atol=2e-5)  # step^2 times a fourth derivative
 
 
-def _off(shape: Shape, points: np.ndarray) -> np.ndarray:
+def _off(shape: SolidShape, points: np.ndarray) -> np.ndarray:
     """How far from 0 the equation of a shape is at points, in lengths for a box and a cylinder."""
     away = points - shape.at
     if shape.kind == "box":
@@ -186,11 +186,11 @@ def test_what_presses_a_sensor_is_in_its_readings() -> None:
     for sensor in robot.sensors:
         time, values = run.readings[sensor.name]
         number = {k for k, each in enumerate(run.touches) if sensor in robot.regions[each.region].parts}
-        if isinstance(sensor, Sheet):
+        if isinstance(sensor, SheetPatch):
             pressed = np.isin(np.arange(len(time)), run.contacts.frame[np.isin(run.contacts.touch, list(number))])
             assert values[~pressed].max(initial=0.0) < 15.0  # rest up to 8 counts, and noise of 1
             assert not number or values[pressed].max() > 20.0
-        elif isinstance(sensor, Wrist):
+        elif isinstance(sensor, WristSensor):
             still = time < QUIET
             np.testing.assert_allclose(values[still].std(axis=0), np.repeat(sensor.noise, 3), rtol=0.15)
 
@@ -203,7 +203,7 @@ def test_encoders_err_as_stated() -> None:
     exact, off = (_run(robot, replace(settings, encoder=each)).joints[:, 0] for each in (0.0, size))
     error = off - exact
     np.testing.assert_allclose(error.std(axis=0), 0.1 * size, rtol=0.1)
-    assert 0.5 * size < np.sqrt(np.mean(error.mean(axis=0) ** 2)) < 1.6 * size  # of 14 joints
+    assert 0.5 * size < np.linalg.norm(error.mean(axis=0)) / 14**0.5 < 1.6 * size  # of 14 joints
 
 
 def test_the_same_seed_makes_the_same_bytes(tmp_path: Path) -> None:

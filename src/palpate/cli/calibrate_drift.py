@@ -75,7 +75,7 @@ class CalibrateDrift(Calibration):
         """
         table, comments = found.model
         walk = f"{comments['walk']}, from {origin(self.record(), 'log')}"
-        update_drift(self.rig, self.output, table, {**comments, "walk": walk})
+        update_drift(self.rig, self.output, table, {**comments, "walk": walk}, self.stated.name)
 
 
 def _read(log: Path, opened: OpenedLog) -> tuple[Setup, Recording, tuple[str, ...]]:

@@ -11,7 +11,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.console.console import announce, lines, title
 from palpate.console.keys import pressed, signals
-from palpate.console.options import FileOption, Log, Scalar, require_port, require_positive
+from palpate.console.options import FileOption, Log, NameOption, Scalar, require_port, require_positive
 from palpate.errors import InputError
 from palpate.files.logs.layout import LogLayout
 from palpate.live.replay import Replay
@@ -28,6 +28,7 @@ def replay(
     *,
     device: Annotated[Literal["netft", "serial", "ros2"], arg(name="as")],
     rig: FileOption = None,
+    sensor: NameOption = None,
     port: int = 49152,
     web: int = 8081,
     framing: Literal["cobs", "lines"] = "cobs",
@@ -45,6 +46,7 @@ def replay(
         log: log of any sensor; with --rig, where its layout cannot be guessed.
         device: an ATI Net F/T, a serial port (a pseudo-terminal), or ROS 2.
         rig: rig with the layout of the log.
+        sensor: name of the sensor, where the rig has several.
         port: port of the Net F/T's samples.
         web: port of the Net F/T's page.
         framing: format of the serial port: frames with COBS and CRC-32, or lines of numbers.
@@ -63,7 +65,7 @@ def replay(
     require_port(web, "--web")
     if not 0 <= domain <= 232:
         raise InputError("must be from 0 to 232.", where="--domain")
-    source = Replay(log, _layout(log, rig), speed, loop)
+    source = Replay(log, _layout(log, rig, sensor), speed, loop)
     made = _device(device, source, port=port, web=web, framing=framing, topic=topic, domain=domain)
     title(f"{log} as {device}")
     try:
@@ -75,10 +77,10 @@ def replay(
     lines([("sent", f"{sent:,} samples")])
 
 
-def _layout(log: Path, rig: Path | None) -> LogLayout:
+def _layout(log: Path, rig: Path | None, sensor: str | None) -> LogLayout:
     """Return the layout of the log, along the axes that it was recorded in."""
     if rig is not None:
-        return load_rig(rig).layout().as_recorded()
+        return load_rig(rig, sensor).layout(sensor).as_recorded()
     if (guessed := guess_sensor(log)) is None:
         raise InputError("is not recognised as a log.", where=str(log), hint="Add --rig, to state how it is read.")
     return guessed[1].layout

@@ -35,6 +35,7 @@ def update_pose(
     *,
     placement: float | None = None,
     comment: str = "",
+    sensor: str = "",
 ) -> None:
     """Copy a rig with the surface's pose and its covariance set; comments, order and all other values stay.
 
@@ -48,24 +49,29 @@ def update_pose(
         covariance: (6, 6) of (rotation vector [rad], translation [m]), perturbed on the left.
         placement: [m] standard deviation of a touch's place beyond what its wrench explains; None: it stays as it is.
         comment: comment on the pose's line.
+        sensor: name of the sensor of a robot whose surface it is; "": the rig is of one sensor.
 
     Raises:
         InputError: `source` cannot be read, has no surface or cannot be edited, or `target` cannot be written; or
             arrays of other shapes.
     """
     wanted, pair = load_toml(source), ("pose", "pose_covariance")
-    if not isinstance(wanted.get("surface"), dict):
+    tables = _tables(wanted, sensor)
+    if sensor:  # whose link may be the surface
+        tables.setdefault("surface", {})
+    if not isinstance(tables.get("surface"), dict):
         raise InputError("the rig needs a [surface].", where=str(source), hint='Add one, with mesh = "FILE".')
-    surface = {key: value for key, value in wanted["surface"].items() if key not in pair}
+    surface = {key: value for key, value in tables["surface"].items() if key not in pair}
     surface["pose"] = {"xyz": pose.translation.tolist(), "quaternion_xyzw": pose.quaternion().tolist()}
     surface["pose_covariance"] = np.asarray(covariance).tolist()
     comments = {"pose": comment, "pose_covariance": _COVARIANCE}
     if placement is not None:
         surface["placement"], comments["placement"] = float(placement), _PLACEMENT
-    _write(source, target, wanted | {"surface": surface}, "surface", comments)
+    tables["surface"] = surface
+    _write(source, target, wanted, "surface", comments, sensor)
 
 
-def update_offset(source: Path, target: Path, offset: float, *, comment: str = "") -> None:
+def update_offset(source: Path, target: Path, offset: float, *, comment: str = "", sensor: str = "") -> None:
     """Copy a rig with the offset of the poses' clock set; comments, order and all other values stay.
 
     Relative paths lead to the same files. A table in dotted keys moves to the end, without its comments.
@@ -75,16 +81,19 @@ def update_offset(source: Path, target: Path, offset: float, *, comment: str = "
         target: the copy; it may be the same file.
         offset: [s] added to the stamps of the poses.
         comment: comment on the offset's line.
+        sensor: name of the sensor of a robot whose poses they are; "": the rig is of one sensor.
 
     Raises:
         InputError: `source` cannot be read or edited, or `target` cannot be written.
     """
     wanted = load_toml(source)
-    _table(wanted, "orientation", source)["offset"] = offset
-    _write(source, target, wanted, "orientation", {"offset": comment})
+    _table(_tables(wanted, sensor), "orientation", source)["offset"] = offset
+    _write(source, target, wanted, "orientation", {"offset": comment}, sensor)
 
 
-def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments: Mapping[str, str]) -> None:
+def update_drift(
+    source: Path, target: Path, drift: Mapping[str, Any], comments: Mapping[str, str], sensor: str = ""
+) -> None:
     """Copy a rig with its [drift] set; comments, order and all other values stay.
 
     Relative paths lead to the same files. A table in dotted keys moves to the end, without its comments.
@@ -94,13 +103,21 @@ def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments:
         target: the copy; it may be the same file.
         drift: key of the table -> value; keys that no fit determines stay without one.
         comments: key -> comment on its line.
+        sensor: name of the sensor of a robot; "": the rig is of one sensor.
 
     Raises:
         InputError: `source` cannot be read or edited, or `target` cannot be written.
     """
     wanted = load_toml(source)
-    kept = {key: value for key, value in _table(wanted, "drift", source).items() if key not in _FOUND}
-    _write(source, target, wanted | {"drift": {**kept, **drift}}, "drift", comments)
+    tables = _tables(wanted, sensor)
+    kept = {key: value for key, value in _table(tables, "drift", source).items() if key not in _FOUND}
+    tables["drift"] = {**kept, **drift}
+    _write(source, target, wanted, "drift", comments, sensor)
+
+
+def _tables(rig: Any, sensor: str) -> Any:
+    """Return the tables of one sensor: those of a robot's sensor, or the rig itself for ""."""
+    return rig["sensors"][sensor] if sensor else rig
 
 
 def _table(rig: dict[str, Any], name: str, source: Path) -> dict[str, Any]:
@@ -110,19 +127,25 @@ def _table(rig: dict[str, Any], name: str, source: Path) -> dict[str, Any]:
     return cast("dict[str, Any]", table)
 
 
-def _write(source: Path, target: Path, wanted: dict[str, Any], name: str, comments: Mapping[str, str]) -> None:
+def _write(
+    source: Path, target: Path, wanted: dict[str, Any], name: str, comments: Mapping[str, str], sensor: str
+) -> None:
     """Write the rig with the table `name` of `wanted` and with relative paths moved.
 
     Raises:
         InputError: no edit of the text of `source` reads as `wanted`.
     """
-    if source.resolve().parent != target.resolve().parent:
+    apart = source.resolve().parent != target.resolve().parent
+    if apart and sensor:
+        what = "the rig of a robot can be copied only within its folder, from which its files are named."
+        raise InputError(what, where=str(target), hint=f"Write into {source.parent}.")
+    if apart:
         for table, key in _paths(wanted):
             _rebase(wanted.get(table, {}), key, source, target)
     before, said = source.read_text(encoding="utf-8-sig"), {key: printable(text) for key, text in comments.items()}
     for edit in (_in_place, _anew):
         try:
-            text = edit(before, wanted, name, said)
+            text = edit(before, wanted, name, said, sensor)
         except TOMLKitError:  # a form of TOML that this edit cannot handle
             continue
         if _reads_as(text, wanted):
@@ -132,26 +155,30 @@ def _write(source: Path, target: Path, wanted: dict[str, Any], name: str, commen
     raise InputError(what, where=str(source), hint=hint)
 
 
-def _in_place(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str]) -> str:
+def _in_place(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str], sensor: str) -> str:
     """Return the text with the table's changed values replaced; "" if its form does not allow that."""
     document: Any = tomlkit.parse(text)
-    if name not in document:
-        document[name] = tomlkit.table()
-    table, stated = document[name], wanted[name]
+    tables = _tables(document, sensor)
+    if name not in tables:
+        tables[name] = tomlkit.table()
+    table, stated = tables[name], _tables(wanted, sensor)[name]
     plain = isinstance(table, Table)
-    if not plain and (name == "surface" or not isinstance(table, InlineTable)):  # dotted keys among others
+    if not plain and ((name == "surface" and not sensor) or not isinstance(table, InlineTable)):  # dotted keys, too
         return ""
     for key in [key for key in table if key not in stated]:
         table.remove(key)
     for key, value in stated.items():
         if key in comments or key not in table or table[key] != value:
             _replace(table, key, _item(value), comments.get(key, "") if plain else "")
-    _move_paths(document, wanted)
+    if not sensor:
+        _move_paths(document, wanted)
     return tomlkit.dumps(document)
 
 
-def _anew(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str]) -> str:
-    """Return the text with the table moved to its end, whatever its form."""
+def _anew(text: str, wanted: Mapping[str, Any], name: str, comments: Mapping[str, str], sensor: str) -> str:
+    """Return the text with the table moved to its end, whatever its form; "" for a robot's."""
+    if sensor:
+        return ""
     document: Any = tomlkit.parse(text)
     document.remove(name)
     _move_paths(document, wanted)

@@ -23,9 +23,10 @@ from palpate.setup.robot import Robot, RobotSensor, RobotTable
 from palpate.signals.recording import FORCE
 from palpate.spatial.pose import Pose
 
-TF = "/tf"
+TF, FIXED = "/tf", "fixed"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _TABLES = tuple(each.name for each in fields(Rig) if each.name not in ("sensors", "folder", "name"))
+_SOURCES = {"columns", "file", "topic", "base", "sensor", "urdf"}  # keys of [orientation] that name other poses
 _OWN = {"kind": str, "link": str, "expected": bool}
 _NO_RIG = {
     "a mesh": (".stl", ".obj", ".ply", ".dae"),
@@ -188,7 +189,9 @@ class _Expanded:
             )
             raise InputError("the link of the sensor is not stated.", where=self._where, hint=hint)
         if self._link is not None and any(FORCE in kind.channels for kind in kinds):
-            self._tables.setdefault("orientation", self._orientation())
+            stated = self._tables.get("orientation", {})
+            if isinstance(stated, dict) and not _SOURCES & stated.keys():
+                self._tables["orientation"] = {**self._orientation(), **cast("dict[str, Any]", stated)}
         try:
             rig = check_rig(self._tables, self._path, self._name)
         except InputError as problem:
@@ -227,8 +230,12 @@ class _Expanded:
         """Return the [orientation] of a sensor whose link the joints move."""
         if self._urdf is None or self._robot.joints is None or not isinstance(self._robot.joints, str):
             return {}
-        base = self._robot.base or self._urdf.root(self._urdf.links[0])
+        base, gravity = self._robot.base or self._urdf.root(self._urdf.links[0]), self._robot.gravity
         frames = {"base": base, "sensor": self._link, "max_gap": self._robot.max_gap}
+        if gravity is not None and gravity.startswith("/"):
+            frames |= {"imu": gravity}
+        elif gravity != FIXED:
+            frames |= {"base": gravity}
         if self._robot.joints == TF:
             return frames
         return {**frames, "urdf": self._robot.urdf, "joints": self._robot.joints}

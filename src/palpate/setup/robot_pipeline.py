@@ -15,12 +15,16 @@ from palpate.contact.estimate import ContactEstimate
 from palpate.contact.frames import in_base
 from palpate.contact.origins import EXPECTED, Origin, Origins
 from palpate.errors import InputError, PalpateError
+from palpate.files.logs.opening import messages_of
 from palpate.files.logs.robot_motion import RobotMotion
+from palpate.files.logs.stamp_delays import stamp_delays
 from palpate.setup.pipeline import Pipeline, open_log
 from palpate.setup.robot import Robot, RobotSensor
-from palpate.signals.recording import Recording
+from palpate.signals.recording import IMAGE, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
+
+OFF = 0.02  # s by which the stamps of a sensor may differ from those of the others
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ class RobotPipeline:
     def __init__(
         self, robot: Robot, log: Path, frame: str = "surface", sensors: tuple[str, ...] | str | None = None
     ) -> None:
-        self._robot, self.frame = robot, frame
+        self._robot, self.frame, self._log = robot, frame, log
         self.runs, picked = list[SensorRun](), robot.picked(sensors)
         self.failed = {name: str(problem) for name, problem in robot.faulty.items() if sensors is None}
         self._motion = self._read_motion(log, picked) if frame == "base" else None
@@ -104,7 +108,26 @@ class RobotPipeline:
         lost = [f"{name} is left out: {why}" for name, why in self.failed.items()]
         first = [(run.pipeline.log.torn, run.pipeline.unbelievable()) for run in self.runs]
         own = [[*filter(None, said), *run.pipeline.warnings()] for said, run in zip(first, self.runs, strict=True)]
-        return [*lost, *motion, *_named(zip((run.sensor.name for run in self.runs), own, strict=True))]
+        return [*lost, *self._clocks(), *motion, *_named(zip((run.sensor.name for run in self.runs), own, strict=True))]
+
+    def _clocks(self) -> Iterator[str]:
+        """Yield a sentence on each topic whose stamps are far from those of the others, by when they were recorded."""
+        source, joints = messages_of(self._log), self._robot.table.joints
+        topics = {
+            table.topic: run.sensor.name
+            for run in self.runs
+            for table in run.sensor.rig.sensors.values()
+            if getattr(table, "topic", None) is not None and IMAGE not in run.sensor.kind.channels
+        }
+        topics |= {joints: "joint states"} if isinstance(joints, str) else {}
+        delays = {} if source is None else stamp_delays(source, list(topics))
+        usual = float(np.median(list(delays.values()))) if delays else 0.0
+        for topic, delay in delays.items():
+            if abs(late := usual - delay) > OFF:
+                yield (
+                    f"{topics[topic]}: its stamps are {abs(1e3 * late):.0f} ms {'ahead of' if late > 0 else 'behind'} "
+                    "those of the others, by when the messages were recorded: a clock that is off, or a slow driver"
+                )
 
     def _read_motion(self, log: Path, sensors: Sequence[RobotSensor]) -> RobotMotion:
         robot, table = self._robot, self._robot.table

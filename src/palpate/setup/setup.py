@@ -132,6 +132,7 @@ class Setup(SharedTables):
             "frames": self.orientation.frames(),
             "urdf": None if self.orientation.urdf is None else self.link.folder / self.orientation.urdf,
             "joints_topic": self.orientation.joints,
+            "imu_topic": self.orientation.imu,
             "acceleration_topic": self.acceleration.topic,
             "temperature": None if self.drift is None else self.drift.temperature,
             "offset": self.orientation.offset,

@@ -216,7 +216,8 @@ class RigOrientation:
     in the folder of the log, with these columns, and with times in the column `time`, in `time_unit`; "{log}" in its
     name is the log's name without its suffix. With the `topic`
     "none" no poses are read. `base` and `sensor` are frames of /tf, or links of a `urdf` that the joint states of the
-    topic `joints` move.
+    topic `joints` move; `base` may then also be a frame of /tf above the links. With the topic of an IMU on the link
+    `base` as `imu`, the pose is that in the world of the IMU's orientation.
 
     `offset` [s] is added to the stamps of the poses to put them on the wrenches' clock. No orientation is interpolated
     between poses more than `max_gap` [s] apart.
@@ -235,6 +236,7 @@ class RigOrientation:
     sensor: str | None = None
     urdf: str | None = None
     joints: str | None = None
+    imu: str | None = None
     offset: float = 0.0
     max_gap: float = 0.25
 
@@ -261,8 +263,8 @@ class RigOrientation:
             raise ValueError("topic and frames (base, sensor) exclude each other: the sensor has one pose")
         if self.urdf is not None and self.base is None:
             raise ValueError("urdf needs base and sensor, the names of two of its links")
-        if self.joints is not None and self.urdf is None:
-            raise ValueError("joints needs a urdf, which states what they move")
+        if (self.joints is not None or self.imu is not None) and self.urdf is None:
+            raise ValueError("joints and imu need a urdf, which states what the joints move")
 
     def frames(self) -> tuple[str, str] | None:
         """Return the names of the frames (base, sensor), or None if they are not named."""

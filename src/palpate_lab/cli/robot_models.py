@@ -20,17 +20,17 @@ from palpate.signals.recording import CELLS, Recording
 from palpate_lab.simulation.robot.files import JOINTS, topic_of
 from palpate_lab.simulation.robot.motion import QUIET
 from palpate_lab.simulation.robot.run import TIP_NOISE
-from palpate_lab.simulation.robot.sensors import Pad, Robot, Sensor, Sheet, Tip, Wrist
+from palpate_lab.simulation.robot.sensors import CellTip, LabRobot, PadPatch, Sensor, SheetPatch, WristSensor
 from palpate_lab.simulation.robot.tree import GRAVITY, RobotLink
 from palpate_lab.simulation.three_axis_skins import ThreeAxisSkin
 from palpate_lab.simulation.three_axis_touches import RATE, three_axis_touches
 from palpate_lab.simulation.touched.files import intensity_model
 
-PLACED = 1e-4  # m: standard deviation along each axis of the places of taxels
+PLACED = 3e-5  # m: standard deviation along each axis of the places of taxels
 _PRESSES = 120  # of the pad that is calibrated
 _WEIGHT, _CENTRE, _BIAS = 0.01, 2e-4, (5e-3, 2e-4)  # N; m; N, N m: standard deviations of a payload
-_MATRIX, _LENGTH = 2e-3, 0.01  # of the forward model of load cells, and the arm [m] at which torques err as forces
-_TURNING = 5e-4  # V: of a cell's bias as the weight of its tip turns, 0.02 N over four cells
+_MATRIX, _LENGTH = 5e-4, 0.01  # of the forward model of load cells, and the arm [m] at which torques err as forces
+_TURNING = 1.5e-4  # V: of the bias of a cell as the weight of its tip turns, 6 mN over four cells
 _INTENSITY = "sheets.toml"
 _TARE = QUIET - 0.5
 _RIG = """# A simulated robot: what its sensors are, and where. What touched it is in truth.csv alone.
@@ -85,52 +85,52 @@ estimate = {{ method = "soft_finger", friction = 1.0, contact = {{ on = 0.5, off
 """
 
 
-def write_robot_models(robot: Robot, rng: np.random.Generator, folder: Path) -> None:
+def write_robot_models(robot: LabRobot, rng: np.random.Generator, folder: Path) -> None:
     """Write a model file for each sensor: those of pads are calibrated, all others are true but for the stated errors.
 
     A pad's response is that of one calibrated pad, by the gains of both, which their maker knows.
     """
-    if any(isinstance(each, Sheet) for each in robot.sensors):
+    if any(isinstance(each, SheetPatch) for each in robot.sensors):
         (folder / _INTENSITY).write_text(intensity_model(), encoding="utf-8")
-    pads = [each for each in robot.sensors if isinstance(each, Pad)]
+    pads = [each for each in robot.sensors if isinstance(each, PadPatch)]
     response = _calibrated(robot.pillars, rng) if pads else None
     for sensor in robot.sensors:
-        if isinstance(sensor, Sheet):
+        if isinstance(sensor, SheetPatch):
             model = _map(sensor, rng)
-        elif isinstance(sensor, Pad):
+        elif isinstance(sensor, PadPatch):
             model = _places(sensor, rng)
         else:
-            model = _cells(sensor, rng) if isinstance(sensor, Tip) else _payload(sensor, robot.links, rng)
+            model = _cells(sensor, rng) if isinstance(sensor, CellTip) else _payload(sensor, robot.links, rng)
         write_model(folder / f"{sensor.name}.toml", model)
-        if isinstance(sensor, Pad) and response is not None:
+        if isinstance(sensor, PadPatch) and response is not None:
             own = _response(sensor, response, robot.pillars)
             write_model(folder / f"{sensor.name}_response.toml", own)
 
 
-def write_robot_rig(robot: Robot, folder: Path, encoder: float) -> None:
+def write_robot_rig(robot: LabRobot, folder: Path, encoder: float) -> None:
     """Write robot.toml; `encoder` [degrees] is the standard deviation of a joint's error."""
-    stated = f"encoder = {encoder!r}                        # degrees: of each joint's position\n" if encoder else ""
+    stated = f"encoder = {encoder:.6g}                        # degrees: of each joint's position\n" if encoder else ""
     parts = [_RIG.format(joints=JOINTS, base=robot.base, encoder=stated), *(_table(each) for each in robot.sensors)]
     (folder / "robot.toml").write_text("".join(parts), encoding="utf-8")
 
 
 def _table(sensor: Sensor) -> str:
     common = {"name": sensor.name, "link": sensor.link, "topic": topic_of(sensor), "tare": _TARE}
-    if isinstance(sensor, Sheet):
+    if isinstance(sensor, SheetPatch):
         size = {"rows": sensor.sheet.rows, "columns": sensor.sheet.columns}
         return _SHEET.format(**common, **size, intensity=_INTENSITY)
-    if isinstance(sensor, Wrist):
+    if isinstance(sensor, WristSensor):
         return _WRIST.format(**common, surface=sensor.surface, force=sensor.noise[0], torque=sensor.noise[1])
-    return (_PAD if isinstance(sensor, Pad) else _TIP).format(**common)
+    return (_PAD if isinstance(sensor, PadPatch) else _TIP).format(**common)
 
 
-def _map(sensor: Sheet, rng: np.random.Generator) -> object:
+def _map(sensor: SheetPatch, rng: np.random.Generator) -> object:
     flat = sensor.sheet.layout()
     centres = sensor.pose.apply(flat.centres) + PLACED * rng.standard_normal(flat.centres.shape)
     return replace(flat, centres=centres, normals=sensor.pose.rotate(flat.normals), uv=np.zeros((*flat.areas.shape, 2)))
 
 
-def _places(sensor: Pad, rng: np.random.Generator) -> TaxelPlaces:
+def _places(sensor: PadPatch, rng: np.random.Generator) -> TaxelPlaces:
     positions, count = sensor.pose.apply(sensor.skin.positions), len(sensor.skin.positions)
     return TaxelPlaces(
         positions + PLACED * rng.standard_normal(positions.shape),
@@ -148,7 +148,7 @@ def _calibrated(skin: ThreeAxisSkin, rng: np.random.Generator) -> TaxelResponse:
     return identify_response(body, Recording(np.arange(len(readings)) / RATE, {CELLS: readings}), known)
 
 
-def _response(sensor: Pad, response: TaxelResponse, calibrated: ThreeAxisSkin) -> TaxelResponse:
+def _response(sensor: PadPatch, response: TaxelResponse, calibrated: ThreeAxisSkin) -> TaxelResponse:
     """Return a pad's response in its link's frame: by its own gains, and along the tangents that its body has there."""
     normals = sensor.pose.rotate(sensor.skin.normals)
     body = TaxelBody.anywhere(sensor.pose.apply(sensor.skin.positions), normals, along=(1.0, 0.0, 0.0))
@@ -158,7 +158,7 @@ def _response(sensor: Pad, response: TaxelResponse, calibrated: ThreeAxisSkin) -
     return replace(response, gains=gains)
 
 
-def _cells(sensor: Tip, rng: np.random.Generator) -> LoadCells:
+def _cells(sensor: CellTip, rng: np.random.Generator) -> LoadCells:
     units = np.repeat([1.0, _LENGTH], 3)
     deviation = _MATRIX * units[:, None] / units
     error = np.eye(6) + deviation * rng.standard_normal((6, 6))
@@ -172,7 +172,7 @@ def _cells(sensor: Tip, rng: np.random.Generator) -> LoadCells:
     )
 
 
-def _payload(sensor: Wrist, links: tuple[RobotLink, ...], rng: np.random.Generator) -> Payload:
+def _payload(sensor: WristSensor, links: tuple[RobotLink, ...], rng: np.random.Generator) -> Payload:
     """Return the payload of a wrist: of the one link that it carries."""
     carried = next(each for each in links if each.name == sensor.surface)
     centre, weight = carried.origin().apply(np.array(carried.centre)), np.array([0.0, 0.0, -GRAVITY * carried.mass])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,13 +14,17 @@ from palpate.errors import InputError
 from palpate_lab.cli.simulate import complete_session, require_new, require_within
 
 if TYPE_CHECKING:
-    from palpate_lab.simulation.robot.run import RobotRun, RobotSettings
-    from palpate_lab.simulation.robot.sensors import Robot
+    from palpate_lab.simulation.robot.run import RobotRun, RobotRunSettings
+    from palpate_lab.simulation.robot.sensors import LabRobot
 
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
 Count = Annotated[int, arg(metavar="N")]
 Number = Annotated[float, arg(metavar="X")]
 _RATES = (100, 200, 250, 500, 1000)  # Hz
+_NOTE = (
+    "truth.csv has every contact by the mechanics that made the readings, in its link and in the base, which estimates "
+    "never see. Pads have a calibrated response; other models are true but for the errors that they state. Next:"
+)
 
 
 def simulate_hand(
@@ -47,7 +51,7 @@ def simulate_hand(
         encoder: standard deviation of each joint's error [degrees].
         free: duration of free.mcap [s], in which the robot moves and pauses, untouched; 0: none.
     """
-    _simulate("hand", output, seed, seconds, touches, speed, 1000, encoder, free)
+    _simulate("hand", output, seed, (seconds, touches, speed, 1000), encoder, free)
 
 
 def simulate_humanoid(
@@ -76,20 +80,14 @@ def simulate_humanoid(
         free: duration of free.mcap [s], in which the robot moves and pauses, untouched; 0: none.
         wrench_rate: rate of the force/torque sensors [Hz].
     """
-    _simulate("humanoid", output, seed, seconds, touches, speed, wrench_rate, encoder, free)
+    _simulate("humanoid", output, seed, (seconds, touches, speed, wrench_rate), encoder, free)
 
 
 def _simulate(
-    name: str,
-    output: Path,
-    seed: int,
-    seconds: float,
-    touches: int,
-    speed: float,
-    wrench_rate: int,
-    encoder: float,
-    free: float,
+    name: str, output: Path, seed: int, settings: tuple[float, int, float, int], encoder: float, free: float
 ) -> None:
+    """Check the options, of which settings are seconds, touches, speed and rate of wrenches; write the session."""
+    seconds, touches, speed, wrench_rate = settings
     require_new(output)
     require_within(seed=(0, seed, 1 << 62), seconds=(6.0, seconds, 3600.0), touches=(0, touches, 100_000))
     require_within(speed=(0.01, speed, 2.0), encoder=(0.0, encoder, 5.0))
@@ -98,33 +96,26 @@ def _simulate(
     if wrench_rate not in _RATES:
         raise InputError(f"must be one of {', '.join(map(str, _RATES))} Hz, not {wrench_rate}.", where="--wrench-rate")
     from palpate_lab.simulation.robot import bodies  # here: with them comes scipy
-    from palpate_lab.simulation.robot.run import RobotSettings
+    from palpate_lab.simulation.robot.run import RobotRunSettings
 
-    make: Callable[[np.random.Generator], Robot] = getattr(bodies, name)
-    settings = RobotSettings(seconds, touches, speed, wrench_rate, float(np.radians(encoder)))
+    make = bodies.hand if name == "hand" else bodies.humanoid
     wait("starting the physics engine")
     with complete_session(output) as part, counting():
         robot = make(np.random.default_rng([seed, 0]))
-        run = _record(robot, settings, part, seed, free, encoder)
+        stated = RobotRunSettings(seconds, touches, speed, wrench_rate, float(np.radians(encoder)))
+        run = _record(robot, stated, part, seed, free)
     title(f"{name}, seed {seed} -> {output}")
     lines(_figures(robot, run))
-    note(
-        [
-            "truth.csv is of the mechanics of the touches, and places in the base are the engine's; estimates never "
-            "see it. The response of one pad is calibrated, other models are true but for the errors that they state"
-        ]
-    )
+    note([_NOTE, f"palpate estimate {output / 'run.mcap'} --rig {output / 'robot.toml'} -o contacts.csv"])
 
 
-def _record(robot: Robot, settings: RobotSettings, folder: Path, seed: int, free: float, encoder: float) -> RobotRun:
+def _record(robot: LabRobot, settings: RobotRunSettings, folder: Path, seed: int, free: float) -> RobotRun:
     """Simulate the runs, and write all files."""
-    from dataclasses import replace
-
     from palpate_lab.cli.robot_models import write_robot_models, write_robot_rig
     from palpate_lab.simulation.robot.files import write_robot, write_robot_log, write_robot_truth
-    from palpate_lab.simulation.robot.run import Devices, simulate_robot
+    from palpate_lab.simulation.robot.run import RobotDevices, simulate_robot
 
-    devices = Devices.drawn(robot, np.random.default_rng([seed, 1]), settings.encoder)
+    devices = RobotDevices.drawn(robot, np.random.default_rng([seed, 1]), settings.encoder)
     run = simulate_robot(robot, devices, settings, np.random.default_rng([seed, 2]), progress)
     write_robot(robot, folder)
     write_robot_log(robot, run, folder / "run.mcap")
@@ -134,11 +125,11 @@ def _record(robot: Robot, settings: RobotSettings, folder: Path, seed: int, free
         log = simulate_robot(robot, devices, untouched, np.random.default_rng([seed, 3]), progress)
         write_robot_log(robot, log, folder / "free.mcap")
     write_robot_models(robot, np.random.default_rng([seed, 4]), folder)
-    write_robot_rig(robot, folder, encoder)
+    write_robot_rig(robot, folder, float(np.degrees(settings.encoder)))
     return run
 
 
-def _figures(robot: Robot, run: RobotRun) -> list[tuple[str, object]]:
+def _figures(robot: LabRobot, run: RobotRun) -> list[tuple[str, object]]:
     at_once = np.bincount(run.contacts.frame, minlength=len(run.poses[0]))
     push = np.linalg.norm(run.contacts.force, axis=1).max(initial=0.0)
     joints = run.joints[:, 1]

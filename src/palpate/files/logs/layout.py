@@ -143,6 +143,7 @@ class LogLayout:
         frames: base and sensor: the pose of one in the other is read from the tree of /tf.
         urdf: description with these links: the pose is computed from joint states instead.
         joints_topic: of joint states; None: the only one.
+        imu_topic: of an IMU on the link `frames[0]`, in whose world the pose is given; None: in that link.
         acceleration_topic: None: no acceleration.
         offset: [s] added to the stamps of the poses to put them on the samples' clock.
         pose_file: table of the poses, in the folder of the log; "{log}" in it is the log's name without its suffix.
@@ -182,6 +183,7 @@ class LogLayout:
     frames: tuple[str, str] | None = None
     urdf: Path | None = None
     joints_topic: str | None = None
+    imu_topic: str | None = None
     acceleration_topic: str | None = None
     pose_file: str | None = None
     pose_time: str | None = None

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
+from palpate.files.logs.composed_poses import ComposedPoses, ImuPoses, imu_topic, linked_frame
 from palpate.files.logs.decoding import ARRAYS, decode, decode_array, has_header, seconds, shape_of
 from palpate.files.logs.joints import JointPoses, joint_stamps, joint_topic
 from palpate.files.logs.layout import ArrayChannel, LogLayout
@@ -18,6 +19,7 @@ from palpate.files.logs.message_fields import field_of
 from palpate.files.logs.numbering import stated_order
 from palpate.files.logs.pose_table import PoseTable, converted
 from palpate.files.logs.samples import NUMBERS, WRENCH, SampleReader, rows_at_once
+from palpate.files.logs.survey import frame_named
 from palpate.files.logs.topics import (
     LIVE_ACCELERATION,
     LIVE_POSE,
@@ -199,17 +201,39 @@ class TopicLog(Log):
             return self._tracked(pose, PoseTrack(0.0, 0.0))
         if layout.frames is None:
             return None if pose is None else self._tracked(pose, track)
-        topics = self._source.topics()
         if layout.urdf is not None:
-            topic = joint_topic(topics, layout.joints_topic, where)
-            stamped = self._source.has_stamps(topic, lambda messages: joint_stamps(messages, topic))
-            return JointPoses(topic, Kinematics(Urdf(layout.urdf), *layout.frames), track, stamped=stamped)
+            return self._jointed(Urdf(layout.urdf), track, layout.frames)
+        return TreePoses(self._transforms(), *layout.frames, offset, layout.max_gap, where)
+
+    def _jointed(self, urdf: Urdf, track: PoseTrack, frames: tuple[str, str]) -> JointPoses | ComposedPoses:
+        """Return the poses of a link that joints move, in a link, or in the frame of an IMU or of /tf above it."""
+        layout, where, (base, sensor) = self._layout, str(self.path), frames
+        link, imu = base, None
+        if layout.imu_topic is not None:
+            imu = imu_topic(self._source, layout.imu_topic, where)
+            named = frame_named(self._source, imu)
+            link = named if named in urdf.links else base
+        elif base not in urdf.links:
+            link = linked_frame(self._transforms(), urdf, base, sensor, where)
+        topic = joint_topic(self._source.topics(), layout.joints_topic, where)
+        stamped = self._source.has_stamps(topic, lambda messages: joint_stamps(messages, topic))
+        joints = JointPoses(topic, Kinematics(urdf, link, sensor), track, stamped=stamped)
+        if imu is not None:
+            above = ImuPoses(imu, PoseTrack(track.offset, track.max_gap), self._source)
+        elif link != base:
+            above = TreePoses(self._transforms(), base, link, track.offset, track.max_gap, where)
+        else:
+            return joints
+        return ComposedPoses(above, joints, (base, link, sensor))
+
+    def _transforms(self) -> TransformTree:
+        """Return the tree of /tf, read once."""
         if self._frames is None:
-            self._frames = read_frames(self._source, tree_topics(topics))
+            self._frames = read_frames(self._source, tree_topics(self._source.topics()))
         if not self._frames.edges:
             what = "the log has no transforms (/tf)."
-            raise InputError(what, where=where, hint="Name a topic of poses in [orientation].")
-        return TreePoses(self._frames, *layout.frames, offset, layout.max_gap, where)
+            raise InputError(what, where=str(self.path), hint="Name a topic of poses in [orientation].")
+        return self._frames
 
 
 class _Stream:
@@ -282,7 +306,7 @@ class _Tracked:
         return (*self.stream.notes(), *self.track.notes())
 
 
-_Source = _Tracked | JointPoses | TreePoses
+_Source = _Tracked | JointPoses | TreePoses | ComposedPoses
 
 
 class _Join:

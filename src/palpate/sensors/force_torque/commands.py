@@ -224,7 +224,7 @@ class CalibrateClock(Calibration):
             OSError: an input cannot be read for its digest.
         """
         comment = f"s, from {origin(self.record(), 'log')}"
-        update_offset(self.rig, self.output, round(found.model.offset, 7), comment=comment)
+        update_offset(self.rig, self.output, round(found.model.offset, 7), comment=comment, sensor=self.stated.name)
 
 
 def _findings(found: ClockOffset) -> list[str]:

@@ -112,7 +112,15 @@ class CalibrateMounting(Calibration):
         mounting, added = found.model
         record = self.record()
         comment = f"from {len(mounting.touches)} touches of {origin(record, 'log')}, palpate {record['palpate']}"
-        update_pose(self.rig, self.output, mounting.pose, mounting.covariance, placement=added, comment=comment)
+        update_pose(
+            self.rig,
+            self.output,
+            mounting.pose,
+            mounting.covariance,
+            placement=added,
+            comment=comment,
+            sensor=self.stated.name,
+        )
 
 
 def _doubts(mounting: Mounting, initial: Pose, *, payload: bool, anywhere: bool) -> list[str]:

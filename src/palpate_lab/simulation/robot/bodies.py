@@ -9,8 +9,17 @@ import numpy as np
 
 from palpate.spatial.pose import Pose, skew
 from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
-from palpate_lab.simulation.robot.sensors import Face, Pad, Region, Robot, Sheet, Tip, Wrist, facing
-from palpate_lab.simulation.robot.tree import RobotLink, Shape, Three
+from palpate_lab.simulation.robot.sensors import (
+    BareFace,
+    CellTip,
+    LabRobot,
+    PadPatch,
+    SheetPatch,
+    TouchRegion,
+    WristSensor,
+    facing,
+)
+from palpate_lab.simulation.robot.tree import RobotLink, SolidShape, Three
 from palpate_lab.simulation.shapes import EllipsoidBody
 from palpate_lab.simulation.skin_bench import Rolled
 from palpate_lab.simulation.three_axis_skins import COUNTS_PER_NEWTON, ThreeAxisSkin, pillar_array
@@ -34,40 +43,42 @@ _FINGERS: tuple[tuple[str, Three, Three, int], ...] = (  # place [m], turn [rad]
 _LENGTHS, _THICK = (0.042, 0.027, 0.022), 0.007  # m: of bones, and their radius
 
 
-def hand(rng: np.random.Generator) -> Robot:
+def hand(rng: np.random.Generator) -> LabRobot:
     """Draw a hand: thumb, index and middle finger end in tips on load cells, ring and little finger in pads."""
     pillars = pillar_array(_ROWS, _COLUMNS, int(rng.integers(1 << 30)))
-    palm = Shape("box", (0.042, 0.045, 0.014), (0.0, 0.045, 0.0))
-    links, sensors = [RobotLink("palm", shapes=(palm,), mass=0.4)], list[Tip | Pad]()
+    palm = SolidShape("box", (0.042, 0.045, 0.014), (0.0, 0.045, 0.0))
+    links, sensors = [RobotLink("palm", shapes=(palm,), mass=0.4)], list[CellTip | PadPatch]()
     for name, at, turn, joints in _FINGERS:
         box = name in ("ring", "little")
         links += _finger(name, at, turn, joints, spreads=not box, follows=name == "ring", box=box)
         if box:
-            sensors.append(Pad(name, f"{name}_tip", facing((0.0, 0.0, _BOX[2]), _Z, _X), _unit(pillars, rng)))
+            sensors.append(PadPatch(name, f"{name}_tip", facing((0.0, 0.0, _BOX[2]), _Z, _X), _unit(pillars, rng)))
         else:
-            sensors.append(Tip(name, f"{name}_tip", EllipsoidBody(TIP), random_cells(LAYOUTS[4], rng)))
-    regions = tuple(Region((each,)) for each in sensors)
-    return Robot("hand", "palm", tuple(links), tuple(sensors), regions, pillars, grasps=True)
+            sensors.append(CellTip(name, f"{name}_tip", EllipsoidBody(TIP), random_cells(LAYOUTS[4], rng)))
+    regions = tuple(TouchRegion((each,)) for each in sensors)
+    return LabRobot("hand", "palm", tuple(links), tuple(sensors), regions, pillars, grasps=True)
 
 
-def humanoid(rng: np.random.Generator) -> Robot:
+def humanoid(rng: np.random.Generator) -> LabRobot:
     """Draw a torso with two arms of seven joints: six sheets, six pads, and a force/torque sensor at each wrist."""
     pillars = pillar_array(_ROWS, _COLUMNS, int(rng.integers(1 << 30)))
-    chest = [Shape("box", (0.0125, 0.022, 0.026), (0.1125, y, 0.38)) for y in (0.05, -0.05)]
-    torso = RobotLink("torso", shapes=(Shape("cylinder", (TORSO, 0.24), (0.0, 0.0, 0.25)), *chest), mass=12.0)
+    chest = [SolidShape("box", (0.0125, 0.022, 0.026), (0.1125, y, 0.38)) for y in (0.05, -0.05)]
+    torso = RobotLink("torso", shapes=(SolidShape("cylinder", (TORSO, 0.24), (0.0, 0.0, 0.25)), *chest), mass=12.0)
     pads = [
-        Pad(f"{side}_chest", "torso", facing((0.125, y, 0.38), _X, _Y), _unit(pillars, rng))
+        PadPatch(f"{side}_chest", "torso", facing((0.125, y, 0.38), _X, _Y), _unit(pillars, rng))
         for side, y in (("left", 0.05), ("right", -0.05))
     ]
     sheet = Rolled(rows=10, columns=14, pitch=_PITCH, radius=TORSO)
     half = (sheet.columns - 1) / 2 * sheet.pitch / sheet.radius
-    sheets = [Sheet(name, "torso", _turned(turn - half, 0.18), sheet) for name, turn in (("belly", 0.0), ("back", pi))]
+    sheets = [
+        SheetPatch(name, "torso", _turned(turn - half, 0.18), sheet) for name, turn in (("belly", 0.0), ("back", pi))
+    ]
     links, sensors = [torso], [*sheets, *pads]
-    regions = [Region((each,)) for each in sensors]
+    regions = [TouchRegion((each,)) for each in sensors]
     for side, sign in (("left", 1.0), ("right", -1.0)):
         arm, felt, touched = _arm(side, sign, pillars, rng)
         links, sensors, regions = links + arm, sensors + felt, regions + touched
-    return Robot("humanoid", "torso", tuple(links), tuple(sensors), tuple(regions), pillars)
+    return LabRobot("humanoid", "torso", tuple(links), tuple(sensors), tuple(regions), pillars)
 
 
 def _finger(
@@ -82,11 +93,11 @@ def _finger(
     for k, length in enumerate(_LENGTHS[:joints]):
         spread, last = spreads and k == 0, f"{name}_{k - 1}" if follows and k == joints - 1 else ""
         axis, middle, span = (_Y, 0.0, 0.3) if spread else (_X, 0.55, 0.5)
-        bone = Shape("cylinder", (_THICK, length / 2 - _THICK), (0.0, 0.0, length / 2))
+        bone = SolidShape("cylinder", (_THICK, length / 2 - _THICK), (0.0, 0.0, length / 2))
         mimic = (last, 0.8) if last else None
         links.append(RobotLink(f"{name}_{k}", parent, origin, turn, axis, middle, span, mimic, (bone,), 0.03))
         parent, origin, turn = f"{name}_{k}", (0.0, 0.0, length), (0.0, 0.0, 0.0)
-    shape, mass = (Shape("box", _BOX), 0.012) if box else (Shape("ellipsoid", TIP), 0.003)
+    shape, mass = (SolidShape("box", _BOX), 0.012) if box else (SolidShape("ellipsoid", TIP), 0.003)
     end = (0.0, 0.0, _LENGTHS[joints - 1] + shape.size[1] - 0.006)
     flat = (pi / 2, 0.0, 0.0)  # y along the finger again, and z out of its pad
     return [*links, RobotLink(f"{name}_tip", parent, end, flat, shapes=(shape,), mass=mass)]
@@ -106,17 +117,17 @@ def _turned(angle: float, z: float) -> Pose:
 
 def _arm(
     side: str, sign: float, pillars: ThreeAxisSkin, rng: np.random.Generator
-) -> tuple[list[RobotLink], list[Sheet | Pad | Wrist], list[Region]]:
+) -> tuple[list[RobotLink], list[SheetPatch | PadPatch | WristSensor], list[TouchRegion]]:
     """Return an arm that hangs along -z: its links, its sensors, and where it is touched."""
-    p, upper, lower = side[0], Shape("cylinder", (ARM, 0.085), (0.0, 0.0, -0.14)), (ARM, 0.09)
-    palm = Shape("box", (0.045, 0.016, 0.075), (0.0, 0.0, -0.09))
+    p, upper, lower = side[0], SolidShape("cylinder", (ARM, 0.085), (0.0, 0.0, -0.14)), (ARM, 0.09)
+    palm = SolidShape("box", (0.045, 0.016, 0.075), (0.0, 0.0, -0.09))
     links = [
         RobotLink(f"{p}_shoulder", "torso", (0.0, 0.17 * sign, 0.43), (0.2 * sign, 0.0, 0.0), _Y, mass=0.5),
         RobotLink(f"{p}_shoulder_side", f"{p}_shoulder", axis=_X, middle=0.7 * sign, span=0.5, mass=0.5),
         RobotLink(f"{p}_upper_arm", f"{p}_shoulder_side", axis=_Z, shapes=(upper,), mass=1.6),
         RobotLink(f"{p}_elbow", f"{p}_upper_arm", (0.0, 0.0, -0.27), axis=_Y, middle=-0.9, span=0.8, mass=0.3),
         RobotLink(
-            f"{p}_forearm", f"{p}_elbow", axis=_Z, shapes=(Shape("cylinder", lower, (0.0, 0.0, -0.14)),), mass=1.1
+            f"{p}_forearm", f"{p}_elbow", axis=_Z, shapes=(SolidShape("cylinder", lower, (0.0, 0.0, -0.14)),), mass=1.1
         ),
         RobotLink(f"{p}_wrist", f"{p}_forearm", (0.0, 0.0, -0.27), axis=_Y, span=0.7, mass=0.2),
         RobotLink(f"{p}_wrist_side", f"{p}_wrist", axis=_X, span=0.6, mass=0.2),
@@ -125,17 +136,17 @@ def _arm(
         RobotLink(f"{p}_hand", f"{p}_wrist_ft", (0.0, 0.0, 0.01), (pi, 0.0, 0.6 * sign), shapes=(palm,), mass=0.35),
     ]
     sheets = [
-        Sheet(f"{side}_{name}", f"{p}_{name}", _turned(0.3 * sign, -0.14), Rolled(rows, _ROUND, _PITCH, ARM))
+        SheetPatch(f"{side}_{name}", f"{p}_{name}", _turned(0.3 * sign, -0.14), Rolled(rows, _ROUND, _PITCH, ARM))
         for name, rows in (("upper_arm", 12), ("forearm", 14))
     ]
-    pads, faces = list[Pad](), list[Face]()
+    pads, faces = list[PadPatch](), list[BareFace]()
     for name, y in (("palm", -0.016 * sign), ("hand_back", 0.016 * sign)):
         out = (0.0, float(np.sign(y)), 0.0)
-        pads.append(Pad(f"{side}_{name}", f"{p}_hand", facing((0.01, y, -0.11), out, _Z), _unit(pillars, rng)))
-        faces.append(Face(f"{p}_hand", facing((0.0, y, -0.05), out, _Z), (0.025, 0.035)))
+        pads.append(PadPatch(f"{side}_{name}", f"{p}_hand", facing((0.01, y, -0.11), out, _Z), _unit(pillars, rng)))
+        faces.append(BareFace(f"{p}_hand", facing((0.0, y, -0.05), out, _Z), (0.025, 0.035)))
     bias = np.repeat(_BIAS, 3) * rng.standard_normal(6)
-    wrist = Wrist(f"{side}_wrist", f"{p}_wrist_ft", f"{p}_hand", bias)
-    regions = [*(Region((each,)) for each in sheets), Region((*pads, *faces), wrist.name)]
+    wrist = WristSensor(f"{side}_wrist", f"{p}_wrist_ft", f"{p}_hand", bias)
+    regions = [*(TouchRegion((each,)) for each in sheets), TouchRegion((*pads, *faces), wrist.name)]
     return links, [*sheets, *pads, wrist], regions
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from palpate.signals.recording import CELLS
 from palpate_lab.simulation.contacts import contact_wrenches, directed_forces
 from palpate_lab.simulation.robot.plan import RATE, RobotTouch
-from palpate_lab.simulation.robot.sensors import Pad, Robot, Sheet
+from palpate_lab.simulation.robot.sensors import LabRobot, PadPatch, SheetPatch
 from palpate_lab.simulation.skin_bench import PaperSheet, read_out
 from palpate_lab.simulation.three_axis_touches import Loads
 from palpate_lab.simulation.touched.body import Physics
@@ -51,7 +51,7 @@ class RobotContacts:
         return total
 
 
-def planned_contacts(robot: Robot, touches: Sequence[RobotTouch]) -> RobotContacts:
+def planned_contacts(robot: LabRobot, touches: Sequence[RobotTouch]) -> RobotContacts:
     """Return the contacts of touches by their plan, exact where the touched part is rigid."""
     rows = list[tuple[np.ndarray, ...]]()
     for touch in touches:
@@ -70,7 +70,7 @@ def planned_contacts(robot: Robot, touches: Sequence[RobotTouch]) -> RobotContac
 
 
 def pad_readings(
-    pad: Pad, contacts: RobotContacts, radius: Float[np.ndarray, " m"], frames: int, seed: int
+    pad: PadPatch, contacts: RobotContacts, radius: Float[np.ndarray, " m"], frames: int, seed: int
 ) -> tuple[Float[np.ndarray, "n k 3"], RobotContacts]:
     """Return counts (frames, k, 3) of a pad, and its contacts with the resultant and centre that act in truth."""
     into = pad.pose.inverse()
@@ -83,7 +83,7 @@ def pad_readings(
 
 
 def sheet_readings(
-    sheet: Sheet,
+    sheet: SheetPatch,
     model: PaperSheet,
     contacts: RobotContacts,
     radius: Float[np.ndarray, " m"],

@@ -12,7 +12,15 @@ from jaxtyping import Float
 from palpate_lab.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
 from palpate_lab.simulation.robot.plan import RATE, RobotTouch
 from palpate_lab.simulation.robot.run import RobotRun
-from palpate_lab.simulation.robot.sensors import Face, Pad, Part, Robot, Sensor, Sheet, Wrist
+from palpate_lab.simulation.robot.sensors import (
+    BareFace,
+    LabRobot,
+    PadPatch,
+    Sensor,
+    SheetPatch,
+    TouchedPart,
+    WristSensor,
+)
 from palpate_lab.simulation.robot.tree import meshed, mjcf, moving, urdf
 from palpate_lab.simulation.shapes import EllipsoidBody
 
@@ -22,9 +30,9 @@ _FACETS = 8000  # of a fingertip
 _TAXELS = "lab_msgs/msg/Taxels"
 _DEFINED = {_TAXELS: "std_msgs/Header header\nint16[] values\n"}
 _KINDS: dict[type[Sensor], str] = {
-    Sheet: "sensor_msgs/msg/Image",
-    Pad: _TAXELS,
-    Wrist: "geometry_msgs/msg/WrenchStamped",
+    SheetPatch: "sensor_msgs/msg/Image",
+    PadPatch: _TAXELS,
+    WristSensor: "geometry_msgs/msg/WrenchStamped",
 }
 _VOLTAGES = "std_msgs/msg/Float64MultiArray"
 _AXES = ("x", "y", "z")
@@ -33,11 +41,17 @@ _DIGITS = 7  # behind the point, of s, m, N and N m
 
 def topic_of(sensor: Sensor) -> str:
     """Return the topic of a sensor's readings."""
-    what = "wrench" if isinstance(sensor, Wrist) else "skin" if isinstance(sensor, Sheet | Pad) else "cells"
+    what = (
+        "wrench"
+        if isinstance(sensor, WristSensor)
+        else "skin"
+        if isinstance(sensor, SheetPatch | PadPatch)
+        else "cells"
+    )
     return f"/{sensor.name}/{what}"
 
 
-def write_robot(robot: Robot, folder: Path) -> None:
+def write_robot(robot: LabRobot, folder: Path) -> None:
     """Write robot.urdf with its meshes, and robot.xml, the same as MJCF."""
     import trimesh
 
@@ -50,7 +64,7 @@ def write_robot(robot: Robot, folder: Path) -> None:
     (folder / "robot.xml").write_text(mjcf(robot.name, robot.links, robot.sites()), encoding="utf-8")
 
 
-def write_robot_log(robot: Robot, run: RobotRun, path: Path) -> None:
+def write_robot_log(robot: LabRobot, run: RobotRun, path: Path) -> None:
     """Write the readings of all sensors and the joint states as MCAP.
 
     Raises:
@@ -68,7 +82,7 @@ def write_robot_log(robot: Robot, run: RobotRun, path: Path) -> None:
     write_bag(path, {JOINTS: "sensor_msgs/msg/JointState", **kinds}, made, _DEFINED)
 
 
-def write_robot_truth(robot: Robot, run: RobotRun, path: Path) -> None:
+def write_robot_truth(robot: LabRobot, run: RobotRun, path: Path) -> None:
     """Write a row for each contact, frame and sensor that feels it.
 
     Columns are the time [s], sensor and link, the number, kind and share of the touch, and point [m], normal, force [N]
@@ -97,11 +111,11 @@ def _columns(prefix: str, *values: Float[np.ndarray, "m 3"]) -> dict[str, np.nda
     return {f"{prefix}{letter}{axis}": each[:, k] for letter, each in named for k, axis in enumerate(_AXES)}
 
 
-def _felt(robot: Robot, touch: RobotTouch) -> list[str]:
+def _felt(robot: LabRobot, touch: RobotTouch) -> list[str]:
     """Return the names of the sensors that feel a touch."""
     region = robot.regions[touch.region]
-    part: Part = region.parts[touch.part]
-    names = ["" if isinstance(part, Face) else part.name, region.wrist]
+    part: TouchedPart = region.parts[touch.part]
+    names = ["" if isinstance(part, BareFace) else part.name, region.wrist]
     return [name for name in names if name]
 
 
@@ -115,14 +129,14 @@ def _joint_states(
 
 def _messages(types: Any, sensor: Sensor, time: Float[np.ndarray, " n"], values: np.ndarray) -> Iterator[Stamped]:
     topic = topic_of(sensor)
-    if isinstance(sensor, Wrist):
+    if isinstance(sensor, WristSensor):
         yield from wrenches(types, topic, time, values, sensor.link)
-    elif isinstance(sensor, Sheet):
+    elif isinstance(sensor, SheetPatch):
         rows, columns = values.shape[1:]
         image, head = types["sensor_msgs/msg/Image"], (rows, columns, "mono8", 0, columns)
         for stamp, row in zip(nanoseconds(time), values.astype(np.uint8).reshape(len(values), -1), strict=True):
             yield stamp, topic, image(header(types, stamp, sensor.link), *head, row)
-    elif isinstance(sensor, Pad):
+    elif isinstance(sensor, PadPatch):
         taxels = types[_TAXELS]
         for stamp, row in zip(nanoseconds(time), values.astype(np.int16).reshape(len(values), -1), strict=True):
             yield stamp, topic, taxels(header(types, stamp, sensor.link), row)

@@ -90,7 +90,7 @@ def _paced(time: Float[np.ndarray, "n 1"], pauses: bool) -> tuple[np.ndarray, np
     )
 
 
-class Mechanics:
+class RobotMechanics:
     """A robot in the physics engine, by its own rigid-body mechanics.
 
     Args:

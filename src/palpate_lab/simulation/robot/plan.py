@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate_lab.simulation.robot.motion import QUIET
-from palpate_lab.simulation.robot.sensors import Robot, Sheet
+from palpate_lab.simulation.robot.sensors import LabRobot, SheetPatch
 
 RATE = 100  # Hz of skins and of the truth
 RAMP = 0.15  # s in which a force rises, and falls
@@ -58,7 +58,7 @@ class RobotTouch:
         return np.concatenate([rise, np.ones(self.full + 1), rise[::-1]])
 
 
-def plan_touches(robot: Robot, rng: np.random.Generator, touches: int, seconds: float) -> list[RobotTouch]:
+def plan_touches(robot: LabRobot, rng: np.random.Generator, touches: int, seconds: float) -> list[RobotTouch]:
     """Draw touches, sorted by their start.
 
     Raises:
@@ -80,7 +80,7 @@ def plan_touches(robot: Robot, rng: np.random.Generator, touches: int, seconds: 
     return [replace(each, number=k) for k, each in enumerate(ordered)]
 
 
-def _of_slot(robot: Robot, rng: np.random.Generator, count: int, begin: float, length: float) -> list[RobotTouch]:
+def _of_slot(robot: LabRobot, rng: np.random.Generator, count: int, begin: float, length: float) -> list[RobotTouch]:
     """Draw `count` touches of different regions in a slot of time."""
     together, common = bool(rng.random() < TOGETHER) and count > 1, float(rng.random())
     found, regions = list[RobotTouch](), robot.regions
@@ -94,7 +94,7 @@ def _of_slot(robot: Robot, rng: np.random.Generator, count: int, begin: float, l
         part = int(rng.integers(len(regions[region].parts)))
         found.append(_drawn(rng, region, part, start, kind))
         sheet = regions[region].parts[part]
-        if isinstance(sheet, Sheet) and sheet.ring and rng.random() < GRASPED and len(found) < count:
+        if isinstance(sheet, SheetPatch) and sheet.ring and rng.random() < GRASPED and len(found) < count:
             first, other = replace(found.pop(), kind="grasp"), _drawn(rng, region, part, start, "grasp")
             along, around = first.place
             found += [first, replace(other, place=(along, (around + 0.5) % 1.0), full=first.full)]

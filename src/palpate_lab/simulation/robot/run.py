@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.robot.contacts import RobotContacts, pad_readings, planned_contacts, sheet_readings
-from palpate_lab.simulation.robot.motion import JointMotion, Mechanics
+from palpate_lab.simulation.robot.motion import JointMotion, RobotMechanics
 from palpate_lab.simulation.robot.plan import RATE, RobotTouch, plan_touches
-from palpate_lab.simulation.robot.sensors import Pad, Robot, Sheet, Tip, Wrist
+from palpate_lab.simulation.robot.sensors import CellTip, LabRobot, PadPatch, SheetPatch, WristSensor
 from palpate_lab.simulation.robot.tree import moving
 from palpate_lab.simulation.skin_bench import PaperSheet, paper_sheet
 
@@ -23,7 +23,7 @@ TIP_NOISE, _TIP_BIAS = 2e-3, 0.02  # N of a cell; V
 
 
 @dataclass(frozen=True)
-class RobotSettings:
+class RobotRunSettings:
     """The settings of a run.
 
     Attributes:
@@ -44,8 +44,8 @@ class RobotSettings:
 
 
 @dataclass(frozen=True)
-class Devices:
-    """What a robot's sensors are in truth, the same in all its runs.
+class RobotDevices:
+    """The true properties of a robot's sensors, the same in all its runs.
 
     Attributes:
         sheets: cells of each sheet, by its name.
@@ -58,9 +58,9 @@ class Devices:
     sway: float
 
     @classmethod
-    def drawn(cls, robot: Robot, rng: np.random.Generator, encoder: float) -> Devices:
+    def drawn(cls, robot: LabRobot, rng: np.random.Generator, encoder: float) -> RobotDevices:
         """Draw the devices, with encoders whose errors have a standard deviation [rad]."""
-        sheets = {each.name: paper_sheet(each.sheet, rng) for each in robot.sensors if isinstance(each, Sheet)}
+        sheets = {each.name: paper_sheet(each.sheet, rng) for each in robot.sensors if isinstance(each, SheetPatch)}
         constant = encoder * (1.0 - _STEADY**2) ** 0.5 * rng.standard_normal(len(moving(robot.links)))
         return cls(sheets, constant, _STEADY * encoder)
 
@@ -86,9 +86,9 @@ class RobotRun:
 
 
 def simulate_robot(
-    robot: Robot,
-    devices: Devices,
-    settings: RobotSettings,
+    robot: LabRobot,
+    devices: RobotDevices,
+    settings: RobotRunSettings,
     rng: np.random.Generator,
     watch: Callable[[int, float], None] | None = None,
 ) -> RobotRun:
@@ -96,7 +96,7 @@ def simulate_robot(
 
     Args:
         robot: the robot.
-        devices: what its sensors are.
+        devices: the true properties of its sensors.
         settings: the settings.
         rng: random numbers of motion, touches and noise.
         watch: function called with the number of samples done, and the share that is done.
@@ -107,7 +107,7 @@ def simulate_robot(
     touches = plan_touches(robot, rng, settings.touches, settings.seconds)
     drawn = JointMotion.drawn(moving(robot.links), rng, settings.seconds, settings.speed)
     motion = replace(drawn, pauses=settings.pauses)
-    mechanics = Mechanics(robot.name, robot.links, robot.sites())
+    mechanics = RobotMechanics(robot.name, robot.links, robot.sites())
     frames = round(settings.seconds * RATE)
     readings, contacts = _skins(robot, devices, touches, frames, rng)
     for sensor, time, weight in _weights(robot, mechanics, motion, settings, watch):
@@ -123,7 +123,7 @@ def simulate_robot(
 
 
 def _skins(
-    robot: Robot, devices: Devices, touches: Sequence[RobotTouch], frames: int, rng: np.random.Generator
+    robot: LabRobot, devices: RobotDevices, touches: Sequence[RobotTouch], frames: int, rng: np.random.Generator
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], RobotContacts]:
     """Return the readings of sheets and pads, and the contacts, those of pads as they act in truth."""
     time, found = np.arange(frames) / RATE, dict[str, tuple[np.ndarray, np.ndarray]]()
@@ -132,10 +132,10 @@ def _skins(
     parts = [robot.regions[each.region].parts[each.part] for each in touches]
     for sensor in robot.sensors:
         own = np.isin(contacts.touch, [k for k, part in enumerate(parts) if part is sensor])
-        if isinstance(sensor, Sheet):
+        if isinstance(sensor, SheetPatch):
             model = devices.sheets[sensor.name]
             found[sensor.name] = time, sheet_readings(sensor, model, contacts.of(own), radii[own], frames, rng)
-        elif isinstance(sensor, Pad):
+        elif isinstance(sensor, PadPatch):
             counts, acting = pad_readings(sensor, contacts.of(own), radii[own], frames, int(rng.integers(1 << 30)))
             found[sensor.name] = time, counts
             for values, true in zip(vars(contacts).values(), vars(acting).values(), strict=True):
@@ -144,37 +144,37 @@ def _skins(
 
 
 def _weights(
-    robot: Robot,
-    mechanics: Mechanics,
+    robot: LabRobot,
+    mechanics: RobotMechanics,
     motion: JointMotion,
-    settings: RobotSettings,
+    settings: RobotRunSettings,
     watch: Callable[[int, float], None] | None,
-) -> list[tuple[Tip | Wrist, np.ndarray, np.ndarray]]:
+) -> list[tuple[CellTip | WristSensor, np.ndarray, np.ndarray]]:
     """Return times and wrenches of weight and inertia beyond each wrist and fingertip, at its rate."""
-    sensors = [each for each in robot.sensors if isinstance(each, Tip | Wrist)]
-    rate = TIP_RATE if isinstance(sensors[0], Tip) else settings.wrench_rate
+    sensors = [each for each in robot.sensors if isinstance(each, CellTip | WristSensor)]
+    rate = TIP_RATE if isinstance(sensors[0], CellTip) else settings.wrench_rate
     time = np.arange(round(settings.seconds * rate)) / rate
     loads = mechanics.wrenches(motion.at(time), watch)
     return [(each, time, loads[:, k]) for k, each in enumerate(sensors)]
 
 
-def _read(sensor: Tip | Wrist, wrench: Float[np.ndarray, "n 6"], rng: np.random.Generator) -> np.ndarray:
+def _read(sensor: CellTip | WristSensor, wrench: Float[np.ndarray, "n 6"], rng: np.random.Generator) -> np.ndarray:
     """Return the voltages of a fingertip, or the wrenches of a wrist, by what acts on it."""
-    if isinstance(sensor, Wrist):
+    if isinstance(sensor, WristSensor):
         return wrench + sensor.bias + np.repeat(sensor.noise, 3) * rng.standard_normal(wrench.shape)
-    volts: np.ndarray = sensor.cells.voltages(wrench)
-    noise: np.ndarray = sensor.cells.voltage_noise(TIP_NOISE, array=False) * rng.standard_normal(volts.shape)
-    return volts + noise + _TIP_BIAS * rng.standard_normal(volts.shape[1])
+    volts = sensor.cells.voltages(wrench)
+    noise = sensor.cells.voltage_noise(TIP_NOISE, array=False) * rng.standard_normal(volts.shape)
+    return volts + noise + _TIP_BIAS * rng.standard_normal(3 * sensor.cells.count)
 
 
-def _presses(robot: Robot, touch: RobotTouch, sensor: Tip | Wrist) -> bool:
+def _presses(robot: LabRobot, touch: RobotTouch, sensor: CellTip | WristSensor) -> bool:
     """Return whether a touch presses the link that a sensor carries."""
-    link = sensor.surface if isinstance(sensor, Wrist) else sensor.link
+    link = sensor.surface if isinstance(sensor, WristSensor) else sensor.link
     return robot.regions[touch.region].parts[touch.part].link == link
 
 
-def _mounted(robot: Robot, sensor: Tip | Wrist) -> Pose:
+def _mounted(robot: LabRobot, sensor: CellTip | WristSensor) -> Pose:
     """Return the pose of the link that a sensor carries, in the frame of its readings."""
-    if isinstance(sensor, Tip):
+    if isinstance(sensor, CellTip):
         return Pose.identity()
     return next(each for each in robot.links if each.name == sensor.surface).origin()

@@ -1,6 +1,6 @@
 """Sensors on a robot's links: sheets of taxels, pads of pillars, fingertips on load cells and wrists, and their places.
 
-A touch lands on a `Region`: what feels it, and the surface that it presses.
+A touch lands on a `TouchRegion`: what feels it, and the surface that it presses.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _STEEPEST = 0.45  # least cosine between a fingertip's z and the direction from 
 
 
 @dataclass(frozen=True)
-class Sheet:
+class SheetPatch:
     """A sheet of one-axis taxels round a cylinder of a link; `pose` is that of its axis in the link."""
 
     name: str
@@ -45,7 +45,7 @@ class Sheet:
 
 
 @dataclass(frozen=True)
-class Pad:
+class PadPatch:
     """A flat pad of three-axis taxels; `pose` is that of its middle in the link, z outward."""
 
     name: str
@@ -61,7 +61,7 @@ class Pad:
 
 
 @dataclass(frozen=True)
-class Tip:
+class CellTip:
     """A fingertip, an ellipsoid on load cells, about the origin of its link, touched from z."""
 
     name: str
@@ -78,7 +78,7 @@ class Tip:
 
 
 @dataclass(frozen=True)
-class Wrist:
+class WristSensor:
     """A force/torque sensor in the frame `link`, whose only child is the link `surface`.
 
     Attributes:
@@ -94,7 +94,7 @@ class Wrist:
 
 
 @dataclass(frozen=True)
-class Face:
+class BareFace:
     """A flat part of a link that no skin covers: the middle of a side, and two half-lengths [m] along x and y of it."""
 
     link: str
@@ -107,12 +107,12 @@ class Face:
         return self.pose.apply(points), np.tile(self.pose.rotation[:, 2], (len(draws), 1))
 
 
-Sensor = Sheet | Pad | Tip | Wrist
-Part = Sheet | Pad | Tip | Face
+Sensor = SheetPatch | PadPatch | CellTip | WristSensor
+TouchedPart = SheetPatch | PadPatch | CellTip | BareFace
 
 
 @dataclass(frozen=True)
-class Region:
+class TouchRegion:
     """Surfaces of which one is touched at a time, or a sheet on both sides at once.
 
     Attributes:
@@ -120,12 +120,12 @@ class Region:
         wrist: name of the force/torque sensor that carries them, or "".
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[TouchedPart, ...]
     wrist: str = ""
 
 
 @dataclass(frozen=True)
-class Robot:
+class LabRobot:
     """A robot with its sensors.
 
     Attributes:
@@ -141,13 +141,13 @@ class Robot:
     base: str
     links: tuple[RobotLink, ...]
     sensors: tuple[Sensor, ...]
-    regions: tuple[Region, ...]
+    regions: tuple[TouchRegion, ...]
     pillars: ThreeAxisSkin
     grasps: bool = False
 
     def sites(self) -> list[str]:
         """Return the links in whose frames the weight beyond them is measured: of wrists and fingertips."""
-        return [each.link for each in self.sensors if isinstance(each, Wrist | Tip)]
+        return [each.link for each in self.sensors if isinstance(each, WristSensor | CellTip)]
 
 
 def facing(at: Three, outward: Three, along: Three) -> Pose:

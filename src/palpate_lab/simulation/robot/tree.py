@@ -19,7 +19,7 @@ _Element = ElementTree.Element
 
 
 @dataclass(frozen=True)
-class Shape:
+class SolidShape:
     """A closed shape in the frame of a link.
 
     Attributes:
@@ -63,7 +63,7 @@ class RobotLink:
     middle: float = 0.0
     span: float = 1.2
     mimic: tuple[str, float] | None = None
-    shapes: tuple[Shape, ...] = ()
+    shapes: tuple[SolidShape, ...] = ()
     mass: float = 0.0
 
     @property
@@ -93,7 +93,7 @@ def moving(links: Iterable[RobotLink]) -> list[RobotLink]:
     return [link for link in links if link.axis is not None and link.mimic is None]
 
 
-def meshed(links: Iterable[RobotLink]) -> dict[str, Shape]:
+def meshed(links: Iterable[RobotLink]) -> dict[str, SolidShape]:
     """Return the shapes that a URDF has no primitive for, by the paths of their meshes."""
     found = ((link.name, shape) for link in links for shape in link.shapes if shape.kind == "ellipsoid")
     return {f"{_MESHES}/{name}.stl": shape for name, shape in found}

@@ -68,7 +68,9 @@ class CalibrateRegistration(Calibration):
         """
         record = self.record()
         comment = f"T_places_surface, from {origin(record, 'log')}, palpate {record['palpate']}"
-        update_pose(self.rig, self.output, found.model.pose, found.model.covariance, comment=comment)
+        update_pose(
+            self.rig, self.output, found.model.pose, found.model.covariance, comment=comment, sensor=self.stated.name
+        )
 
 
 def _figures(found: Registration) -> list[tuple[str, object]]:

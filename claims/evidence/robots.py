@@ -1,0 +1,147 @@
+"""A hand and a humanoid with many sensors, touched while they move: contacts of all sensors in one frame.
+
+The robots (`palpate simulate hand` and `humanoid`) move in a physics engine, up to 1 rad/s, and are touched at one or
+several places at once; what touched them, and where, is the engine's. Of each touch and sensor the sample with the
+largest true force counts. Ellipses are those of the point in the tangent plane, in the frame of the robot's base.
+"""
+
+import contextlib
+import io
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import polars as pl
+
+import palpate
+from claims.evidence.covariance import CHI2_95
+from claims.row import Row
+from palpate.cli import main
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW
+from palpate.files.urdf import Kinematics, Urdf
+from palpate.setup.load import load_robot
+from palpate.setup.robot_pipeline import RobotPipeline
+
+LARGEST, INSIDE = 1e-3, (0.93, 0.97)
+ENCODER = 0.2  # degrees
+BASE = [f"base_p{axis}" for axis in "xyz"]
+NORMAL = [f"base_n{axis}" for axis in "xyz"]
+FORCE = [f"base_f{axis}" for axis in "xyz"]
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """Place, ellipses, each sensor as alone, false touches, speed of the kinematics."""
+    with TemporaryDirectory() as scratch:
+        for name in ("hand", "humanoid"):
+            made = [_session(Path(scratch), name, seed, small) for seed in range(1 if small else 3)]
+            yield from _placed(name, [_matches(each) for each in made], small)
+            yield _alone(name, made[0])
+            yield _false(name, made)
+            bent = _session(Path(scratch), name, 9, small, ENCODER)
+            yield from _placed(f"{name}, joints {ENCODER:g} degrees off", [_matches(bent)], small, bent=True)
+        yield _speed(Path(scratch) / "humanoid0", 500 if small else 20_000)
+
+
+def _session(scratch: Path, name: str, seed: int, small: bool, encoder: float = 0.0) -> Path:
+    """Make a session, and return its folder."""
+    folder = scratch / f"{name}{seed}"
+    length = ("--seconds", "12", "--touches", "16", "--free", "8") if small else ("--free", "100")
+    words = ("simulate", name, "-o", str(folder), "--seed", str(seed), "--encoder", f"{encoder}", *length)
+    with contextlib.redirect_stdout(io.StringIO()):
+        assert not main(["--quiet", *words])
+    return folder
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Touches of sensors: error [m] of each place, NaN if it was not found, and squared distance of its ellipse."""
+
+    error: np.ndarray
+    square: np.ndarray
+
+
+def _matches(session: Path) -> Matches:
+    found = palpate.estimate(session / "run.mcap", session / "robot.toml", frame="base")
+    truth = pl.read_csv(session / "truth.csv").with_columns(
+        strength=pl.sum_horizontal(*(pl.col(name) ** 2 for name in FORCE)).sqrt()
+    )
+    alone = truth.filter(pl.len().over("time", "sensor") == 1)  # a wrench of two touches is of neither
+    strongest = alone.sort("strength").group_by("touch", "sensor").last().sort("time", "sensor")
+    pairs = [_match(found.of(row["sensor"]), row) for row in strongest.iter_rows(named=True) if row["strength"] > 0.5]
+    return Matches(*np.array(pairs).reshape(-1, 2).T)
+
+
+def _match(found: Contacts, row: dict[str, float]) -> tuple[float, float]:
+    """Return the error of the nearest contact of the sample at the time of a true one, and its squared distance."""
+    near = found.answered & (np.abs(found.time - row["time"]) < 6e-4)
+    if not near.any():
+        return np.nan, np.nan
+    off = found.point[near] - [row[name] for name in BASE]
+    k = int(np.argmin(np.linalg.norm(off, axis=1)))
+    normal = np.array([row[name] for name in NORMAL])
+    across = np.linalg.svd(normal[None])[2][1:]
+    spread = across @ found.covariance[near][k] @ across.T
+    return float(np.linalg.norm(off[k])), float((across @ off[k]) @ np.linalg.solve(spread, across @ off[k]))
+
+
+def _placed(what: str, found: list[Matches], small: bool, *, bent: bool = False) -> Iterator[Row]:
+    error, square = (np.concatenate([getattr(each, name) for each in found]) for name in ("error", "square"))
+    seen = np.isfinite(error)
+    inside, middle = float(np.mean(square[seen] <= CHI2_95)), float(np.median(error[seen]))
+    count = f"{len(error):,} touches of sensors"
+    got = f"{1e3 * middle:.2f} mm, 95 % of them {1e3 * np.quantile(error[seen], 0.95):.1f} mm; found {seen.mean():.1%}"
+    yield Row(
+        f"{what}, {count}: place in the base (median)",
+        "" if bent else "<= 1 mm",
+        got,
+        None if bent else middle <= LARGEST,
+    )
+    passed = None if small else INSIDE[0] <= inside <= INSIDE[1]
+    yield Row(f"{what}: truth in the 95 % ellipse", "93 to 97 %", f"{inside:.1%}", passed)
+
+
+def _alone(name: str, session: Path) -> Row:
+    """Each sensor's contacts in its own frame, beside those of its rig alone."""
+    robot = load_robot(session / "robot.toml")
+    together = palpate.estimate(session / "run.mcap", robot)
+    same = 0
+    for each in robot.sensors.values():
+        found, alone = together.of(each.name), palpate.estimate(session / "run.mcap", each.rig)
+        kept = list(alone.features)
+        same += np.array_equal(found.rows()[:, : ROW.length], alone.rows()[:, : ROW.length], equal_nan=True) and all(
+            np.array_equal(found.features[feature], alone.features[feature], equal_nan=True) for feature in kept
+        )
+    count = len(robot.sensors)
+    return Row(
+        f"{name}: sensors whose rows are those of the sensor alone, to the last bit",
+        "all",
+        f"{same} of {count}",
+        same == count,
+    )
+
+
+def _false(name: str, sessions: list[Path]) -> Row:
+    """Touches that are found while nothing touches and the robot moves."""
+    touches, seconds = 0, 0.0
+    for session in sessions:
+        pipeline = RobotPipeline(load_robot(session / "robot.toml"), session / "free.mcap")
+        found = Contacts.joined(list(pipeline.stream()))
+        touches, seconds = touches + len(found.touches()), seconds + float(np.ptp(found.time))
+    what = f"{name}, moving freely for {seconds / 60:.1f} minutes: touches"
+    return Row(what, "0", f"{touches}", touches == 0)
+
+
+def _speed(session: Path, count: int) -> Row:
+    """Joint samples a second through pinocchio, for all links at once."""
+    urdf = Urdf(session / "robot.urdf")
+    kinematics = Kinematics(urdf, "torso", urdf.links)
+    values = np.random.default_rng(0).uniform(-1.0, 1.0, (count, len(kinematics.joints)))
+    kinematics.poses(values[:100])
+    begin = time.perf_counter()
+    kinematics.poses(values)
+    rate = count / (time.perf_counter() - begin)
+    return Row(f"joint samples a second, poses of {len(urdf.links)} links", ">= 20,000 of 20 links", f"{rate:,.0f}")

@@ -1,0 +1,92 @@
+"""What calibrations write into the rig of a robot goes into the tables of their sensor; the rest of the text stays."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.errors import InputError
+from palpate.setup.edit import update_drift, update_offset, update_pose
+from palpate.setup.load import load_rig, load_robot
+from palpate.spatial.pose import Pose
+from tests.support.arms import write_arm
+
+ROBOT = """\
+# two sensors
+[robot]
+urdf = "arm.urdf"
+joints = "/joint_states"
+gravity = "fixed"
+
+[sensors.wrist]
+kind = "force_torque"               # with a surface of its own
+link = "ft"
+surface = { kind = "sphere", radius = 0.02 }
+topic = "/wrist"
+
+[sensors.tip]
+kind = "force_torque"
+link = "link6"
+surface = { kind = "sphere", radius = 0.01 }
+topic = "/tip"
+"""
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    arm = write_arm(tmp_path)
+    arm.rename(tmp_path / "arm.urdf")
+    path = tmp_path / "robot.toml"
+    path.write_text(ROBOT)
+    return path
+
+
+def test_calibrations_write_into_the_tables_of_their_sensor(rig: Path) -> None:
+    pose = Pose.from_quaternion([0, 0, 0.6, 0.8], [0.01, 0.02, 0.03])
+    update_offset(rig, rig, 0.0125, comment="s", sensor="wrist")
+    update_pose(rig, rig, pose, 1e-8 * np.eye(6), comment="from a test", sensor="tip")
+    update_drift(rig, rig, {"walk": {"force": 0.01, "torque": 0.001}}, {"walk": "N"}, "tip")
+    text = rig.read_text()
+    assert text.startswith(ROBOT[:200])
+    made = tomllib.loads(text)
+    assert made["robot"] == tomllib.loads(ROBOT)["robot"]
+    wrist, tip = (load_rig(rig, name) for name in ("wrist", "tip"))
+    assert wrist.orientation.offset == 0.0125
+    assert (wrist.orientation.base, wrist.orientation.sensor) == ("world", "ft")
+    assert tip.orientation.offset == 0.0
+    np.testing.assert_array_equal(tip.mount().translation, pose.translation)
+    assert tip.drift is not None
+    assert wrist.drift is None
+    with pytest.raises(InputError, match="only within its folder"):
+        update_offset(rig, rig.parent / "other" / "robot.toml", 0.0, sensor="wrist")
+
+
+def test_a_sensor_that_is_stated_badly_leaves_the_others(rig: Path) -> None:
+    rig.write_text(ROBOT.replace('kind = "force_torque"\nlink = "link6"', 'kind = "force_torqe"\nlink = "link6"'))
+    robot = load_robot(rig)
+    assert list(robot.sensors) == ["wrist"]
+    assert "force_torque" in str(robot.faulty["tip"])
+    assert "[sensors.tip]" in str(robot.faulty["tip"])
+    with pytest.raises(InputError, match="force_torqe"):
+        load_rig(rig, "tip")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('link = "ft"', 'link = "fd"'), r"\[sensors\.wrist\].*no link 'fd'|no link 'fd'.*ft"),
+        (('topic = "/tip"', 'topic = "/wrist"'), r"'wrist' and 'tip' both read the topic '/wrist'"),
+        (('gravity = "fixed"\n', ""), r"gravity is missing"),
+        (('"/joint_states"', '"/joint_states"\nbase = "torso"'), r"no link 'torso'"),
+        (("[robot]", "[robot]\njoint = 1"), r"unknown key 'joint'"),
+        (("[sensors.tip]", "[sensors.9tip]"), r"'9tip' must be a name"),
+    ],
+)
+def test_mistakes_are_named(rig: Path, change: tuple[str, str], said: str) -> None:
+    rig.write_text(ROBOT.replace(*change))
+    with pytest.raises(InputError, match=said):
+        robot = load_robot(rig)
+        raise next(iter(robot.faulty.values()))
