@@ -87,7 +87,8 @@ def evaluate(
     if set(TRUTH) <= names and "px" not in names:
         evaluate_ring(contacts, found, rows, tolerance)
         return
-    frame = str(read_provenance(contacts).get("frame", "surface"))
+    stated = read_provenance(contacts).get("frame")
+    frame = str(stated or "surface")
     known = read_ground_truth(truth, frame)
     report, each = _compared(found, known, tolerance, truth)
     if not report.matched:
@@ -102,6 +103,10 @@ def evaluate(
             _rows(each),
         )
     note([*_unanswered(report), *_unpaired(report), *_unknown(found, each), *found.notes])
+    if each and stated is None:
+        note([f"{contacts}.toml is missing: the contacts are taken as in each sensor's own frame"], kind="warning")
+    if each and frame == "base" and isinstance(known, TrueSamples):
+        note(["in the base, points move between true instants; --tolerance 0.001 compares at these instants alone"])
     if frame != "surface" and "base_px" not in names:
         note([f"the contacts are in the {frame}'s frame: the truth must be, too"], kind="warning")
 
