@@ -1,7 +1,8 @@
-"""`python -m mutants [--count N] [--only TEXT] [--jobs N] [--trust] [--list]`: turn faults on, and run tests.
+"""`python -m mutants [--count N] [--seed N] [--only TEXT] [--jobs N] [--trust] [--list]`: turn faults on, run tests.
 
 Faults are made from what stands in the package, by chance. Everything is compiled once; each fault is turned on in a
-forked process of its own, which runs the tests of the fault's room until one fails.
+forked process of its own, which runs the tests of the fault's room until one fails. Processes that a test starts have
+the fault, too. Those of `equivalent.txt` change nothing that can be noticed, and do not count.
 """
 
 from __future__ import annotations
@@ -19,19 +20,22 @@ from mutants.build import ROOT, import_with_faults
 from mutants.fault import Fault, chosen
 
 LIMIT = 900.0  # s: beyond it a fault has made something endless, which is noticed
-WANTED = 0.75  # of faults by chance: some change nothing that matters
+WALL = 90 * 60.0  # s: no other fault is tried then
+WANTED, EQUIVALENT = 0.88, 0.05  # of faults by chance
 
 
 def main() -> int:
     """0 when enough of the faults are noticed."""
     parser = argparse.ArgumentParser(prog="python -m mutants", description=__doc__)
-    parser.add_argument("--count", type=int, default=100, help="faults by chance")
+    parser.add_argument("--count", type=int, default=120, help="faults by chance")
+    parser.add_argument("--seed", type=int, default=0, help="of what is chosen")
     parser.add_argument("--only", default="", help="faults with this in their file or words, or a number")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time")
     parser.add_argument("--trust", action="store_true", help="do not try first whether the tests pass without a fault")
     parser.add_argument("--list", action="store_true", help="say what there is and where, and run nothing")
     options = parser.parse_args()
-    faults = chosen(options.count)
+    faults = chosen(options.count, options.seed)
+    os.environ["PALPATE_FAULT"] = f"0 {options.count} {options.seed}"
     meant = {k: fault for k, fault in enumerate(faults, start=1) if _meant(k, fault, options.only)}
     if options.list:
         for k, fault in meant.items():
@@ -43,12 +47,18 @@ def main() -> int:
     if not options.trust and not _sound(sorted({fault.tests for fault in meant.values()})):
         return 2
     found = _run([(k, [fault.tests]) for k, fault in meant.items()], faults, options.jobs)
-    missed = [fault for fault, (code, _, _) in zip(meant.values(), found, strict=True) if code == 0]
-    share = 1.0 - len(missed) / max(1, len(meant))
-    print(f"\n{len(meant) - len(missed)} of {len(meant)} faults noticed, {share:.1%}" + "; not noticed:" * bool(missed))
-    for fault in missed:
-        print(f"      {fault.what}  ({fault.tests})")
-    return int(share < WANTED)
+    tried = [(fault, code) for fault, (code, _, _) in zip(meant.values(), found, strict=True) if code is not None]
+    unseen = [fault for fault, code in tried if code == 0]
+    known = (Path(__file__).parent / "equivalent.txt").read_text(encoding="utf-8")
+    same = [fault for fault in unseen if fault.diff in known]
+    missed = [fault for fault in unseen if fault.diff not in known]
+    counted = len(tried) - len(same)
+    share = 1.0 - len(missed) / max(1, counted)
+    print(f"\n{counted - len(missed)} of {counted} faults noticed, {share:.1%}; {len(meant) - len(tried)} not tried")
+    for words, faults in (("equivalent", same), ("not noticed", missed)):
+        for fault in faults:
+            print(f"      {words}: {fault.what}  ({fault.tests})")
+    return int(share < WANTED or len(same) > EQUIVALENT * len(tried))
 
 
 def _sound(tests: list[str]) -> bool:
@@ -64,12 +74,12 @@ def _meant(number: int, fault: Fault, text: str) -> bool:
     return text == str(number) or (not text.isdigit() and text in fault.what)
 
 
-def _run(work: Sequence[tuple[int, list[str]]], faults: list[Fault], jobs: int) -> list[tuple[int, float, str]]:
-    """Of each fault and its tests: the exit code of pytest (0: not noticed), seconds, and what was said."""
-    waiting, running = list(enumerate(work)), dict[int, tuple[int, float, Path]]()
-    results: list[tuple[int, float, str]] = [(0, 0.0, "")] * len(work)
-    while waiting or running:
-        while waiting and len(running) < jobs:
+def _run(work: Sequence[tuple[int, list[str]]], faults: list[Fault], jobs: int) -> list[tuple[int | None, float, str]]:
+    """Of each fault and its tests: exit code of pytest (0: not noticed, None: not tried), seconds, what was said."""
+    waiting, running, end = list(enumerate(work)), dict[int, tuple[int, float, Path]](), time.monotonic() + WALL
+    results: list[tuple[int | None, float, str]] = [(None, 0.0, "")] * len(work)
+    while running or (waiting and time.monotonic() < end):
+        while waiting and len(running) < jobs and time.monotonic() < end:
             at, (number, tests) = waiting.pop(0)
             said = Path(tempfile.mkstemp(prefix="mutant")[1])
             running[_forked(number, tests, said)] = (at, time.monotonic(), said)
@@ -100,6 +110,9 @@ def _forked(number: int, tests: list[str], said: Path) -> int:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
         turn_on(number)
+        _, *others = os.environ["PALPATE_FAULT"].split()
+        os.environ["PALPATE_FAULT"] = " ".join([str(number), *others]) if number else ""
+        os.environ["NUMBA_CACHE_DIR"] = f"{os.environ['NUMBA_CACHE_DIR']}-children"  # of what the tests start
         quiet = ["-q", "--no-header", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
         code = pytest.main(["-x", *quiet, *tests])  # the warning: plugins were imported before the fork
         sys.stdout.flush()

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from mutants.fault import SOURCE, Fault, written
 
-__all__ = ["import_with_faults", "sources"]
+__all__ = ["import_with_faults", "read_with_faults", "sources"]
 
 ROOT = SOURCE.parent
-CACHE = ROOT / ".cache" / "mutants"
+CACHE, CHILD = ROOT / ".cache" / "mutants", Path(__file__).parent / "child"
 USED = ("hypothesis", "mcap.writer", "rosbags.rosbag2", "scipy.optimize", "scipy.signal", "trimesh")  # by many tests
 
 
@@ -38,6 +38,7 @@ def import_with_faults(faults: list[Fault]) -> None:
     os.environ["NUMBA_CACHE_DIR"] = str(folder / "numba")
     os.environ["PALPATE_NATIVE"] = "0"  # the module has no faults
     _read_instead(made)
+    os.environ["PYTHONPATH"] = os.pathsep.join(map(str, (CHILD, ROOT, SOURCE)))  # of what the tests start
     sys.path[:0] = [str(ROOT), str(SOURCE), str(ROOT / "tests")]
     importlib.import_module("conftest")  # enforces shapes and types of what is imported from now on
     sys.pycache_prefix = str(folder / "pyc")
@@ -47,6 +48,11 @@ def import_with_faults(faults: list[Fault]) -> None:
             importlib.import_module(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
     for name in USED:
         importlib.import_module(name)
+
+
+def read_with_faults(faults: list[Fault]) -> None:
+    """Read files with their faults from now on, in a process that a test has started."""
+    _read_instead(sources(faults))
 
 
 def _read_instead(made: dict[str, bytes]) -> None:

@@ -20,7 +20,7 @@ from palpate.setup.load import load_robot
 from palpate.setup.robot_view import touched_robot
 from palpate.viewer.report import ReportTable, render
 from palpate.viewer.robot_layer import RobotLayer
-from palpate.viewer.robot_report import RobotRun, compose_robot
+from palpate.viewer.robot_report import EstimatedRobot, compose_robot
 from palpate.viewer.run_summary import RunSummary
 from tests.support.arms import joint
 
@@ -176,5 +176,7 @@ def test_a_report_of_sensors_without_touches_says_so() -> None:
     summary = RunSummary()
     summary.add(quiet)
     table = ReportTable(("sensor",), (("a",),))
-    run = RobotRun("l", "o", "base", (), table, {"a": summary}, summary.finder.touches(), undrawn="No touch was found.")
+    run = EstimatedRobot(
+        "l", "o", "base", (), table, {"a": summary}, summary.finder.touches(), undrawn="No touch was found."
+    )
     assert "No touch was found." in render(compose_robot(run))

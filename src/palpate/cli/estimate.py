@@ -86,7 +86,8 @@ def estimate(
     if output is not None:  # this and what follows: before the work, not after it
         keep_inputs(output, inputs, siblings=(record_of(output), *([report] if report else [])))
         require_format(output)
-    require_page(report, output)
+    if report is not None:
+        require_page(report, output)
     known, other = _ground_truth(truth, report), _compared(compare, report, rig.resolve().link)
     opened = setup.open(log, rig)
     wait("preparing the surface")

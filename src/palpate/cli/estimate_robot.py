@@ -26,7 +26,7 @@ from palpate.setup.robot import Robot
 from palpate.setup.robot_pipeline import RobotPipeline
 from palpate.setup.robot_view import touched_robot
 from palpate.viewer.report import ReportTable, percent, render
-from palpate.viewer.robot_report import RobotRun, compose_robot
+from palpate.viewer.robot_report import EstimatedRobot, compose_robot
 from palpate.viewer.run_summary import RunSummary
 
 LEFT_OUT, INTERRUPTED = 4, 130
@@ -68,7 +68,8 @@ def estimate_robot(
     if output is not None:
         keep_inputs(output, files.values(), siblings=(record_of(output), *([report] if report else [])))
         require_format(output)
-    require_page(report, output)
+    if report is not None:
+        require_page(report, output)
     wait("preparing the surfaces")
     pipeline = RobotPipeline(robot, log, frame, None if sensors is None else tuple(sensors.split(",")))
 
@@ -90,7 +91,7 @@ def estimate_robot(
     note(notes)
     note(warnings, kind="warning")
     if report is not None and output is not None:
-        run = RobotRun(
+        run = EstimatedRobot(
             log.name,
             output.name,
             frame,
@@ -120,7 +121,7 @@ def facts_of(robot: Robot) -> tuple[tuple[str, str], ...]:
     return tuple((name, value or "-") for name, value in facts.items())
 
 
-def _drawn(run: RobotRun, robot: Robot, log: Path) -> RobotRun:
+def _drawn(run: EstimatedRobot, robot: Robot, log: Path) -> EstimatedRobot:
     """Return the run with the robot drawn, or with the reason for which it is not."""
     if not len(run.touches):
         return replace(run, undrawn="No touch was found.")

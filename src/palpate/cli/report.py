@@ -38,14 +38,12 @@ _REMEDY = {  # of a status that is common: from which share on, of the loaded sa
 ENOUGH = 50  # samples before their coverage means something
 
 
-def require_page(report: Path | None, output: Path | None) -> None:
-    """Check, before the work, that the page of a report can be made, if one is wanted.
+def require_page(report: Path, output: Path | None) -> None:
+    """Check, before the work, that the page of a report can be made.
 
     Raises:
         InputError: contacts are not written to a file, the page is not HTML, or matplotlib or jinja2 is not installed.
     """
-    if report is None:
-        return
     if output is None:
         raise InputError("a report needs contacts that are written to a file.", where="--report", hint="Add -o FILE.")
     if report.suffix.lower() not in (".html", ".htm"):

@@ -125,7 +125,8 @@ class Urdf:
             InputError: there is no such link, a link has two parents, or the joints form a loop.
         """
         self.require(link)
-        return _tree(self.joints).up(link)[-1]
+        tree = _tree(self.joints)
+        return tree.up(link)[-1] if link in tree.frames else link  # a link without joints is its own root
 
     def chain(self, base: str, sensor: str) -> list[Joint]:
         """Return the joints between two links that can move, in the order of the file.
@@ -146,6 +147,8 @@ class Urdf:
         """
         for link in (base, sensor):
             self.require(link)
+        if base == sensor:  # which may have no joint
+            return []
         try:
             frames = _tree(self.joints).path(base, sensor).frames
         except InputError as problem:
@@ -183,6 +186,31 @@ class Urdf:
             raise InputError(f"joint {joint.name!r} has no limit.", where=str(self.path), hint="Add its <limit>.")
         lower, upper, speed = (float(self._numbers(element, k, of, (0.0,))[0]) for k in ("lower", "upper", "velocity"))
         return (-np.inf, np.inf, speed) if joint.kind == "continuous" else (lower, upper, speed)
+
+    def require_tree(self) -> None:
+        """Check that the joints form one tree.
+
+        Raises:
+            InputError: a link has two parents, as in a closed loop; joints form a circle; or there are two roots.
+        """
+        above = {link: [joint for joint in self.joints if joint.child == link] for link in self._links}
+        for link, joints in above.items():
+            if len(joints) > 1:
+                parents = " and ".join(f"{joint.parent!r} (joint {joint.name!r})" for joint in joints)
+                what = f"link {link!r} has {len(joints)} parents, {parents}: the joints form a closed loop."
+                hint = "Remove all but one of these joints, and let those of a gripper's linkage mimic the driven one."
+                raise InputError(what, where=str(self.path), hint=hint)
+        roots = [link for link, joints in above.items() if not joints]
+        if len(roots) > 1:
+            what = f"the links form {len(roots)} trees, with the roots {', '.join(map(repr, roots))}."
+            raise InputError(what, where=str(self.path), hint="Join them by a fixed joint, or remove the others.")
+        tree = _tree(self.joints)
+        try:
+            for link in tree.frames:
+                tree.up(link)
+        except InputError as problem:
+            hint = "Remove a joint, so that they form a tree."
+            raise InputError(problem.what, where=str(self.path), hint=hint) from problem
 
     def require(self, link: str) -> None:
         """Check that there is a link of this name.
@@ -340,7 +368,7 @@ class Kinematics:
         turning: (j,) whether each of these turns, so that its position is an angle.
 
     Raises:
-        InputError: there is no such link, or not one path connects two of them; a joint between is neither fixed nor of
+        InputError: there is no such link, or the joints do not form one tree; a joint between is neither fixed nor of
             one axis, or mimics one that does not move by itself; or pinocchio is not installed, or cannot read the
             URDF.
     """
@@ -349,6 +377,7 @@ class Kinematics:
         with importing_extra("joint states need pinocchio", "urdf", where=str(urdf.path)):
             self._pin: Any = import_module("pinocchio")
         self.links = (links,) if isinstance(links, str) else tuple(links)
+        urdf.require_tree()
         known = {joint.name: joint for joint in urdf.joints}
         moving = dict.fromkeys(joint.name for link in self.links for joint in urdf.chain(base, link))
         chain = [known[name] for name in moving]

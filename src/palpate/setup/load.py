@@ -191,7 +191,10 @@ class _Expanded:
         if self._link is not None and any(FORCE in kind.channels for kind in kinds):
             stated = self._tables.get("orientation", {})
             if isinstance(stated, dict) and not _SOURCES & stated.keys():
-                self._tables["orientation"] = {**self._orientation(), **cast("dict[str, Any]", stated)}
+                poses = self._orientation()
+                self._tables["orientation"] = {**poses, **cast("dict[str, Any]", stated)}
+                if poses and "imu" not in poses and any("payload" in self._tables.get(k.name, {}) for k in kinds):
+                    self._tables.setdefault("acceleration", {"from_poses": True})  # of the payload's inertia
         try:
             rig = check_rig(self._tables, self._path, self._name)
         except InputError as problem:

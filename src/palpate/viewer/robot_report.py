@@ -19,7 +19,7 @@ from palpate.viewer.samples import strongest
 
 
 @frozen_value
-class RobotRun:
+class EstimatedRobot:
     """All information about a finished run of a robot for its report.
 
     Attributes:
@@ -53,7 +53,7 @@ class RobotRun:
     advice: tuple[str, ...] = ()
 
 
-def compose_robot(run: RobotRun) -> Report:
+def compose_robot(run: EstimatedRobot) -> Report:
     """Return the `Report` of a robot's run, with its figures drawn.
 
     Raises:
@@ -97,7 +97,7 @@ def _tiles(summaries: Mapping[str, RunSummary], touches: Events) -> Sequence[Til
     return tiles
 
 
-def _places(run: RobotRun) -> Section:
+def _places(run: EstimatedRobot) -> Section:
     title, body = "Where it was touched", run.body
     if body is None:
         return Section(title, text=(run.undrawn,) if run.undrawn else ())

@@ -277,10 +277,12 @@ def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTab
         "slid [mm]": (UNCERTAIN, 1e3 * found.slid),
         "ambiguous [%]": ("{:.1f}", 100 * found.ambiguous),
     }
-    if not found.identity.any():  # of a sensor that feels one contact at a time
+    if not found.identity.any() or found.origins is not None:  # one contact at a time, or a sensor's name says more
         del columns["contact"]
     names = {} if found.origins is None else {"sensor": found.sensor.tolist(), "link": found.link.tolist()}
-    for name, values in found.features.items():
+    if found.origins is not None:  # whose links move, and whose sensors add features of their own
+        del columns["slid [mm]"]
+    for name, values in found.features.items() if found.origins is None else ():
         words, scale, unit = feature(name, found.features)
         if is_shown(name, found.features) or not spelled:
             words = words if spelled else name

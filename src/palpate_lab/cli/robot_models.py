@@ -95,13 +95,7 @@ def write_robot_models(robot: LabRobot, rng: np.random.Generator, folder: Path) 
     pads = [each for each in robot.sensors if isinstance(each, PadPatch)]
     response = _calibrated(robot.pillars, rng) if pads else None
     for sensor in robot.sensors:
-        if isinstance(sensor, SheetPatch):
-            model = _map(sensor, rng)
-        elif isinstance(sensor, PadPatch):
-            model = _places(sensor, rng)
-        else:
-            model = _cells(sensor, rng) if isinstance(sensor, CellTip) else _payload(sensor, robot.links, rng)
-        write_model(folder / f"{sensor.name}.toml", model)
+        write_model(folder / f"{sensor.name}.toml", _model(sensor, robot.links, rng))
         if isinstance(sensor, PadPatch) and response is not None:
             own = _response(sensor, response, robot.pillars)
             write_model(folder / f"{sensor.name}_response.toml", own)
@@ -122,6 +116,14 @@ def _table(sensor: Sensor) -> str:
     if isinstance(sensor, WristSensor):
         return _WRIST.format(**common, surface=sensor.surface, force=sensor.noise[0], torque=sensor.noise[1])
     return (_PAD if isinstance(sensor, PadPatch) else _TIP).format(**common)
+
+
+def _model(sensor: Sensor, links: tuple[RobotLink, ...], rng: np.random.Generator) -> object:
+    if isinstance(sensor, SheetPatch):
+        return _map(sensor, rng)
+    if isinstance(sensor, PadPatch):
+        return _places(sensor, rng)
+    return _cells(sensor, rng) if isinstance(sensor, CellTip) else _payload(sensor, links, rng)
 
 
 def _map(sensor: SheetPatch, rng: np.random.Generator) -> object:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +25,8 @@ _CHUNK = 4096  # joint samples whose poses are computed at once
 _KEPT = 4  # chunks that are kept: sensors are read side by side in time
 _JUMP = 3.0  # of a joint's speed limit, beyond which a step cannot be its motion
 _FASTEST = 50.0  # rad/s, m/s: without a limit
+_BEYOND, _OFTEN = 0.05, 0.01  # of a joint's range, and share of its samples: beyond the limits by more, and more often
+_LOST = 1.0  # s of a log without joint states, beyond which that is stated
 
 
 @takes_arrays
@@ -95,13 +96,6 @@ class JointSamples:
         return (encoder**2 * slope @ np.swapaxes(slope, 1, 2))[row_of]
 
 
-@runtime_checkable
-class _Poses(Protocol):
-    """Source of the poses of links."""
-
-    def at(self, link: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
-
-
 class _Tree:
     """Poses of links from transforms."""
 
@@ -126,7 +120,9 @@ class RobotMotion:
         samples: positions of the joints; None: poses are from /tf.
     """
 
-    def __init__(self, poses: _Poses, encoder: float, notes: Sequence[str], warnings: Sequence[str]) -> None:
+    def __init__(
+        self, poses: JointSamples | _Tree, encoder: float, notes: Sequence[str], warnings: Sequence[str]
+    ) -> None:
         self._poses, self._encoder, self._notes, self._warnings = poses, encoder, tuple(notes), tuple(warnings)
         self.samples = poses if isinstance(poses, JointSamples) else None
 
@@ -170,22 +166,26 @@ class RobotMotion:
                 hint = 'Write joints = { JOINT = "COLUMN" } in [robot].'
                 raise InputError("is a table, and has no topic of joint states.", where=str(log), hint=hint)
             time, values = _of_table(log, kinematics.joints, joints)
-            name, notes = str(log), list[str]()
+            name, notes, duration = str(log), list[str](), float(np.ptp(time)) if len(time) else 0.0
         else:
             topic = joint_topic(source.topics(), joints if isinstance(joints, str) else None, str(log))
             time, values, notes = _of_topic(source, topic, kinematics.joints)
-            name = topic.name
+            name, duration = topic.name, source.duration
         lacking = [joint for joint, row in zip(kinematics.joints, values.T, strict=True) if np.isnan(row).all()]
         if lacking:
             what = f"{name!r} has no position of the joint {', '.join(map(repr, lacking))}."
             raise InputError(what, where=str(log), hint="Record it, or choose a base link after this joint.")
+        if np.isnan(values).any():
+            time, values = _filled(time, values, max_gap)
+            notes.append(f"some states on {name!r} lack joints: their positions are those between the next ones")
         known = np.isfinite(values).all(axis=1) & np.isfinite(time)
         time, values = time[known], values[known]
         newer = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1]) if len(time) else known[known]
         time, values = time[newer], values[newer]
         kinematics.require_radians(values, name)
         samples = JointSamples(kinematics, time, values, max_gap)
-        return cls(samples, encoder, notes, _jumps(urdf, kinematics, time, values))
+        lost = _lost(name, time, duration, max_gap)
+        return cls(samples, encoder, notes, (*lost, *_jumps(urdf, kinematics, time, values), *_beyond(urdf, samples)))
 
     def at(self, link: str, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Return quaternions x, y, z, w (n, 4) and positions (n, 3) [m] of a link in the base; NaN where not known."""
@@ -237,6 +237,22 @@ def _of_topic(source: MessageFile, topic: Topic, names: Sequence[str]) -> tuple[
     return np.concatenate(times), np.concatenate(values), notes
 
 
+def _filled(time: np.ndarray, values: np.ndarray, max_gap: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times in order and positions, those that lack between two at most `max_gap` apart on a straight line."""
+    order = np.argsort(time, kind="stable")
+    time, values = time[order], values[order]
+    for column in values.T:
+        lacks, known = np.flatnonzero(np.isnan(column)), np.flatnonzero(np.isfinite(column))
+        place = np.searchsorted(known, lacks)
+        inside = (place > 0) & (place < len(known))
+        lacks, before, after = lacks[inside], known[place[inside] - 1], known[place[inside]]
+        step = column[after] - column[before]
+        near = (time[after] - time[before] <= max_gap) & (np.abs(step) < np.pi)  # not where a joint begins a new turn
+        lacks = lacks[near]
+        column[lacks] = np.interp(time[lacks], time[known], column[known])
+    return time, values
+
+
 def _jumps(urdf: Urdf, kinematics: Kinematics, time: np.ndarray, values: np.ndarray) -> list[str]:
     """Return a sentence for each joint that moves faster in some step than it can."""
     said, joints = list[str](), {joint.name: joint for joint in urdf.joints}
@@ -255,5 +271,34 @@ def _jumps(urdf: Urdf, kinematics: Kinematics, time: np.ndarray, values: np.ndar
                 f"joint {name!r} jumps by {way:.3g} {'m' if joint.kind == 'prismatic' else 'rad'} at {at:.3f} s"
                 f"{f' and {len(jumped) - 1} times more' if len(jumped) > 1 else ''}: contacts of the links that it "
                 "moves are in the wrong place in the base around then"
+            )
+    return said
+
+
+def _lost(name: str, time: np.ndarray, duration: float, max_gap: float) -> list[str]:
+    """Return a sentence if much of a log has no joint states."""
+    steps = np.diff(time)
+    missing = duration - steps[steps <= max_gap].sum()
+    if missing <= _LOST:
+        return []
+    ends = f"; the last is at {time[-1]:.3f} s" if len(time) else ""
+    return [
+        f"{missing:.1f} s of the {duration:.1f} s of the log have no states of all joints within {max_gap:g} s "
+        f"on {name!r}{ends}: contacts have no place in the base then"
+    ]
+
+
+def _beyond(urdf: Urdf, samples: JointSamples) -> list[str]:
+    """Return a sentence for each joint that is often beyond its limits."""
+    said, joints = list[str](), {joint.name: joint for joint in urdf.joints}
+    for name, values in zip(samples.kinematics.joints, samples.positions.T, strict=True):
+        if joints[name].element.find("limit") is None:
+            continue
+        low, high, _ = urdf.limits(joints[name])
+        past = np.maximum(low - values, values - high)
+        if low < high and np.isfinite(high - low) and np.mean(past > _BEYOND * (high - low)) > _OFTEN:
+            said.append(
+                f"joint {name!r} reads {values[past.argmax()]:.3g}, beyond its limits {low:g} to {high:g}: its zero, "
+                "or the URDF, may be another robot's"
             )
     return said

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import cos, pi, sin
+from math import pi
 
 import numpy as np
 
@@ -70,9 +70,9 @@ def humanoid(rng: np.random.Generator) -> LabRobot:
     ]
     sheet = Rolled(rows=10, columns=14, pitch=_PITCH, radius=TORSO)
     half = (sheet.columns - 1) / 2 * sheet.pitch / sheet.radius
-    sheets = [
-        SheetPatch(name, "torso", _turned(turn - half, 0.18), sheet) for name, turn in (("belly", 0.0), ("back", pi))
-    ]
+    turned = {"belly": -half, "back": pi - half}
+    axes = {name: Pose.from_rotation_vector([0.0, 0.0, turn], [0.0, 0.0, 0.18]) for name, turn in turned.items()}
+    sheets = [SheetPatch(name, "torso", axis, sheet) for name, axis in axes.items()]
     links, sensors = [torso], [*sheets, *pads]
     regions = [TouchRegion((each,)) for each in sensors]
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -111,32 +111,13 @@ def _raised(rpy: Three) -> Three:
     return x, y, z
 
 
-def _turned(angle: float, z: float) -> Pose:
-    return Pose.from_quaternion((0.0, 0.0, sin(angle / 2), cos(angle / 2)), (0.0, 0.0, z))
-
-
 def _arm(
     side: str, sign: float, pillars: ThreeAxisSkin, rng: np.random.Generator
 ) -> tuple[list[RobotLink], list[SheetPatch | PadPatch | WristSensor], list[TouchRegion]]:
-    """Return an arm that hangs along -z: its links, its sensors, and where it is touched."""
-    p, upper, lower = side[0], SolidShape("cylinder", (ARM, 0.085), (0.0, 0.0, -0.14)), (ARM, 0.09)
-    palm = SolidShape("box", (0.045, 0.016, 0.075), (0.0, 0.0, -0.09))
-    links = [
-        RobotLink(f"{p}_shoulder", "torso", (0.0, 0.17 * sign, 0.43), (0.2 * sign, 0.0, 0.0), _Y, mass=0.5),
-        RobotLink(f"{p}_shoulder_side", f"{p}_shoulder", axis=_X, middle=0.7 * sign, span=0.5, mass=0.5),
-        RobotLink(f"{p}_upper_arm", f"{p}_shoulder_side", axis=_Z, shapes=(upper,), mass=1.6),
-        RobotLink(f"{p}_elbow", f"{p}_upper_arm", (0.0, 0.0, -0.27), axis=_Y, middle=-0.9, span=0.8, mass=0.3),
-        RobotLink(
-            f"{p}_forearm", f"{p}_elbow", axis=_Z, shapes=(SolidShape("cylinder", lower, (0.0, 0.0, -0.14)),), mass=1.1
-        ),
-        RobotLink(f"{p}_wrist", f"{p}_forearm", (0.0, 0.0, -0.27), axis=_Y, span=0.7, mass=0.2),
-        RobotLink(f"{p}_wrist_side", f"{p}_wrist", axis=_X, span=0.6, mass=0.2),
-        RobotLink(f"{p}_wrist_ft", f"{p}_wrist_side", (0.0, 0.0, -0.03), (pi, 0.0, 0.6 * sign)),
-        # the hand's z points back to the arm, as that of all links; the sensor's points to the hand
-        RobotLink(f"{p}_hand", f"{p}_wrist_ft", (0.0, 0.0, 0.01), (pi, 0.0, 0.6 * sign), shapes=(palm,), mass=0.35),
-    ]
+    """Return an arm: its links, its sensors, and where it is touched."""
+    p, axis = side[0], Pose.from_rotation_vector([0.0, 0.0, 0.3 * sign], [0.0, 0.0, -0.14])
     sheets = [
-        SheetPatch(f"{side}_{name}", f"{p}_{name}", _turned(0.3 * sign, -0.14), Rolled(rows, _ROUND, _PITCH, ARM))
+        SheetPatch(f"{side}_{name}", f"{p}_{name}", axis, Rolled(rows, _ROUND, _PITCH, ARM))
         for name, rows in (("upper_arm", 12), ("forearm", 14))
     ]
     pads, faces = list[PadPatch](), list[BareFace]()
@@ -147,7 +128,25 @@ def _arm(
     bias = np.repeat(_BIAS, 3) * rng.standard_normal(6)
     wrist = WristSensor(f"{side}_wrist", f"{p}_wrist_ft", f"{p}_hand", bias)
     regions = [*(TouchRegion((each,)) for each in sheets), TouchRegion((*pads, *faces), wrist.name)]
-    return links, [*sheets, *pads, wrist], regions
+    return _arm_links(p, sign), [*sheets, *pads, wrist], regions
+
+
+def _arm_links(p: str, sign: float) -> list[RobotLink]:
+    """Return the links of an arm that hangs along -z, their names beginning with a letter; sign: 1 left, -1 right."""
+    upper, lower = (SolidShape("cylinder", (ARM, half), (0.0, 0.0, -0.14)) for half in (0.085, 0.09))
+    palm, down = SolidShape("box", (0.045, 0.016, 0.075), (0.0, 0.0, -0.09)), (0.0, 0.0, -0.27)
+    return [
+        RobotLink(f"{p}_shoulder", "torso", (0.0, 0.17 * sign, 0.43), (0.2 * sign, 0.0, 0.0), _Y, mass=0.5),
+        RobotLink(f"{p}_shoulder_side", f"{p}_shoulder", axis=_X, middle=0.7 * sign, span=0.5, mass=0.5),
+        RobotLink(f"{p}_upper_arm", f"{p}_shoulder_side", axis=_Z, shapes=(upper,), mass=1.6),
+        RobotLink(f"{p}_elbow", f"{p}_upper_arm", down, axis=_Y, middle=-0.9, span=0.8, mass=0.3),
+        RobotLink(f"{p}_forearm", f"{p}_elbow", axis=_Z, shapes=(lower,), mass=1.1),
+        RobotLink(f"{p}_wrist", f"{p}_forearm", down, axis=_Y, span=0.7, mass=0.2),
+        RobotLink(f"{p}_wrist_side", f"{p}_wrist", axis=_X, span=0.6, mass=0.2),
+        # the hand's z points back to the arm, as that of all links; the sensor's points to the hand
+        RobotLink(f"{p}_wrist_ft", f"{p}_wrist_side", (0.0, 0.0, -0.03), (pi, 0.0, 0.6 * sign)),
+        RobotLink(f"{p}_hand", f"{p}_wrist_ft", (0.0, 0.0, 0.01), (pi, 0.0, 0.6 * sign), shapes=(palm,), mass=0.35),
+    ]
 
 
 def _unit(pillars: ThreeAxisSkin, rng: np.random.Generator) -> ThreeAxisSkin:

@@ -44,6 +44,13 @@ class RobotContacts:
         """Return some of the contacts."""
         return RobotContacts(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
+    def put(self, chosen: np.ndarray, others: RobotContacts) -> RobotContacts:
+        """Return the contacts with others in place of those chosen."""
+        made = {name: np.array(values) for name, values in vars(self).items()}
+        for name, values in vars(others).items():
+            made[name][chosen] = values
+        return RobotContacts(**made)
+
     def wrenches(self, frames: int) -> Float[np.ndarray, "n 6"]:
         """Return the sum of all contacts in each frame about the link's origin, (frames, 6) [N, N m]."""
         total = np.zeros((frames, 6))

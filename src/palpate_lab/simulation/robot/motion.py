@@ -39,14 +39,7 @@ class JointMotion:
 
     @classmethod
     def drawn(cls, links: Sequence[RobotLink], rng: np.random.Generator, seconds: float, speed: float) -> JointMotion:
-        """Draw a motion within the joints' ranges whose fastest joints reach `speed` [rad/s].
-
-        Args:
-            links: links whose joints move.
-            rng: random numbers.
-            seconds: duration for which the bounds hold.
-            speed: largest speed of a joint [rad/s].
-        """
+        """Draw a motion of the links' joints within their ranges, whose fastest joint reaches a speed [rad/s]."""
         count, span = len(links), np.array([link.span for link in links])
         rate, fastest = rng.uniform(0.5, 1.5, (count, _SINES)), speed * rng.uniform(_LEAST, 1.0, count)
         size, phase = rng.uniform(0.5, 1.0, (count, _SINES)), rng.uniform(0.0, 2 * np.pi, (count, _SINES))
@@ -70,11 +63,8 @@ class JointMotion:
         bent = -np.sum(self.size * self.rate**2 * np.sin(turn), axis=2)
         slope, bend = begins * way + begun * fast, bends * way + 2 * begins * fast + begun * bent
         moves = (time > QUIET)[:, None]
-        return (
-            self.middle + begun * way,
-            np.where(moves, slope * pace, 0.0),
-            np.where(moves, bend * pace**2 + slope * change, 0.0),
-        )
+        velocity, acceleration = slope * pace, bend * pace**2 + slope * change
+        return self.middle + begun * way, np.where(moves, velocity, 0.0), np.where(moves, acceleration, 0.0)
 
 
 def _paced(time: Float[np.ndarray, "n 1"], pauses: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -83,11 +73,8 @@ def _paced(time: Float[np.ndarray, "n 1"], pauses: bool) -> tuple[np.ndarray, np
         return time, np.ones_like(time), np.zeros_like(time)
     cycle, within = np.divmod(time, 2.0)
     turn = 2 * np.pi * np.minimum(within, 1.0)
-    return (
-        0.5 * (cycle + np.minimum(within, 1.0) - np.sin(turn) / (2 * np.pi)),
-        0.5 * (1.0 - np.cos(turn)),
-        np.pi * np.sin(turn),
-    )
+    begun = cycle + np.minimum(within, 1.0) - np.sin(turn) / (2 * np.pi)
+    return 0.5 * begun, 0.5 * (1.0 - np.cos(turn)), np.pi * np.sin(turn)
 
 
 class RobotMechanics:
@@ -120,25 +107,20 @@ class RobotMechanics:
         self, positions: Float[np.ndarray, "n k"]
     ) -> tuple[Float[np.ndarray, "n l 3 3"], Float[np.ndarray, "n l 3"]]:
         """Return rotations and origins [m] of all links in the base at joint positions (n, k) [rad]."""
-        turned = np.empty((len(positions), len(self._body), 9))
-        placed = np.empty((len(positions), len(self._body), 3))
-        data = self._data
+        data, size = self._data, (len(positions), len(self._body))
+        turned, placed = np.empty((*size, 9)), np.empty((*size, 3))
         for i, where in enumerate(positions @ self._follows.T):
             data.qpos[:] = where
             self._mujoco.mj_kinematics(self._model, data)
             turned[i], placed[i] = data.xmat[self._body], data.xpos[self._body]
-        return turned.reshape(*turned.shape[:2], 3, 3), placed
+        return turned.reshape(*size, 3, 3), placed
 
     def wrenches(
-        self,
-        motion: tuple[np.ndarray, np.ndarray, np.ndarray],
-        watch: Callable[[int, float], None] | None = None,
+        self, motion: tuple[np.ndarray, np.ndarray, np.ndarray], watch: Callable[[int, float], None] | None = None
     ) -> Float[np.ndarray, "n s 6"]:
         """Return what weight and inertia of the links beyond each site do to it, (n, s, 6) [N, N m], in its frame.
 
-        Args:
-            motion: positions, velocities and accelerations (n, k) of the joints.
-            watch: function called with the number of samples done, and the share that is done.
+        The motion is that of `JointMotion.at`; `watch` is called with the number and the share of samples done.
         """
         data, count = self._data, len(motion[0])
         loads = np.empty((count, 6 * len(self.sites)))

@@ -72,10 +72,8 @@ def plan_touches(robot: LabRobot, rng: np.random.Generator, touches: int, second
     needed = max(1, min(slots, -(-touches // 2)))  # so that there are often two at once
     length, planned = (seconds - QUIET - _END) / needed, list[RobotTouch]()
     for slot in range(needed):
-        left = touches - len(planned)
-        share = -(-left // (needed - slot))
-        begin = QUIET + slot * length
-        planned += _of_slot(robot, rng, min(left, share), begin, length)
+        count = -(-(touches - len(planned)) // (needed - slot))
+        planned += _of_slot(robot, rng, count, QUIET + slot * length, length)
     ordered = sorted(planned, key=lambda each: each.start)
     return [replace(each, number=k) for k, each in enumerate(ordered)]
 
@@ -102,16 +100,7 @@ def _of_slot(robot: LabRobot, rng: np.random.Generator, count: int, begin: float
 
 
 def _drawn(rng: np.random.Generator, region: int, part: int, start: int, kind: str) -> RobotTouch:
-    return RobotTouch(
-        0,
-        region,
-        part,
-        start,
-        round(float(rng.uniform(*FULL)) * RATE),
-        (float(rng.random()), float(rng.random())),
-        float(LIGHT * (HEAVY / LIGHT) ** rng.random()),
-        float(rng.uniform(0.0, SHEAR)),
-        float(rng.uniform(0.0, 2 * np.pi)),
-        float(rng.uniform(*RADII)),
-        kind,
-    )
+    along, around, hard, lean = rng.random(4).tolist()
+    full, radius = round(float(rng.uniform(*FULL)) * RATE), float(rng.uniform(*RADII))
+    push = LIGHT * (HEAVY / LIGHT) ** hard, SHEAR * lean, float(rng.uniform(0.0, 2 * np.pi))
+    return RobotTouch(0, region, part, start, full, (along, around), *push, radius, kind)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from palpate.spatial.pose import Pose
 from palpate_lab.simulation.robot.contacts import RobotContacts, pad_readings, planned_contacts, sheet_readings
 from palpate_lab.simulation.robot.motion import JointMotion, RobotMechanics
 from palpate_lab.simulation.robot.plan import RATE, RobotTouch, plan_touches
@@ -108,25 +107,27 @@ def simulate_robot(
     drawn = JointMotion.drawn(moving(robot.links), rng, settings.seconds, settings.speed)
     motion = replace(drawn, pauses=settings.pauses)
     mechanics = RobotMechanics(robot.name, robot.links, robot.sites())
-    frames = round(settings.seconds * RATE)
+    frames = np.arange(round(settings.seconds * RATE)) / RATE
     readings, contacts = _skins(robot, devices, touches, frames, rng)
-    for sensor, time, weight in _weights(robot, mechanics, motion, settings, watch):
-        own = np.isin(contacts.touch, [k for k, each in enumerate(touches) if _presses(robot, each, sensor)])
-        acting = contacts.of(own).wrenches(frames) @ _mounted(robot, sensor).wrench_matrix().T
-        steps = [np.interp(time, np.arange(frames) / RATE, acting[:, k]) for k in range(6)]
-        readings[sensor.name] = time, _read(sensor, weight + np.stack(steps, axis=1), rng)
+    sensors = [each for each in robot.sensors if isinstance(each, CellTip | WristSensor)]
+    rate = TIP_RATE if isinstance(sensors[0], CellTip) else settings.wrench_rate
+    time = np.arange(round(settings.seconds * rate)) / rate
+    weights = mechanics.wrenches(motion.at(time), watch)
+    for k, sensor in enumerate(sensors):
+        acting = _acting(robot, sensor, touches, contacts, frames, time)
+        readings[sensor.name] = time, _read(sensor, weights[:, k] + acting, rng)
     joint_time = np.arange(round(settings.seconds * JOINT_RATE)) / JOINT_RATE + _JOINTS_LATE
     position, velocity, _ = motion.at(joint_time)
     position = position + devices.encoder + devices.sway * rng.standard_normal(position.shape)
-    poses = mechanics.poses(motion.at(np.arange(frames) / RATE)[0])
-    return RobotRun(joint_time, np.stack([position, velocity], axis=1), readings, touches, contacts, poses)
+    joints = np.stack([position, velocity], axis=1)
+    return RobotRun(joint_time, joints, readings, touches, contacts, mechanics.poses(motion.at(frames)[0]))
 
 
 def _skins(
-    robot: LabRobot, devices: RobotDevices, touches: Sequence[RobotTouch], frames: int, rng: np.random.Generator
+    robot: LabRobot, devices: RobotDevices, touches: Sequence[RobotTouch], time: np.ndarray, rng: np.random.Generator
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], RobotContacts]:
     """Return the readings of sheets and pads, and the contacts, those of pads as they act in truth."""
-    time, found = np.arange(frames) / RATE, dict[str, tuple[np.ndarray, np.ndarray]]()
+    frames, found = len(time), dict[str, tuple[np.ndarray, np.ndarray]]()
     contacts = planned_contacts(robot, touches)
     radii = np.array([each.radius for each in touches] or [0.0])[contacts.touch]
     parts = [robot.regions[each.region].parts[each.part] for each in touches]
@@ -137,25 +138,8 @@ def _skins(
             found[sensor.name] = time, sheet_readings(sensor, model, contacts.of(own), radii[own], frames, rng)
         elif isinstance(sensor, PadPatch):
             counts, acting = pad_readings(sensor, contacts.of(own), radii[own], frames, int(rng.integers(1 << 30)))
-            found[sensor.name] = time, counts
-            for values, true in zip(vars(contacts).values(), vars(acting).values(), strict=True):
-                values[own] = true
+            found[sensor.name], contacts = (time, counts), contacts.put(own, acting)
     return found, contacts
-
-
-def _weights(
-    robot: LabRobot,
-    mechanics: RobotMechanics,
-    motion: JointMotion,
-    settings: RobotRunSettings,
-    watch: Callable[[int, float], None] | None,
-) -> list[tuple[CellTip | WristSensor, np.ndarray, np.ndarray]]:
-    """Return times and wrenches of weight and inertia beyond each wrist and fingertip, at its rate."""
-    sensors = [each for each in robot.sensors if isinstance(each, CellTip | WristSensor)]
-    rate = TIP_RATE if isinstance(sensors[0], CellTip) else settings.wrench_rate
-    time = np.arange(round(settings.seconds * rate)) / rate
-    loads = mechanics.wrenches(motion.at(time), watch)
-    return [(each, time, loads[:, k]) for k, each in enumerate(sensors)]
 
 
 def _read(sensor: CellTip | WristSensor, wrench: Float[np.ndarray, "n 6"], rng: np.random.Generator) -> np.ndarray:
@@ -167,14 +151,19 @@ def _read(sensor: CellTip | WristSensor, wrench: Float[np.ndarray, "n 6"], rng: 
     return volts + noise + _TIP_BIAS * rng.standard_normal(3 * sensor.cells.count)
 
 
-def _presses(robot: LabRobot, touch: RobotTouch, sensor: CellTip | WristSensor) -> bool:
-    """Return whether a touch presses the link that a sensor carries."""
+def _acting(
+    robot: LabRobot,
+    sensor: CellTip | WristSensor,
+    touches: Sequence[RobotTouch],
+    contacts: RobotContacts,
+    frames: Float[np.ndarray, " f"],
+    time: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "n 6"]:
+    """Return the wrench of the touches of the link that a sensor carries, which changes linearly between frames."""
     link = sensor.surface if isinstance(sensor, WristSensor) else sensor.link
-    return robot.regions[touch.region].parts[touch.part].link == link
-
-
-def _mounted(robot: LabRobot, sensor: CellTip | WristSensor) -> Pose:
-    """Return the pose of the link that a sensor carries, in the frame of its readings."""
-    if isinstance(sensor, CellTip):
-        return Pose.identity()
-    return next(each for each in robot.links if each.name == sensor.surface).origin()
+    parts = [robot.regions[each.region].parts[each.part] for each in touches]
+    own = np.isin(contacts.touch, [k for k, part in enumerate(parts) if part.link == link])
+    wrench = contacts.of(own).wrenches(len(frames))
+    if link != sensor.link:
+        wrench = wrench @ next(each for each in robot.links if each.name == link).origin().wrench_matrix().T
+    return np.stack([np.interp(time, frames, wrench[:, k]) for k in range(6)], axis=1)

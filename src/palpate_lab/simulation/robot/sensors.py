@@ -45,6 +45,20 @@ class SheetPatch:
 
 
 @dataclass(frozen=True)
+class BareFace:
+    """A flat part of a link that no skin covers: the middle of a side, and two half-lengths [m] along x and y of it."""
+
+    link: str
+    pose: Pose
+    half: tuple[float, float]
+
+    def places(self, draws: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+        """Return points [m] and normals in the link's frame, (n, 3) each, for draws from 0 to 1."""
+        points = np.column_stack([(2 * draws - 1) * self.half, np.zeros(len(draws))])
+        return self.pose.apply(points), np.tile(self.pose.rotation[:, 2], (len(draws), 1))
+
+
+@dataclass(frozen=True)
 class PadPatch:
     """A flat pad of three-axis taxels; `pose` is that of its middle in the link, z outward."""
 
@@ -55,9 +69,8 @@ class PadPatch:
 
     def places(self, draws: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
         """Return points [m] and normals in the link's frame, (n, 3) each, for draws from 0 to 1: up to outer taxels."""
-        half = np.abs(self.skin.positions).max(axis=0)
-        points = half * np.column_stack([2 * draws - 1, np.zeros(len(draws))])
-        return self.pose.apply(points), np.tile(self.pose.rotation[:, 2], (len(draws), 1))
+        x, y, _ = np.abs(self.skin.positions).max(axis=0).tolist()
+        return BareFace(self.link, self.pose, (x, y)).places(draws)
 
 
 @dataclass(frozen=True)
@@ -91,20 +104,6 @@ class WristSensor:
     surface: str
     bias: Float[np.ndarray, "6"]
     noise: tuple[float, float] = (0.03, 8e-4)
-
-
-@dataclass(frozen=True)
-class BareFace:
-    """A flat part of a link that no skin covers: the middle of a side, and two half-lengths [m] along x and y of it."""
-
-    link: str
-    pose: Pose
-    half: tuple[float, float]
-
-    def places(self, draws: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """Return points [m] and normals in the link's frame, (n, 3) each, for draws from 0 to 1."""
-        points = np.column_stack([(2 * draws - 1) * self.half, np.zeros(len(draws))])
-        return self.pose.apply(points), np.tile(self.pose.rotation[:, 2], (len(draws), 1))
 
 
 Sensor = SheetPatch | PadPatch | CellTip | WristSensor
