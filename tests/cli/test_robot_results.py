@@ -17,7 +17,9 @@ from palpate.errors import InputError
 from palpate.evaluation.evaluate import evaluate, evaluate_robot
 from palpate.files.ground_truth import read_ground_truth
 from palpate.setup.load import load_robot
-from palpate.setup.robot_view import touched_robot
+from palpate.setup.robot_pipeline import RobotPipeline
+from palpate.setup.robot_view import in_pictures, robot_scene, touched_robot
+from palpate.viewer.film import ScenePicture
 from palpate.viewer.report import ReportTable, render
 from palpate.viewer.robot_layer import RobotLayer
 from palpate.viewer.robot_report import EstimatedRobot, compose_robot
@@ -167,6 +169,28 @@ def test_touches_are_drawn_where_they_were_on_their_link(robot: Path, capsys: py
     ):
         assert main(call) == 1
         assert said in capsys.readouterr().err
+
+
+def test_a_film_shows_the_robot_where_it_is(robot: Path) -> None:
+    """Its grey pixels are as many before and after the turn, and elsewhere; compared contacts are drawn in green."""
+    pytest.importorskip("pinocchio")
+    pytest.importorskip("cv2")
+    rig, log = load_robot(robot / "robot.toml"), robot / "run.csv"
+    scene, _ = robot_scene(rig, log)
+    pictures = ScenePicture(scene)
+
+    def grey(seconds: float) -> np.ndarray:
+        top = pictures.draw(seconds)[80:540].astype(int)
+        return (np.ptp(top, axis=2) < 25) & (top.max(axis=2) < 230)
+
+    before, after, later = grey(0.5), grey(2.5), grey(2.8)
+    assert before.sum() > 5_000
+    assert np.count_nonzero(before & ~after) > 0.2 * before.sum()
+    assert np.count_nonzero(after != later) < 0.05 * before.sum()  # trails of the first touch fade
+    found = Contacts.joined(list(RobotPipeline(rig, log, "base").stream()))
+    both = ScenePicture(scene.compared(in_pictures(found), "other"))
+    blue, green, red = np.moveaxis(both.draw(3.3)[80:540].astype(int), 2, 0)
+    assert np.count_nonzero((green - red > 60) & (green >= blue)) > 100
 
 
 def test_a_report_of_sensors_without_touches_says_so() -> None:

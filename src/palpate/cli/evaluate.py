@@ -105,7 +105,7 @@ def evaluate(
     note([*_unanswered(report), *_unpaired(report), *_unknown(found, each), *found.notes])
     if each and stated is None:
         note([f"{contacts}.toml is missing: the contacts are taken as in each sensor's own frame"], kind="warning")
-    if each and frame == "base" and isinstance(known, TrueSamples):
+    if each and frame == "base" and tolerance > 0.001 and isinstance(known, TrueSamples):
         note(["in the base, points move between true instants; --tolerance 0.001 compares at these instants alone"])
     if frame != "surface" and "base_px" not in names:
         note([f"the contacts are in the {frame}'s frame: the truth must be, too"], kind="warning")
