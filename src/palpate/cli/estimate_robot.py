@@ -156,9 +156,10 @@ class _RobotWriter(SummedWriter):
         """Write and summarise a block."""
         if self._writer is not None:
             self._writer.write(placed)
-        for k, origin in enumerate(() if found.origins is None else found.origins.among):
-            own: Contacts = found[np.flatnonzero(found.origins.index == k)]
-            self.summaries[origin.sensor].add(own)
+        if found.origins is not None:
+            for k, origin in enumerate(found.origins.among):
+                own: Contacts = found[np.flatnonzero(found.origins.index == k)]
+                self.summaries[origin.sensor].add(own)
         self.rows += len(placed)
 
     def touches(self) -> Events:

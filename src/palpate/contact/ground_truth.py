@@ -39,8 +39,8 @@ class TrueSamples:
 
     def __getitem__(self, which: Int[np.ndarray, " k"]) -> TrueSamples:
         """Return the instants of these numbers (k,)."""
-        others = [None if each is None else each[which] for each in (self.normal, self.force)]
-        return TrueSamples(self.time[which], self.point[which], *others, _picked(self.sensor, which))
+        normal, force = (None if each is None else each[which] for each in (self.normal, self.force))
+        return TrueSamples(self.time[which], self.point[which], normal, force, _picked(self.sensor, which))
 
 
 @frozen_value
