@@ -121,7 +121,7 @@ def test_covariances_hold_with_patches_torques_and_noise_drawn() -> None:
 
 
 def test_covariances_of_sums_hold_with_noise_drawn() -> None:
-    """Where forces are sums of loads, noise alone makes their errors."""
+    """Where forces are sums of loads, noise alone makes their errors; the centroid leaves out loads below 0."""
     rng, noise = np.random.default_rng(6), 0.004
     body = body_of(replace(TaxelResponse.guessed(30, PITCH), sums=True))
     estimator = TaxelEstimator(body, health=still(body, noise))
@@ -137,8 +137,8 @@ def test_covariances_of_sums_hold_with_noise_drawn() -> None:
         six = np.array([found.features[f"force_{name}"][0] for name in SIX])
         miss = found.force[0] - clean.sum(axis=0) * [1, 1, -1]
         force.append(miss @ np.linalg.solve(six[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3), miss))
-    for squares, freedom in ((place, 2), (force, 3)):
-        assert np.mean(squares) == pytest.approx(freedom, rel=0.35)
+    assert np.mean(force) == pytest.approx(3, rel=0.35)
+    assert 1.0 < np.mean(place) < 2.3
 
 
 def test_what_follows_late_of_a_heavy_touch_is_taken_off_a_light_one() -> None:

@@ -29,7 +29,7 @@ _LOOSE = 0.3  # squared pitches: deviation of a patch before it is learned
 _ALIKE = 1e-2  # weight of the mean gains in those of a taxel
 _INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
 FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), [0.0, *np.geomspace(1e-3, 0.3, 20).tolist()]
-CHI2 = (3.841458820694124, CHI2_95)  # 95 % points with one and two degrees of freedom
+CHI2 = (3.841458820694124, CHI2_95, 7.814727903251179)  # 95 % points with one, two and three degrees of freedom
 
 
 @takes_arrays
@@ -76,7 +76,7 @@ def _judged(
 ) -> tuple[list[tuple[Presses, TaxelResponse]], Float[np.ndarray, "n 20"]]:
     """Return presses that were left out in turn, each part with the fit to the others, and the errors on them."""
     parts = list[tuple[Presses, TaxelResponse]]()
-    for part in np.array_split(names, PARTS):
+    for part in [names[i::PARTS] for i in range(PARTS)] if sums else np.array_split(names, PARTS):  # sums know no tips
         left = np.isin(presses.press, part)
         parts.append((presses.of(left), _fitted(body, presses.of(~left), pitch, sums)[0]))
     return parts, np.concatenate([_alone(body, *each) for each in parts])
@@ -278,13 +278,20 @@ def _corrected(
     press: np.ndarray = np.column_stack([normal, normal**2, square]) @ first
     spread, flat = rows[:, 8:17].reshape(-1, 3, 3), rows[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
     off, size = np.column_stack([along, press]) - force, np.linalg.norm(force, axis=1)
-    wide = [
-        _widening(place, flat, np.ones(len(rows))),
-        _widening(off[:, 2:], first[0] ** 2 * spread[:, 2:, 2:], size),
-        _widening(off[:, :2], second[0] ** 2 * spread[:, :2, :2], size),
-    ]
+    slope = np.array([second[0], second[0], first[0]])
+    spread = slope[:, None] * spread * slope
+    wide = np.array(
+        [
+            _widening(place, flat, np.ones(len(rows))),
+            _widening(off[:, 2:], spread[:, 2:, 2:], size),
+            _widening(off[:, :2], spread[:, :2, :2], size),
+        ]
+    )
+    factor, beside = wide[[2, 2, 1]].T
+    both = factor[:, None] * spread * factor + (beside**2 * np.eye(3)) * size[:, None, None] ** 2
+    wide[1:] *= _excess(off, both)
     errors = [np.linalg.norm(place, axis=1), np.abs(off[:, 2]) / size, np.linalg.norm(off[:, :2], axis=1) / size]
-    return np.concatenate([first, second]), np.array(wide), np.median(errors, axis=1)
+    return np.concatenate([first, second]), wide, np.median(errors, axis=1)
 
 
 def _widening(
@@ -296,12 +303,17 @@ def _widening(
     """
     values, ways = np.linalg.eigh(covariance)
     along: np.ndarray = np.einsum("nda,nd->na", ways, error) ** 2
-    unlikely, best = np.inf, (1.0, 0.0, along)
+    unlikely, best = np.inf, (1.0, 0.0)
     for factor in FACTORS:
         for beside in BESIDES:
             variance: np.ndarray = factor**2 * values + (beside * size[:, None]) ** 2
             cost = float(np.mean(along / variance + np.log(variance)))
-            if cost < unlikely:
-                unlikely, best = cost, (factor, beside, along / variance)
-    wide = sqrt(float(np.quantile(best[2].sum(axis=1), 0.95)) / CHI2[len(error.T) - 1])
+            unlikely, best = (cost, (factor, beside)) if cost < unlikely else (unlikely, best)
+    wide = _excess(error, best[0] ** 2 * covariance + (best[1] * size[:, None, None]) ** 2 * np.eye(len(error.T)))
     return [wide * best[0], wide * best[1]]
+
+
+def _excess(error: Float[np.ndarray, "n d"], covariance: Float[np.ndarray, "n d d"]) -> float:
+    """Return the factor of standard deviations with which 95 % of errors lie within their 95 % bounds."""
+    off = np.sum(error * _solved(covariance, error[..., None])[..., 0], axis=1)
+    return sqrt(float(np.quantile(off, 0.95)) / CHI2[len(error.T) - 1])

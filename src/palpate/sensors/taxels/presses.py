@@ -143,8 +143,8 @@ def _drift(
 ) -> float:
     """Return the time within which readings are followed to be next to the rest when a press begins; both by noise."""
     ends = np.flatnonzero(free & ~np.append(free[1:], False))
-    at, wanted = np.cumsum(free)[ends] - 1, rest[ends] - rest[0]
-    off = [float(np.mean((_followed((raw - rest[0])[free], step / span)[at] - wanted) ** 2)) for span in DRIFTS]
+    at, wanted, seen = np.cumsum(free)[ends] - 1, rest[ends] - rest[0], (raw - rest[0])[free]
+    off = [float(np.mean((_followed(seen, step / span)[at] - wanted) ** 2)) for span in DRIFTS]
     return DRIFTS[int(np.argmin(off))]
 
 
