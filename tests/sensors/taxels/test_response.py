@@ -158,7 +158,8 @@ def test_what_follows_late_of_a_heavy_touch_is_taken_off_a_light_one() -> None:
             found = estimator.update(i / RATE, now + share * slow)
             slow += (1.0 - np.exp(-1.0 / RATE / span)) * (now - slow)
         off[known] = float(np.linalg.norm(found.force[0] - touches["light"][3:6] * [1, 1, -1]))
-    assert off[True] < 2e-3 < 10.0 * off[True] < off[False]
+    assert off[True] < 1e-4
+    assert np.isnan(off[False]) or off[False] > 0.02  # the light touch passes for what remains
 
 
 @pytest.mark.parametrize(("make", "sums"), [(magnetic_skin, False), (pillar_array, True)])

@@ -106,10 +106,13 @@ def _require_presses(
 
 
 def _limits(cells: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "2"]:
-    """Return `TaxelResponse.limits`: an extreme at which several readings stand still; infinite: there is none."""
-    ends = [float(np.nanmin(cells)), float(np.nanmax(cells))]
-    still = [np.sum((cells[1:] == end) & (cells[:-1] == end), axis=0) >= STANDS for end in ends]
-    return frozen(np.where([np.count_nonzero(each) > 1 for each in still], ends, [-np.inf, np.inf]))
+    """Return `TaxelResponse.limits`: extremes at which readings stand still, but do not rest; infinite: none."""
+    rest, limits = np.median(cells, axis=0), np.array([-np.inf, np.inf])
+    for which, end in enumerate((np.nanmin(cells), np.nanmax(cells))):
+        still = np.sum((cells[1:] == end) & (cells[:-1] == end), axis=0) >= STANDS
+        if np.count_nonzero(still) > 1 and np.all(rest != end):
+            limits[which] = end
+    return frozen(limits)
 
 
 def _late(
