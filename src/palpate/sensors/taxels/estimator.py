@@ -170,8 +170,7 @@ class TaxelEstimator(ContactEstimator):
             step, used = self._frames.run(*given, out, counts[done:], forces[done:], values)
             parts.append(out[:used].copy())
             done += step
-        self._watch.add(block.time, raw, rows := np.concatenate(parts), counts)
-        self._watch.look_for_ends(readings)
+        self._watch.add(block.time, readings, raw, rows := np.concatenate(parts), counts)
         return Answered(block, rows, counts, forces if watched else None)
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:

@@ -39,13 +39,17 @@ class TaxelWatch:
         self._ghosts: dict[str, float] = {}
         self._full = np.zeros(len(self._body), dtype=np.int64)
 
-    def add(self, time: np.ndarray, raw: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> None:
-        """Add the next frames (n, k) at times (n,) [s], with the rows of their contacts and each one's number of rows.
+    def add(
+        self, time: np.ndarray, readings: np.ndarray, raw: np.ndarray, rows: np.ndarray, counts: np.ndarray
+    ) -> None:
+        """Add the next frames at times (n,) [s], with the rows of their contacts and each one's number of rows.
 
+        Of taxels with three axes, `raw` (n, k) are the loads into the body by the readings; else both are the same.
         The estimator has checked them: to check again would take as long as the rest, for a block of 100 frames.
         """
         if not len(time):
             return
+        self._look_for_ends(readings)
         self._times.append(time.copy())
         self._same.append(np.append((raw[0] == self._last).all(), _repeats(raw)))
         first: Int[np.ndarray, " n"] = np.cumsum(counts) - counts
@@ -56,7 +60,7 @@ class TaxelWatch:
             for frame in np.flatnonzero(counts >= CORNERS)[:KEPT].tolist():
                 self._look_for_ghosts(float(time[frame]), rows[first[frame] : first[frame] + counts[frame]])
 
-    def look_for_ends(self, readings: Float[np.ndarray, "n k ..."]) -> None:
+    def _look_for_ends(self, readings: Float[np.ndarray, "n k ..."]) -> None:
         """Count the frames in which each taxel with three axes has a reading at the end of its range."""
         response = self._body.response
         if response is not None and np.isfinite(response.limits).any():
