@@ -146,8 +146,11 @@ def _drift(
 ) -> float:
     """Return the time within which readings are followed to be next to the rest when a press begins; both by noise."""
     ends = np.flatnonzero(free & ~np.append(free[1:], False))
-    at, wanted, seen = np.cumsum(free)[ends] - 1, rest[ends] - rest[0], (raw - rest[0])[free]
-    off = [float(np.mean((_followed(seen, step / span)[at] - wanted) ** 2)) for span in DRIFTS]
+    at, wanted = np.cumsum(free)[ends] - 1, rest[ends] - rest[0]
+    off = list[float]()
+    for span in DRIFTS:
+        late: np.ndarray = _followed((raw - rest[0])[free], step / span)[at] - wanted
+        off.append(float(np.mean(late**2)))
     return DRIFTS[int(np.argmin(off))]
 
 
