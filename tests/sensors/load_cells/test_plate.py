@@ -12,10 +12,10 @@ from palpate.cli import main
 from palpate.errors import InputError, NotIdentifiable
 from palpate.files.contacts import read_contacts
 from palpate.sensors.load_cells.array import LoadCellArray
-from palpate.sensors.load_cells.calibrate_plate import PlateCalibration, identify_plate
+from palpate.sensors.load_cells.calibrate_plate import NAMED, Gains, PlateCalibration, _odd, identify_plate
 from palpate.sensors.load_cells.faults import find_faults
 from palpate.sensors.load_cells.model import VOLTAGE, LoadCells, unmeasured, with_changes
-from palpate.sensors.load_cells.plate import plate_cells, uneven
+from palpate.sensors.load_cells.plate import TOLERANCE, plate_cells, uneven
 from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.sensors.load_cells.section import RigLoadCells
 from palpate.signals.recording import Recording
@@ -115,6 +115,14 @@ def test_a_cell_that_is_off_is_named_by_the_calibration_and_by_touches_after_it(
     (fault,) = find_faults(found.cells, readings)
     assert (fault.cells, fault.kind) == ((2,), "gain")
     assert "% more than when it was calibrated" in fault.text
+
+
+@pytest.mark.parametrize("count", [3, 4, 6])
+def test_a_cell_of_a_sound_plate_is_named_as_often_as_stated(count: int) -> None:
+    rng, spread = np.random.default_rng(count), np.diag(np.full(count, 0.004**2))
+    gains = 1.0 + np.hypot(TOLERANCE, 0.004) * rng.standard_normal((4000, count))
+    named = np.mean([bool(_odd(Gains(each, spread, 1e-3, count))) for each in gains])
+    assert 0.4 * NAMED < named < 1.5 * NAMED
 
 
 def test_what_is_no_calibration_is_refused() -> None:

@@ -120,6 +120,48 @@ def test_covariances_hold_with_patches_torques_and_noise_drawn() -> None:
         assert np.mean(squares) == pytest.approx(freedom, rel=0.35)
 
 
+def test_covariances_of_sums_hold_with_noise_drawn() -> None:
+    """Where forces are sums of loads, noise alone makes their errors; the centroid leaves out loads below 0."""
+    rng, noise = np.random.default_rng(6), 0.004
+    body = body_of(replace(TaxelResponse.guessed(30, PITCH), sums=True))
+    estimator = TaxelEstimator(body, health=still(body, noise))
+    place, force = list[float](), list[float]()
+    for _ in range(150):
+        size = rng.uniform(1.0, 3.0)
+        touch = np.array([*rng.uniform(1.5, 2.5, 2), -0.1, *rng.uniform(-0.5, 0.5, 2) * size, size, 0.0])
+        clean = readings(body, touch[None])
+        estimator.reset()
+        found = estimator.update(0.0, clean + noise * rng.normal(size=(30, 3)))
+        off = found.point[0, :2] - clean[:, 2] @ body.positions[:, :2] / clean[:, 2].sum()
+        place.append(off @ np.linalg.solve(found.covariance[0, :2, :2], off))
+        six = np.array([found.features[f"force_{name}"][0] for name in SIX])
+        miss = found.force[0] - clean.sum(axis=0) * [1, 1, -1]
+        force.append(miss @ np.linalg.solve(six[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3), miss))
+    assert np.mean(force) == pytest.approx(3, rel=0.35)
+    assert 1.0 < np.mean(place) < 2.3
+
+
+def test_what_follows_late_of_a_heavy_touch_is_taken_off_a_light_one() -> None:
+    span, share = 0.5, 0.04
+    touches = {
+        "heavy": np.array([2.2, 2.1, 0.0, 3.0, -2.0, 8.0, 0.0]),
+        "light": np.array([2.4, 1.9, 0, 0, 0.1, 0.4, 0]),
+    }
+    off = dict[bool, float]()
+    for known in (False, True):
+        late = np.array([span, share if known else 0.0, 0.0])
+        body = body_of(replace(TaxelResponse.guessed(30, PITCH), misfit=np.full(2, 1e-4), late=late))
+        heavy, light = (readings(body, touch[None]) for touch in touches.values())
+        estimator, slow = TaxelEstimator(body, health=still(body, 1e-3)), np.zeros((30, 3))
+        for i in range(90):
+            now = heavy if 5 <= i < 45 else light if i >= 70 else np.zeros((30, 3))
+            found = estimator.update(i / RATE, now + share * slow)
+            slow += (1.0 - np.exp(-1.0 / RATE / span)) * (now - slow)
+        off[known] = float(np.linalg.norm(found.force[0] - touches["light"][3:6] * [1, 1, -1]))
+    assert off[True] < 1e-4
+    assert np.isnan(off[False]) or off[False] > 0.02  # the light touch passes for what remains
+
+
 @pytest.mark.parametrize(("make", "sums"), [(magnetic_skin, False), (pillar_array, True)])
 def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     make: Callable[[int, int, int], ThreeAxisSkin], sums: bool
@@ -133,6 +175,17 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     found = identify_response(body, recording, known)
     assert found.sums == sums
     assert "left_out" in found.provenance
+    assert found.late[:2] == pytest.approx([0.5, 0.025], rel=0.1)  # the laboratory's, of which it knows nothing
+    assert np.isinf(found.limits).all()
+    end = 0.7 * cells.max()
+    clipped = replace(recording, channels={CELLS: np.minimum(cells, end)})
+    full = identify_response(body, clipped, known)
+    assert full.limits.tolist() == [-np.inf, end]
+    estimator = TaxelEstimator(replace(body, response=full))
+    estimator.run(clipped)
+    (said,) = [each for each in estimator.warnings() if "end of their range" in each]
+    ended = np.flatnonzero((cells >= end).any(axis=(0, 2)))
+    assert f"{len(ended)} taxels ({ended[0]}" in said
     with pytest.raises(InputError, match=r"pull at the skin\..*change the sign"):
         identify_response(body, recording, replace(known, force=-truth.force))
     with pytest.raises(InputError, match=r"from the nearest taxel.*in m, in the surface's frame"):

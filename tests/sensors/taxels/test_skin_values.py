@@ -107,7 +107,7 @@ def test_lost_and_frozen_frames_are_found_wherever_they_are() -> None:
 def _watched(time: np.ndarray, cells: np.ndarray) -> TaxelWatch:
     """Frames without contacts."""
     watch, width = TaxelWatch(BODY), _estimator(Recording(time, {CELLS: cells})).empty(0).shape[1]
-    watch.add(time, cells, np.full((len(time), width), np.nan), np.ones(len(time), dtype=np.int64))
+    watch.add(time, cells, cells, np.full((len(time), width), np.nan), np.ones(len(time), dtype=np.int64))
     return watch
 
 

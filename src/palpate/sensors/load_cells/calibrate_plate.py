@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from statistics import NormalDist
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -32,7 +33,7 @@ SETTLES, ENDS = 0.3, 0.1  # of the time that a weight stands, at its beginning a
 FEWEST = 5  # samples of a weight
 ELSEWHERE = 2.0  # times the misfit of the weights: touches load the plate where no weight stood
 WORST = 0.2  # of a reading: cells that err by more do not carry these weights
-ODD, SIGMAS = 0.03, 4.0  # of the gain, and standard deviations, by which a cell must differ from the others to be named
+NAMED = 0.01  # of the plates with cells equal to `TOLERANCE`, in which one is named
 ROUNDS = 4
 ERRORS = np.concatenate([[0.0], np.geomspace(1e-5, WORST, 100)])
 
@@ -324,17 +325,19 @@ def _drift(found: Sequence[UnloadedStretch], noise: Float[np.ndarray, "k k"]) ->
 
 
 def _odd(found: Gains) -> dict[int, float]:
-    """Return the cells whose readings contradict those of the others, and by what share."""
-    out = dict[int, float]()
-    deviation = np.sqrt(np.diag(found.covariance)) / np.abs(found.gains)
-    for cell in range(len(found.gains)):
-        others = np.delete(found.gains, cell)
-        usual = float(np.median(others))
-        more = usual / float(found.gains[cell]) - 1.0
-        scatter = float(np.median(np.abs(others / usual - 1.0)))
-        if abs(more) > max(ODD, SIGMAS * float(deviation[cell]), SIGMAS * scatter):
-            out[cell] = more
-    return out
+    """Return the cell whose gain contradicts those of the others most, and by what share; {}: none does.
+
+    Gains differ by `TOLERANCE` [1 standard deviation] and by the errors of the estimate. The bound is that of the
+    largest of k differences [Bonferroni], which sound plates exceed in `NAMED` of all cases.
+    """
+    count = len(found.gains)
+    ways = (np.full((count, count), 1.0) - count * np.eye(count)) / (count - 1)  # mean of the others less the own
+    usual = ways @ found.gains + found.gains
+    spread = TOLERANCE**2 * np.sum(ways**2, axis=1) + np.diag(ways @ found.covariance @ ways.T) / usual**2
+    off = (usual / found.gains - 1.0) / np.sqrt(spread)
+    cell = int(np.argmax(np.abs(off)))
+    bound = -NormalDist().inv_cdf(0.5 * NAMED / count)
+    return {cell: float(usual[cell] / found.gains[cell] - 1.0)} if abs(off[cell]) > bound else {}
 
 
 def _said(found: Gains, odd: Mapping[int, float], count: int) -> list[str]:

@@ -11,7 +11,18 @@ import numpy as np
 
 from palpate.contact._track import follow
 from palpate.sensors.taxels._fit import chart, fit_touches, lift
-from palpate.sensors.taxels._loads import PITCH, UNKNOWN, WIDENING, fit_forces, is_faint, share_loads, write_force
+from palpate.sensors.taxels._loads import (
+    INEXACT,
+    LATE,
+    PITCH,
+    UNKNOWN,
+    WIDENING,
+    feels,
+    fit_forces,
+    is_faint,
+    share_loads,
+    write_force,
+)
 from palpate.sensors.taxels._rest import (
     AT,
     BASELINE,
@@ -34,6 +45,7 @@ from palpate.sensors.taxels._rest import (
     PEAK,
     RECOVERS,
     SIDEWAYS,
+    SLOW,
     SPREAD,
     STILL,
     TOUCHES,
@@ -460,9 +472,9 @@ def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
 def _place(touch, spread, model, spacing, out):
     """Write the place of a touch that `fit_forces` found, and its variances and covariance, in spacings to out (5,)."""
     size = model[PITCH] / spacing
-    square = (size * model[WIDENING]) ** 2
+    square, inexact = (size * model[WIDENING]) ** 2, (size * model[INEXACT]) ** 2
     out[0], out[1] = size * touch[0], size * touch[1]
-    out[2], out[3], out[4] = square * spread[0, 0], square * spread[1, 1], square * spread[0, 1]
+    out[2], out[3], out[4] = square * spread[0, 0] + inexact, square * spread[1, 1] + inexact, square * spread[0, 1]
 
 
 @inner
@@ -522,6 +534,20 @@ def _measure(cells, count, end, shares, fit, raw, value, numbers, sign, place, o
 
 
 @uncounted
+def _catch_up(raw, value, sideways, model, passed, sign, numbers, whole):
+    """Take off readings what follows late of the loads before, and let these follow."""
+    share, pace, cells = model[LATE + 1], 1.0 - np.exp(-passed / model[LATE]), len(raw)
+    for k in range(cells):
+        if whole[GOOD, k] != 0 and np.isfinite(raw[k]):
+            value[k] -= sign * share * numbers[SLOW + 2, k]
+            numbers[SLOW + 2, k] += pace * (sign * (value[k] - numbers[BASELINE, k]) - numbers[SLOW + 2, k])
+            for a in range(2):
+                sideways[a * cells + k] -= share * numbers[SLOW + a, k]
+                load = sideways[a * cells + k] - numbers[SIDEWAYS + a, k]
+                numbers[SLOW + a, k] += pace * (load - numbers[SLOW + a, k])
+
+
+@uncounted
 def _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours, between):
     """Write the height of each cell above its baseline, in standard deviations and in newtons; `sideways` (2 k,)."""
     tables, gaps = curves
@@ -555,6 +581,8 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
     label, live, cells, parent = whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
     at = numbers[AT:]
     peak = numbers[PEAK]
+    if len(model) > 0:
+        _catch_up(raw, value, sideways, model, passed, sign, numbers, whole)
     _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours, between)
     moving = moves(z, live, on, off, value, len(model) > 0, numbers, clock)
     if moving or clock[STILL] > 0.0:
@@ -583,7 +611,7 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
             for part in range(number):
                 origins[part] = int(parts[part, 4])
             fit_forces(cells, end, origins, number, scale, place, numbers, whole, model, touches, unsure)
-            share_loads(cells, end, origins, number, place, numbers, whole, model, touches, shares)
+            share_loads(cells, end, origins, number, scale, place, numbers, whole, model, touches, unsure, shares)
             for part in range(number):
                 _place(touches[part], unsure[part], model, place[1][1, origins[part]], fits[part])
         else:
@@ -603,7 +631,7 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
                                          place, origin, model, touches[part], unsure[part], out[found]):  # fmt: skip
                 found += 1
     for k in range(len(raw)):
-        if label[k] == 0 and live[k]:
+        if label[k] == 0 and live[k] and not feels(k, out[:found], place, model):
             baseline[k] += drift * (value[k] - baseline[k])
             for a in range(2 if len(sideways) > 0 else 0):
                 numbers[SIDEWAYS + a, k] += drift * numbers[LOAD + a, k]
@@ -674,7 +702,7 @@ def _all(time, raw, sideways, model, values, status, left, place, table, curves,
 
 @released(
     """
-    raw n m, sideways n w, rest m, neighbours int64 m d, turn float, numbers out 22 m, whole out int64 9 m,
+    raw n m, sideways n w, rest m, neighbours int64 m d, turn float, numbers out 25 m, whole out int64 9 m,
     values out n v, status out int8 n
     """
 )
@@ -691,7 +719,7 @@ def prepare(raw, sideways, rest, neighbours, turn, numbers, whole, values, statu
     time n, raw n m, sideways n o, model u, values out k v, status out int8 k, left out w, place (3 m 3, 2 m, a b 6,
     int, c 3 3), table (int64 m d, m d 2, int64 m d 2, int), curves (e 2048, e), settings 13*float, smoothing (out f 6,
     out f 2, out
-    g, float, out 2, out h p, out q), clock out 11, zeros (out 11 m, out 11 3, out 2), numbers out 22 m, whole out
+    g, float, out 2, out h p, out q), clock out 11, zeros (out 11 m, out 11 3, out 2), numbers out 25 m, whole out
     int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n, forces out t m
     """
 )

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.sensors.taxels._fit import chart
-from palpate.sensors.taxels._rest import AT, FORCE, LIVE, LOAD, ROUGH, SPREAD
+from palpate.sensors.taxels._rest import AT, FORCE, LIVE, LOAD, ROUGH, SLOW, SPREAD
 from palpate.surfaces._jit import inner, uncounted
 from palpate.surfaces._vectors import solve_positive
 
@@ -24,7 +24,7 @@ WIDTHS = (0.35, 0.6, 1.0, 1.7)  # pitches, deviations of the Gaussians
 PROFILES = 6  # A, B, C, G, H, and T of the torque; each a sum of Gaussians
 LEAST_PATCH = -0.8 * WIDTHS[0] ** 2  # of the patch's variance, which counts from that of a usual tip
 # what a model array holds: the profiles' shares of the Gaussians, then
-PITCH, MISFIT, PATCH, LOOSE, CURVE, WIDENING, SUMS, MODEL = 20, 21, 23, 25, 26, 31, 34, 35
+PITCH, MISFIT, PATCH, LOOSE, CURVE, WIDENING, INEXACT, SUMS, LATE, MODEL = 20, 21, 23, 25, 26, 31, 34, 37, 38, 41
 UNKNOWN = 7  # of a touch: place (2) [pitches], patch, force along both tangents and inwards [N], torque [N pitches]
 _PLACE = 0.7  # pitches: deviation of a touch from the taxel where it is looked for
 _TWIST = 0.15  # pitches: deviation of the torque, over the normal force
@@ -174,6 +174,13 @@ def _settle(taxels, touches, count, model, normal, factor):
     return cost
 
 
+@uncounted
+def _variance(k, a, scale, numbers, model):
+    """Return the variance of a cell's load along an axis by noise, and by what it follows late."""
+    noise = scale * numbers[ROUGH + a, k] if a < 2 else numbers[SPREAD, k]
+    return noise * noise + (model[LATE + 2] * numbers[SLOW + a, k]) ** 2
+
+
 @inner
 def _gather(cells, end, scale, numbers, whole, model):
     """Return the cells of an area that read, and their loads and weights, (3, m) each."""
@@ -188,8 +195,7 @@ def _gather(cells, end, scale, numbers, whole, model):
         k = some[i]
         for a in range(3):
             loads[a, i] = numbers[LOAD + a, k] if a < 2 else numbers[FORCE, k]
-            noise = scale * numbers[ROUGH + a, k] if a < 2 else numbers[SPREAD, k]
-            weights[a, i] = noise * noise + (model[MISFIT] * peak) ** 2
+            weights[a, i] = _variance(k, a, scale, numbers, model) + (model[MISFIT] * peak) ** 2
         own = loads[0, i] ** 2 + loads[1, i] ** 2 + loads[2, i] ** 2
         for a in range(3):
             weights[a, i] = 1.0 / (weights[a, i] + model[MISFIT + 1] ** 2 * own)
@@ -207,6 +213,18 @@ def is_faint(origin, place, force, model):
                 square += (positions[k, c] - positions[origin, c]) ** 2
             strongest = force[k] if square < reach * reach else strongest
     return force[origin] < _FAINT * model[MISFIT] * strongest
+
+
+@uncounted
+def feels(k, out, place, model):
+    """Return whether a taxel with three axes lies around a contact: it may pull or shear without being pressed."""
+    for row in range(len(out) if len(model) > 0 else 0):
+        square, reach = 0.0, _AROUND * model[PITCH]
+        for c in range(3):
+            square += (place[0][0, k, c] - out[row, c]) ** 2
+        if square < reach * reach:
+            return True
+    return False
 
 
 @inner
@@ -250,10 +268,11 @@ def fit_forces(cells, end, origins, count, scale, place, numbers, whole, model, 
 
 
 @inner
-def share_loads(cells, end, origins, count, place, numbers, whole, model, touches, shares):
+def share_loads(cells, end, origins, count, scale, place, numbers, whole, model, touches, spread, shares):
     """Write the share (c, end) of each touch in the load on each cell of an area.
 
-    Where taxels bear all of a force among them, as pillars do, force, place and torque are the sums over the shares.
+    Where taxels bear all of a force among them, as pillars do, force, place and torque are the sums over the shares,
+    and `spread` is theirs.
     """
     profiles, load, slopes = np.empty((PROFILES, 3)), np.empty(3), np.empty((3, UNKNOWN))
     offset, at = np.empty((2, end)), numbers[AT:]
@@ -272,7 +291,8 @@ def share_loads(cells, end, origins, count, place, numbers, whole, model, touche
     if model[SUMS] > 0.0:
         for p in range(count):
             _offset(cells[:end], origins[p], place, at, model, offset)
-            _sum(cells, end, offset, shares[p], numbers, whole, touches[p])
+            if _sum(cells, end, offset, shares[p], numbers, whole, touches[p]):
+                _sum_spread(cells, end, offset, shares[p], scale, numbers, whole, model, touches[p], spread[p])
 
 
 @uncounted
@@ -291,6 +311,31 @@ def _sum(cells, end, offset, shares, numbers, whole, touch):
     if inside > 0.0:
         touch[0], touch[1], touch[3], touch[4], touch[5] = x / inside, y / inside, fx, fy, fz
         touch[6] = turn - touch[0] * fy + touch[1] * fx
+    return inside > 0.0 and fz > 0.0
+
+
+@inner
+def _sum_spread(cells, end, offset, shares, scale, numbers, whole, model, touch, spread):
+    """Write the covariance of the sums of a touch, by the errors of the loads and of the shares."""
+    slopes = np.zeros((3, UNKNOWN))
+    slopes[0, 3], slopes[1, 4], slopes[2, 5] = 1.0, 1.0, 1.0
+    loose, spread[:] = spread[2, 2], 0.0
+    for i in range(end):
+        k = cells[i]
+        if not whole[LIVE, k]:
+            continue
+        x, y = offset[0, i] - touch[0], offset[1, i] - touch[1]
+        slopes[2, 0], slopes[2, 1] = x / touch[5], y / touch[5]
+        slopes[0, 6], slopes[1, 6] = -y, x
+        slopes[2, 6] = (y * touch[3] - x * touch[4]) / touch[5]
+        for a in range(3):
+            load = numbers[LOAD + a, k] if a < 2 else numbers[FORCE, k]
+            mixed = (1.0 - shares[i]) * shares[i] * load
+            variance = shares[i] ** 2 * _variance(k, a, scale, numbers, model) + mixed * mixed
+            for r in range(UNKNOWN):
+                for c in range(UNKNOWN):
+                    spread[r, c] += slopes[a, r] * variance * slopes[a, c]
+    spread[2, 2] = loose
 
 
 @inner
@@ -300,7 +345,7 @@ def write_force(touch, spread, model, here, ways, out, first):
     The deviations are those of the ratio of tangential to normal force, and of the torque. A force that the fit finds
     is corrected by the response's curve, which holds for the whole of a touch.
     """
-    curve, off = model[CURVE:WIDENING], model[WIDENING:SUMS]
+    curve, off, inexact = model[CURVE:WIDENING], model[WIDENING:INEXACT], model[INEXACT:SUMS]
     x, y, press = touch[3], touch[4], touch[5]
     aside = curve[3] + curve[4] * press
     force = np.array([aside * x, aside * y, (curve[0] + curve[1] * press) * press + curve[2] * (x * x + y * y)])
@@ -313,6 +358,8 @@ def write_force(touch, spread, model, here, ways, out, first):
                 for d in range(3):
                     local[a, b] += slopes[a, c] * spread[3 + c, 3 + d] * slopes[b, d]
             local[a, b] *= off[2 if a < 2 else 1] * off[2 if b < 2 else 1]
+        share = inexact[2 if a < 2 else 1]
+        local[a, a] += share * share * (force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
     axes = np.empty((3, 3))  # of x, y and into the body
     for a in range(2):
         size = np.sqrt(ways[a, 0] ** 2 + ways[a, 1] ** 2 + ways[a, 2] ** 2)

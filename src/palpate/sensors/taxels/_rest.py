@@ -10,8 +10,9 @@ from palpate.surfaces._jit import uncounted
 # numbers of a cell: constants, state after the last frame (baseline, reading, last finite one), and work space
 NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD = 0, 1, 2, 3, 4, 5, 6, 7
 ERROR, USED, OWN, VARIANCE, AT, PEAK, FADED = 8, 9, 10, 11, 12, 14, 15
-# of taxels with three axes, along both tangents: baseline, its noise, and the load; the normal one is FORCE
-SIDEWAYS, ROUGH, LOAD, NUMBERS = 16, 18, 20, 22
+# of taxels with three axes, along both tangents: baseline, its noise, and the load; the normal one is FORCE; and the
+# loads of before, along the tangents and into the body, that readings follow late
+SIDEWAYS, ROUGH, LOAD, SLOW, NUMBERS = 16, 18, 20, 22, 25
 # and integers: the same; its present turns around the range, and the number of times it wrapped; the window in which
 # it was last touched
 GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, TOUCHED, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
@@ -170,6 +171,7 @@ def settle(time, moves, value, sideways, zeros, numbers, whole, clock):
         if numbers[VARIANCE, k] > 0.0:
             numbers[VARIANCE, k] = noise[k] * noise[k] / clock[STILL]
     numbers[FORCE], numbers[PEAK], whole[LABEL] = 0.0, 0.0, 0
+    numbers[SLOW : SLOW + 3] = 0.0
     zeros[1][:, 1] = 0.0  # windows that wait are of the old zero
     if clock[STILL] == _SETTLES:
         clock[STILL], clock[SIDE] = 0.0, 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -12,57 +12,24 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95
 from palpate.contact.ground_truth import TrueSamples
-from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels._loads import LEAST_PATCH
 from palpate.sensors.taxels.estimator import SQUARE, TaxelEstimator
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.presses import EACH, EVERY, PRESSED, Presses, axes_at, known_presses
 from palpate.sensors.taxels.response import AXES, TaxelResponse, response_terms
-from palpate.sensors.taxels.rest import ROUNDING, quantum
 from palpate.signals.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
 
-FEWEST = 40  # presses
 PARTS = 4  # of the presses, each left out in turn
-PRESSED, FULL = 0.02, 0.5  # of the largest force, and of the largest of a press, from which frames are used
-EACH, EVERY = 4, 2  # frames of a press, and of those each so many to try
-CHECKED = 2  # parts that are predicted in the recording as it ran
-MOSTLY, BESIDE = 0.8, 2.0  # of the forces that press; pitches to the nearest taxel, at most, of half of the points
 ROUNDS = 10
 PATCHES = np.concatenate([np.linspace(LEAST_PATCH, 0.0, 4)[:-1], [0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0]])
 _LOOSE = 0.3  # squared pitches: deviation of a patch before it is learned
 _ALIKE = 1e-2  # weight of the mean gains in those of a taxel
 _INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
-CHI2 = (3.841458820694124, CHI2_95)  # 95 % points with one and two degrees of freedom
-
-
-@dataclass(frozen=True)
-class Presses:
-    """Frames of presses with known forces.
-
-    Attributes:
-        press, frame: (n,) number of the press of each frame, and its index in the recording.
-        readings: (n, k, 3) less the rest [counts].
-        noise: (k, 3) of the readings [counts].
-        offset: (n, k, 2) of each taxel from the press [pitches].
-        point, force: (n, 3) in the body's frame [m], and along both tangents and into the body [N].
-    """
-
-    press: Int[np.ndarray, " n"]
-    frame: Int[np.ndarray, " n"]
-    readings: Float[np.ndarray, "n k 3"]
-    noise: Float[np.ndarray, "k 3"]
-    offset: Float[np.ndarray, "n k 2"]
-    point: Float[np.ndarray, "n 3"]
-    force: Float[np.ndarray, "n 3"]
-
-    def of(self, chosen: Bool[np.ndarray, " n"]) -> Presses:
-        """Return some of the frames."""
-        rows = {
-            name: getattr(self, name)[chosen] for name in ("press", "frame", "readings", "offset", "point", "force")
-        }
-        return replace(self, **rows)
+FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), np.geomspace(1e-4, 0.3, 24).tolist()
+CHI2 = (3.841458820694124, CHI2_95, 7.814727903251179)  # 95 % points with one, two and three degrees of freedom
 
 
 @takes_arrays
@@ -82,19 +49,26 @@ def identify_response(
         NotIdentifiable: too few presses, or no frames at rest.
     """
     pitch = float(np.median(body.spacing))
-    presses = _presses(body, recording, truth, pitch)
-    names = np.unique(presses.press)
+    presses = known_presses(body, recording, truth, pitch)
+    names = _by_patch(presses, _fitted(body, presses, pitch, False)[1])
     parts, errors = min(
         (_judged(body, presses, names, pitch, sums) for sums in (False, True)),
         key=lambda each: float(np.sum(_corrected(each[1])[2])),
     )
     curve, _, _ = _corrected(errors)
-    in_turn = np.concatenate([_in_turn(body, recording, *each) for each in parts[:CHECKED]])
+    in_turn = np.concatenate([_in_turn(body, recording, *each) for each in parts])
     _, widening, off = _corrected(in_turn, curve)
-    found = _fitted(body, presses, pitch, parts[0][1].sums)
+    found, _ = _fitted(body, presses, pitch, parts[0][1].sums)
     record = {"left_out": _left_out_text(off, pitch, len(in_turn)), **(provenance or {})}
-    kept = {"curve": frozen(curve), "widening": frozen(widening), "provenance": record}
+    kept = {"curve": frozen(curve), "widening": widening[:, 0], "inexact": widening[:, 1], "provenance": record}
     return replace(found, **kept, notes=(f"{len(names)} presses",))
+
+
+def _by_patch(presses: Presses, patch: Float[np.ndarray, " n"]) -> Int[np.ndarray, " p"]:
+    """Return the presses by the size of their patch, so that parts of them are pressed by other tips."""
+    size = np.column_stack([np.ones(len(patch)), presses.force[:, 2].clip(min=0.0) ** (2 / 3)])
+    names, number = np.unique(presses.press, return_inverse=True)
+    return names[np.argsort(np.bincount(number, patch - size @ _least(size, patch)) / np.bincount(number))]
 
 
 def _judged(
@@ -102,9 +76,9 @@ def _judged(
 ) -> tuple[list[tuple[Presses, TaxelResponse]], Float[np.ndarray, "n 20"]]:
     """Return presses that were left out in turn, each part with the fit to the others, and the errors on them."""
     parts = list[tuple[Presses, TaxelResponse]]()
-    for part in range(PARTS):
-        left = np.isin(presses.press, names[part::PARTS])
-        parts.append((presses.of(left), _fitted(body, presses.of(~left), pitch, sums)))
+    for part in [names[i::PARTS] for i in range(PARTS)] if sums else np.array_split(names, PARTS):  # sums know no tips
+        left = np.isin(presses.press, part)
+        parts.append((presses.of(left), _fitted(body, presses.of(~left), pitch, sums)[0]))
     return parts, np.concatenate([_alone(body, *each) for each in parts])
 
 
@@ -115,84 +89,10 @@ def _left_out_text(off: Float[np.ndarray, "3"], pitch: float, count: int) -> str
     )
 
 
-def _presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pitch: float) -> Presses:
-    """Return the frames of a recording in which a force is known, less the rest before and after."""
-    if truth.force is None:
-        raise InputError("the true contacts have no forces.", where=recording.source, hint="Add columns fx, fy, fz.")
-    cells = replace(body, response=TaxelResponse.guessed(len(body), pitch)).raw(recording)
-    raw = np.where(np.isfinite(cells), cells, 0.0)
-    time, step = recording.time, float(np.median(np.diff(recording.time)))
-    row = np.clip(np.searchsorted(truth.time, time - 0.5 * step), 0, len(truth.time) - 1)
-    size = np.linalg.norm(truth.force, axis=1)[row] * (np.abs(truth.time[row] - time) <= 0.5 * step)
-    pressed = size > PRESSED * size.max(initial=0.0)
-    free = ~(pressed | np.append(pressed[1:], False) | np.append(False, pressed[:-1])) & np.isfinite(cells).all((1, 2))
-    press = np.cumsum(np.append(pressed[0], pressed[1:] & ~pressed[:-1])) - 1
-    if not free.any() or not pressed.any():
-        raise NotIdentifiable("there must be frames with a force, and frames with none.", rank=0, missing=("rest",))
-    rest, noise = _rests(time, raw, free)
-    largest = np.zeros(press.max() + 1)
-    np.maximum.at(largest, press[pressed], size[pressed])
-    full = np.flatnonzero(pressed & (size >= FULL * largest[press]) & np.isfinite(cells).all((1, 2)))
-    order = np.arange(len(full)) - np.searchsorted(press[full], press[full])  # within its press
-    many = np.bincount(press[full], minlength=len(largest))[press[full]]
-    used = full[order % np.maximum(many // EACH, 1) == 0]
-    if len(largest) < FEWEST:
-        few = (
-            f"{len(largest)} presses are too few (at least {FEWEST}): press more places, with shear in all directions."
-        )
-        raise NotIdentifiable(few, rank=len(largest), missing=("gains",))
-    point, force = truth.point[row[used]], truth.force[row[used]]
-    offset, local = _local(body, point, force, pitch)
-    _require_presses(offset, local, pitch, recording.source)
-    return Presses(press[used], used, (raw - rest)[used], noise, offset, point, local)
-
-
-def _require_presses(
-    offset: Float[np.ndarray, "n k 2"], force: Float[np.ndarray, "n 3"], pitch: float, source: str
-) -> None:
-    """Require that the forces press, and that the points lie on the skin."""
-    if np.mean(force[:, 2] > 0) < MOSTLY:
-        hint = "State the force on the skin, in the surface's frame: change the sign of fx, fy, fz."
-        raise InputError("most of the true forces pull at the skin.", where=source, hint=hint)
-    away = float(np.median(np.linalg.norm(offset, axis=2).min(axis=1)))
-    if away > BESIDE:
-        hint = "State the points in m, in the surface's frame, which is that of the taxels."
-        far = f"the true points lie {1e3 * pitch * away:.3g} mm from the nearest taxel (median)."
-        raise InputError(far, where=source, hint=hint)
-
-
-def _rests(
-    time: Float[np.ndarray, " n"], raw: Float[np.ndarray, "n k 3"], free: Bool[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "n k 3"], Float[np.ndarray, "k 3"]]:
-    """Return the rest of each reading, linear in time between the means of free stretches, and the noise."""
-    starts = np.flatnonzero(free & ~np.append(False, free[:-1]))
-    stretch = np.searchsorted(starts, np.arange(len(free)), side="right") - 1
-    count = np.bincount(stretch[free], minlength=len(starts)).astype(float)
-    when = np.bincount(stretch[free], time[free], len(starts)) / count
-    rest, noise = np.empty_like(raw), np.empty(raw.shape[1:])
-    for k in np.ndindex(raw.shape[1:]):
-        level = np.bincount(stretch[free], raw[free, *k], len(starts)) / count
-        rest[:, *k] = np.interp(time, when, level)
-        noise[k] = np.std(np.diff(raw[:, *k])[free[1:] & free[:-1]]) / np.sqrt(2.0)
-    steps = quantum(raw.reshape(len(raw), -1)).reshape(noise.shape)  # 0 where readings are continuous
-    return rest, np.maximum(noise, np.maximum(ROUNDING * steps, 1e-9))
-
-
-def _local(
-    body: TaxelBody, point: Float[np.ndarray, "n 3"], force: Float[np.ndarray, "n 3"], pitch: float
-) -> tuple[Float[np.ndarray, "n k 2"], Float[np.ndarray, "n 3"]]:
-    """Return each taxel's offset [pitches] from points, and the forces along tangents and inwards there."""
-    away, axes = body.positions - point[:, None], _axes_at(body, point, pitch)
-    flat = np.einsum("nac,nkc->nka", axes[:, :2], away)
-    half = 0.5 * np.arccos(np.clip(-axes[:, 2] @ body.normals.T, -1.0, 1.0))
-    arc = np.linalg.norm(away, axis=2) / np.sinc(half / np.pi)  # along an arc between both normals
-    length = np.linalg.norm(flat, axis=2)
-    scale = np.where(length > 0.0, arc / np.maximum(length, 1e-300), 0.0)
-    return scale[..., None] * flat / pitch, np.einsum("nac,nc->na", axes, force)
-
-
-def _fitted(body: TaxelBody, presses: Presses, pitch: float, sums: bool) -> TaxelResponse:
-    """Fit gains, the spread of a force and the patch of each frame in turn, until they settle."""
+def _fitted(
+    body: TaxelBody, presses: Presses, pitch: float, sums: bool
+) -> tuple[TaxelResponse, Float[np.ndarray, " n"]]:
+    """Fit gains, the spread of a force and the patch of each frame in turn, until they settle; return the patches."""
     force, readings, offset = presses.force, presses.readings, presses.offset
     count, taxels = offset.shape[:2]
     weight = (1.0 / (np.linalg.norm(force, axis=1) + PRESSED * np.abs(force).max()))[:, None, None]
@@ -230,7 +130,8 @@ def _fitted(body: TaxelBody, presses: Presses, pitch: float, sums: bool) -> Taxe
     line = _least(size, patch)
     learned = np.array([*line, max(float(np.std(patch - size @ line)), 1e-3)])
     found = {"gains": frozen(gains), "shares": frozen(shares), "patch": frozen(learned), "widening": np.ones(3)}
-    return replace(guess, misfit=frozen(misfit), sums=sums, **found)
+    found |= {"late": presses.late, "limits": presses.limits, "misfit": frozen(misfit)}
+    return replace(guess, sums=sums, drift=presses.drift, **found), patch
 
 
 def _misfit(left: Float[np.ndarray, "n k 3"], loads: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "2"]:
@@ -349,7 +250,7 @@ def _errors(
     if not len(there):
         return np.zeros((0, 20))
     best = there[int(np.argmax(np.linalg.norm(found.force[there], axis=1)))]
-    turn = _axes_at(body, presses.point[i : i + 1], pitch)[0]
+    turn = axes_at(body, presses.point[i : i + 1], pitch)[0]
     error = turn[:2] @ (found.point[best] - presses.point[i]) / pitch
     place = turn[:2] @ found.covariance[best] @ turn[:2].T / pitch**2
     six = np.array([found.features[f"force_{name}"][best] for name in ("xx", "xy", "xz", "yy", "yz", "zz")])
@@ -358,21 +259,10 @@ def _errors(
     return np.array([[*own, *presses.force[i]]])
 
 
-def _axes_at(body: TaxelBody, point: Float[np.ndarray, "n 3"], pitch: float) -> Float[np.ndarray, "n 3 3"]:
-    """Return both tangents and the direction into the body at points, as rows."""
-    near = np.exp(-0.5 * ((body.positions - point[:, None]) ** 2).sum(axis=2) / pitch**2) + 1e-300
-    normal = near @ body.normals
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    along = near @ body.tangents
-    along -= (along * normal).sum(axis=1, keepdims=True) * normal
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    return np.stack([along, np.cross(normal, along), -normal], axis=1)
-
-
 def _corrected(
     rows: Float[np.ndarray, "n 20"], curve: Float[np.ndarray, "5"] | None = None
-) -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Return `TaxelResponse.curve` and `.widening` from rows of `_errors`, and the median errors.
+) -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "3 2"], Float[np.ndarray, "3"]]:
+    """Return `TaxelResponse.curve`, and `.widening` and `.inexact` side by side, of rows of `_errors`, and medians.
 
     Errors are those of the place [pitches], and of the normal and the tangential force as shares of the force.
     """
@@ -387,18 +277,43 @@ def _corrected(
     along = fitted[:, :2] * (second[0] + second[1] * normal)[:, None]
     press: np.ndarray = np.column_stack([normal, normal**2, square]) @ first
     spread, flat = rows[:, 8:17].reshape(-1, 3, 3), rows[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
-    wide = [
-        _widening(place, flat),
-        _widening((press - force[:, 2])[:, None], first[0] ** 2 * spread[:, 2:, 2:]),
-        _widening(along - force[:, :2], second[0] ** 2 * spread[:, :2, :2]),
-    ]
-    off = np.column_stack([along, press]) - force
-    size = np.linalg.norm(force, axis=1)
+    off, size = np.column_stack([along, press]) - force, np.linalg.norm(force, axis=1)
+    slope = np.array([second[0], second[0], first[0]])
+    spread = slope[:, None] * spread * slope
+    wide = np.array(
+        [
+            _widening(place, flat, np.ones(len(rows))),
+            _widening(off[:, 2:], spread[:, 2:, 2:], size),
+            _widening(off[:, :2], spread[:, :2, :2], size),
+        ]
+    )
+    factor, beside = wide[[2, 2, 1]].T
+    both = factor[:, None] * spread * factor + (beside**2 * np.eye(3)) * size[:, None, None] ** 2
+    wide[1:] *= _excess(off, both)
     errors = [np.linalg.norm(place, axis=1), np.abs(off[:, 2]) / size, np.linalg.norm(off[:, :2], axis=1) / size]
-    return np.concatenate([first, second]), np.array(wide), np.median(errors, axis=1)
+    return np.concatenate([first, second]), wide, np.median(errors, axis=1)
 
 
-def _widening(error: Float[np.ndarray, "n d"], covariance: Float[np.ndarray, "n d d"]) -> float:
+def _widening(
+    error: Float[np.ndarray, "n d"], covariance: Float[np.ndarray, "n d d"], size: Float[np.ndarray, " n"]
+) -> list[float]:
+    """Return the factor of standard deviations, and the deviation over `size` beside them, that errors show.
+
+    They are the likeliest of Gaussian errors, by which 95 % lie within their 95 % bounds.
+    """
+    values, ways = np.linalg.eigh(covariance)
+    along: np.ndarray = np.einsum("nda,nd->na", ways, error) ** 2
+    unlikely, best = np.inf, (1.0, 0.0)
+    for factor in FACTORS:
+        for beside in BESIDES:
+            variance: np.ndarray = factor**2 * values + (beside * size[:, None]) ** 2
+            cost = float(np.mean(along / variance + np.log(variance)))
+            unlikely, best = (cost, (factor, beside)) if cost < unlikely else (unlikely, best)
+    wide = _excess(error, best[0] ** 2 * covariance + (best[1] * size[:, None, None]) ** 2 * np.eye(len(error.T)))
+    return [wide * best[0], wide * best[1]]
+
+
+def _excess(error: Float[np.ndarray, "n d"], covariance: Float[np.ndarray, "n d d"]) -> float:
     """Return the factor of standard deviations with which 95 % of errors lie within their 95 % bounds."""
     off = np.sum(error * _solved(covariance, error[..., None])[..., 0], axis=1)
     return sqrt(float(np.quantile(off, 0.95)) / CHI2[len(error.T) - 1])

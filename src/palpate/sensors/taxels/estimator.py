@@ -159,7 +159,8 @@ class TaxelEstimator(ContactEstimator):
         Raises:
             InputError: the block has no readings of these taxels.
         """
-        (raw, sideways), count = self.body.loads(block), len(block)
+        readings, count = self.body.raw(block), len(block)
+        raw, sideways = self.body.split(readings)
         counts, out = np.zeros(count, dtype=np.int64), self.empty(_ROWS)
         forces = np.zeros((count, len(self.body))) if watched else self._frames.no_forces
         parts, done = [self.empty(0)], 0
@@ -169,7 +170,7 @@ class TaxelEstimator(ContactEstimator):
             step, used = self._frames.run(*given, out, counts[done:], forces[done:], values)
             parts.append(out[:used].copy())
             done += step
-        self._watch.add(block.time, raw, rows := np.concatenate(parts), counts)
+        self._watch.add(block.time, readings, raw, rows := np.concatenate(parts), counts)
         return Answered(block, rows, counts, forces if watched else None)
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:

@@ -58,6 +58,7 @@ class TaxelFrames:
         self._model = np.zeros(0) if body.response is None else body.response.numbers()
         self._place = (vectors, np.stack([body.areas, body.spacing]), grid, body.turn, known)
         self._model.flags.writeable = False
+        self._follow = np.inf if body.response is None else body.response.drift
         tables = (body.neighbours.copy(), body.steps.copy(), body.between.copy())
         self._table = (*tables, max(body.columns, 1))
         self._usable, self._name = body.usable, body.name
@@ -141,7 +142,7 @@ class TaxelFrames:
         self._whole[_rest.TOUCHED] = _rest.NEVER
         self._numbers[_rest.LAST] = np.nan
         self._whole[[_rest.TURNS, _rest.WRAPPED]] = 0
-        self._numbers[[_rest.PEAK, _rest.FADED]] = 0.0
+        self._numbers[[_rest.PEAK, _rest.FADED]], self._numbers[_rest.SLOW :] = 0.0, 0.0
         self._clock[:] = 0.0
         self._clock[_rest.LATEST] = np.nan
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
@@ -208,10 +209,11 @@ class TaxelFrames:
 
     def _fixed(self) -> tuple[object, ...]:
         """Return the arguments of the loop that are the same objects for all frames."""
-        set_, forward = self._settings, self._forward
+        set_, forward, drift = self._settings, self._forward, self._settings.drift
+        drift = min(drift, self._follow) if drift < np.inf else drift
         resting = 1.0 / self._health.frames if self._filtered and self._health is not None else 0.0
         sign = -1.0 if self.falling else 1.0
-        numbers = (set_.on, set_.off, set_.sure, set_.share, sign, self._gains, set_.drift, self._turn, resting)
+        numbers = (set_.on, set_.off, set_.sure, set_.share, sign, self._gains, drift, self._turn, resting)
         settings = tuple(map(float, (*numbers, set_.reach, set_.speed, set_.patience, set_.walk)))
         smoothing = _NO_FILTER if forward is None else (*forward.parts, forward.shares)
         known = (self._place, self._table, self._curves, settings, smoothing)

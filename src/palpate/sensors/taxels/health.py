@@ -27,6 +27,7 @@ FALLS = (
 )
 OPPOSITE = -0.8  # cosine between the ways to two neighbours
 WRAP = 0.85  # of the range: a step of a cell alone that is no touch
+BETWEEN = 10  # frames over which differences show the noise of taxels with three axes, which a rest that drifts is not
 SPREAD = 8192  # frames, evenly spread, that show the direction of a load
 
 
@@ -123,6 +124,7 @@ def examine(
         share = f"{100 * hysteresis:.0f} % of a reading remains {AFTER:g} s after a touch"
         doubts.append(f"{share}: after it, forces are too large for a while (hysteresis, or slow recovery)")
     at_rest = _sideways(tangential[known][: len(rest)], rest, baseline, noise)
+    noise = noise if at_rest is None else _steady(rest, np.abs(rest - baseline) <= CLOSE * noise, noise)
     baseline = -baseline if falling else baseline
     counted = (len(rest), tuple(notes), tuple(doubts), hysteresis, falling)
     return Health(frozen(baseline), frozen(noise), dead, stuck, *counted, at_rest)
@@ -138,8 +140,21 @@ def _sideways(
     free |= ~free.any(axis=0)  # a taxel that never rests: all its frames
     both = np.where(free[:, None], loads.reshape(len(loads), 2, -1), np.nan)
     middle = np.nanmedian(both, axis=0)
-    deviation = 1.4826 * np.nanmedian(np.abs(both - middle), axis=0)
-    return frozen(np.stack([middle, np.maximum(deviation, 1e-3 * noise)]))
+    deviation = np.maximum(1.4826 * np.nanmedian(np.abs(both - middle), axis=0), 1e-3 * noise)
+    steady = [_steady(loads.reshape(both.shape)[:, a], free, deviation[a]) for a in range(2)]
+    return frozen(np.stack([middle, np.array(steady)]))
+
+
+def _steady(
+    loads: Float[np.ndarray, "n k"], free: Bool[np.ndarray, "n k"], most: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, " k"]:
+    """Return the noise of loads at rest by their differences, between 0.2 times and one times the most it may be."""
+    if len(loads) <= 2 * BETWEEN:
+        return most
+    both = free[BETWEEN:] & free[:-BETWEEN]
+    both |= ~both.any(axis=0)
+    apart = np.where(both, np.abs(loads[BETWEEN:] - loads[:-BETWEEN]), np.nan)
+    return np.clip(1.4826 / np.sqrt(2.0) * np.nanmedian(apart, axis=0), 0.2 * most, most)
 
 
 def falls_under_load(recording: Recording, body: TaxelBody, seconds: float | None = None) -> bool:

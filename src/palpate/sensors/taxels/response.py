@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
+from math import inf
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
 from palpate.sensors.taxels import _loads
@@ -33,9 +34,14 @@ class TaxelResponse(Value):
         patch: (3,) variance of the pressed patch, counted from a usual one: a + b F^(2/3) by the normal force F [N],
             and its standard deviation.
         curve: (5,) corrects a fitted force: normal c0 n + c1 n^2 + c2 t^2, tangential (c3 + c4 n) t.
-        widening: (3,) of the standard deviations of place, normal and tangential force, with which 95 % of presses that
-            the fit left out lie within their 95 % bounds.
+        widening: (3,) factors of the standard deviations of place, normal and tangential force by the loads.
+        inexact: (3,) standard deviations beside them: of the place, and of both as shares of the force. With these and
+            `widening`, 95 % of presses that the fit left out lie within their 95 % bounds.
         sums: the taxels bear all of a force among them, as pillars do: force and place are sums of their loads.
+        late: (3,) readings are the load and a share of what it was before, exponentially over a time: the time [s], the
+            share, and its standard deviation.
+        drift: [s] time within which the rest is followed best; inf: not known.
+        limits: (2,) lowest and highest reading; a taxel with a reading there has no weight.
         provenance: origin of the response; {}: it is a guess.
         notes: notes for the user, a sentence each.
 
@@ -50,12 +56,16 @@ class TaxelResponse(Value):
     patch: Float[np.ndarray, "3"]
     curve: Float[np.ndarray, "5"]
     widening: Float[np.ndarray, "3"]
+    inexact: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     sums: bool = False
+    late: Float[np.ndarray, "3"] = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    drift: float = inf
+    limits: Float[np.ndarray, "2"] = field(default_factory=lambda: np.array([-inf, inf]))
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("gains", "shares", "misfit", "patch", "curve", "widening"):
+        for name in ("gains", "shares", "misfit", "patch", "curve", "widening", "inexact", "late", "limits"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         if not (self.pitch > 0 and np.isfinite(self.gains).all()):
             raise InputError("gains must be finite, and the pitch positive.", where="response")
@@ -76,17 +86,26 @@ class TaxelResponse(Value):
     def loads(self, readings: Float[np.ndarray, "n k 3"]) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n m"]]:
         """Return loads [N] by readings (n, k, 3): into the body (n, k), and along the tangents (n, 2 k), one in front.
 
-        The rest is not taken off. Where one reading of a taxel is not finite, all its loads are NaN.
+        The rest is not taken off. Where one reading of a taxel is not finite or at its limit, all its loads are NaN.
 
         Raises:
             InputError: readings of another shape.
         """
-        found = np.einsum("kab,nkb->nak", self.gains, readings)
+        full = self.full(readings)
+        found = np.einsum("kab,nkb->nak", self.gains, np.where(full, np.nan, readings) if full.any() else readings)
         return np.ascontiguousarray(found[:, 2]), found[:, :2].reshape(len(found), -1)
+
+    def full(self, readings: Float[np.ndarray, "n k 3"]) -> Bool[np.ndarray, "n k 3"]:
+        """Return which readings are at `limits`.
+
+        Raises:
+            InputError: readings of another shape.
+        """
+        return (readings <= self.limits[0]) | (readings >= self.limits[1])
 
     def numbers(self) -> Float[np.ndarray, " m"]:
         """Return the model as the array that the compiled fit reads."""
-        parts = ([self.pitch], self.misfit, self.patch, self.curve, self.widening, [self.sums])
+        parts = ([self.pitch], self.misfit, self.patch, self.curve, self.widening, self.inexact, [self.sums], self.late)
         return frozen(np.concatenate([self.shares.ravel(), *parts]))
 
     def spread_of(

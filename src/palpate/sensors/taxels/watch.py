@@ -37,14 +37,19 @@ class TaxelWatch:
         self._last: np.ndarray = np.full(len(self._body), np.nan)
         self._kept, self._empty, self._stride, self._count = list[np.ndarray](), list[np.ndarray](), 1, 0
         self._ghosts: dict[str, float] = {}
+        self._full = np.zeros(len(self._body), dtype=np.int64)
 
-    def add(self, time: np.ndarray, raw: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> None:
-        """Add the next frames (n, k) at times (n,) [s], with the rows of their contacts and each one's number of rows.
+    def add(
+        self, time: np.ndarray, readings: np.ndarray, raw: np.ndarray, rows: np.ndarray, counts: np.ndarray
+    ) -> None:
+        """Add the next frames at times (n,) [s], with the rows of their contacts and each one's number of rows.
 
+        Of taxels with three axes, `raw` (n, k) are the loads into the body by the readings; else both are the same.
         The estimator has checked them: to check again would take as long as the rest, for a block of 100 frames.
         """
         if not len(time):
             return
+        self._look_for_ends(readings)
         self._times.append(time.copy())
         self._same.append(np.append((raw[0] == self._last).all(), _repeats(raw)))
         first: Int[np.ndarray, " n"] = np.cumsum(counts) - counts
@@ -54,6 +59,22 @@ class TaxelWatch:
         if self._body.rows:
             for frame in np.flatnonzero(counts >= CORNERS)[:KEPT].tolist():
                 self._look_for_ghosts(float(time[frame]), rows[first[frame] : first[frame] + counts[frame]])
+
+    def _look_for_ends(self, readings: Float[np.ndarray, "n k ..."]) -> None:
+        """Count the frames in which each taxel with three axes has a reading at the end of its range."""
+        response = self._body.response
+        if response is not None and np.isfinite(response.limits).any():
+            self._full += response.full(readings).any(axis=2).sum(axis=0)
+
+    def _ended(self) -> list[str]:
+        full = np.flatnonzero(self._full).tolist()
+        if not full:
+            return []
+        names = f"{', '.join(self._body.name(cell) for cell in full[:5])}{', ...' if len(full) > 5 else ''}"
+        return [
+            f"{len(full)} taxels ({names}) read the end of their range, in up to {self._full.max()} frames, in which "
+            "they have no weight: less of a hard touch is measured"
+        ]
 
     def _keep(self, raw: Float[np.ndarray, "n k"], free: Bool[np.ndarray, " n"]) -> None:
         """Keep every few frames; in a longer log every second one of them stays."""
@@ -80,11 +101,12 @@ class TaxelWatch:
         return np.concatenate([np.zeros(0, dtype=bool), *self._free])
 
     def warnings(self) -> list[str]:
-        """Return a list of sentences on lost and frozen frames, ghosts, and a contact that does not end."""
+        """Return a list of sentences on full taxels, lost or frozen frames, ghosts, and a contact without end."""
         if not self._times:
             return []
         time = np.concatenate(self._times)
-        return [*_lost(time), *_frozen(time, np.concatenate(self._same)), *self._ghost(), *_endless(time, self.free)]
+        known = [*self._ended(), *_lost(time), *_frozen(time, np.concatenate(self._same))]
+        return [*known, *self._ghost(), *_endless(time, self.free)]
 
     def _look_for_ghosts(self, time: float, rows: Float[np.ndarray, "c width"]) -> None:
         """Note the weakest of four touches at the corners of a rectangle of rows and columns."""
