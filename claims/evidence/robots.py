@@ -27,7 +27,8 @@ from palpate.setup.load import load_robot
 from palpate.setup.robot_pipeline import RobotPipeline
 
 LARGEST, INSIDE = 1e-3, (0.93, 0.97)
-ENCODER = 0.2  # degrees
+ENCODER = 0.2  # degrees: an offset of each joint that lasts a session
+SHORT = ("--seconds", "12", "--touches", "16", "--free", "8")
 BASE = [f"base_p{axis}" for axis in "xyz"]
 NORMAL = [f"base_n{axis}" for axis in "xyz"]
 FORCE = [f"base_f{axis}" for axis in "xyz"]
@@ -37,22 +38,22 @@ def rows(small: bool) -> Iterator[Row]:
     """Place, ellipses, each sensor as alone, false touches, speed of the kinematics."""
     with TemporaryDirectory() as scratch:
         for name in ("hand", "humanoid"):
-            made = [_session(Path(scratch), name, seed, small) for seed in range(1 if small else 3)]
+            length = SHORT if small else ("--free", "100")
+            made = [_session(Path(scratch), name, seed, *length) for seed in range(1 if small else 3)]
             yield from _placed(name, [_matches(each) for each in made], small)
             yield _alone(name, made[0])
             yield _false(name, made)
-            bent = _session(Path(scratch), name, 9, small, ENCODER)
-            yield from _placed(f"{name}, joints {ENCODER:g} degrees off", [_matches(bent)], small, bent=True)
+            off = (*SHORT[:-1], "0", "--encoder", f"{ENCODER}")
+            bent = [_session(Path(scratch), name, seed, *off) for seed in range(9, 10 if small else 17)]
+            yield from _placed(f"{name}, joints {ENCODER} degrees off", list(map(_matches, bent)), small, bent=True)
         yield _speed(Path(scratch) / "humanoid0", 500 if small else 20_000)
 
 
-def _session(scratch: Path, name: str, seed: int, small: bool, encoder: float = 0.0) -> Path:
+def _session(scratch: Path, name: str, seed: int, *options: str) -> Path:
     """Make a session, and return its folder."""
     folder = scratch / f"{name}{seed}"
-    length = ("--seconds", "12", "--touches", "16", "--free", "8") if small else ("--free", "100")
-    words = ("simulate", name, "-o", str(folder), "--seed", str(seed), "--encoder", f"{encoder}", *length)
     with contextlib.redirect_stdout(io.StringIO()):
-        assert not main(["--quiet", *words])
+        assert not main(["--quiet", "simulate", name, "-o", str(folder), "--seed", str(seed), *options])
     return folder
 
 
