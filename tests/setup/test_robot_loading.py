@@ -65,8 +65,7 @@ def test_mistakes_of_the_robot_are_refused(rig: Path, old: str, new: str, said: 
 def test_what_is_no_name_or_no_table_is_no_sensor(rig: Path, old: str, new: str) -> None:
     robot = load_robot(_written(rig, old, new))
     assert not robot.sensors
-    assert all("must be a name of letters" in str(each) for each in robot.faulty.values())
-    assert robot.faulty
+    assert any("must be a name of letters" in str(each) for each in robot.faulty.values())
 
 
 @pytest.mark.parametrize(
