@@ -95,7 +95,8 @@ def _match(found: Contacts, row: dict[str, float]) -> tuple[float, float]:
     normal = np.array([row[name] for name in NORMAL])
     across = np.linalg.svd(normal[None])[2][1:]
     spread = across @ found.covariance[near][k] @ across.T
-    return float(np.linalg.norm(off[k])), float((across @ off[k]) @ np.linalg.solve(spread, across @ off[k]))
+    square: np.ndarray = (across @ off[k]) @ np.linalg.solve(spread, across @ off[k])
+    return float(np.linalg.norm(off[k])), float(square)
 
 
 def _placed(what: str, found: list[Matches], small: bool, *, bent: bool = False) -> Iterator[Row]:
@@ -185,9 +186,11 @@ def _write_twice(log: Path, path: Path) -> None:
         writer = Writer(out)
         writer.start()
         for schema, channel, message in make_reader(file).iter_messages():
+            if schema is None:  # the lab's logs state a schema of each topic
+                continue
             copied = channel.topic.strip("/").startswith(TWICE)
             topics = [channel.topic, *([re.sub(r"^/(\w+)/", r"/\1_2/", channel.topic)] if copied else [])]
-            for topic in topics if schema is not None else ():
+            for topic in topics:
                 if topic not in channels:
                     kind = writer.register_schema(schema.name, schema.encoding, schema.data)
                     channels[topic] = writer.register_channel(topic, channel.message_encoding, kind)

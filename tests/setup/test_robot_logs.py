@@ -98,6 +98,10 @@ def _one_less(message: Any) -> None:
     message.velocity = message.effort = np.zeros(0)
 
 
+def _without_joints(topic: str, data: bytes) -> bytes | None:
+    return None if topic == JOINTS else data
+
+
 def _late(topic: str, seconds: float) -> Change:
     """Move the stamps of one topic: whole seconds and nanoseconds behind the four bytes of CDR's head."""
 
@@ -157,7 +161,7 @@ def test_good_logs_raise_no_alarm(hand: Path, capsys: pytest.CaptureFixture[str]
     [
         (_joints(_degrees), r"/joint_states: joint '.*' reads up to .* in degrees"),
         (_joints(_one_less), r"'/joint_states' has no position of the joint 'ring_1_joint'"),
-        (lambda topic, data: None if topic == JOINTS else data, r"no topic '/joint_states' of joint states"),
+        (_without_joints, r"no topic '/joint_states' of joint states"),
     ],
     ids=["degrees", "no joint", "no joint states"],
 )
