@@ -15,7 +15,7 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup native demo browser test check docs claims mutants pictures screens follow same size cost package lock clean
+.PHONY: help setup native demo browser test check docs claims mutants fuzz pictures screens follow same size cost package lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
@@ -51,6 +51,10 @@ claims: native ## every claim with its figure, into docs/evidence.md and the pap
 mutants: $(READY) ## faults by chance (SEED=0), turned on one by one: do the tests of their room notice?
 	$(BIN)/python -m mutants --seed $(or $(SEED),0)
 
+fuzz: $(READY) ## fuzz each reader, packet and message of a page (MINUTES=10): hours; needs atheris, installed beside
+	@test -d .cache/atheris || $(UV) pip install --quiet --python $(BIN)/python --target .cache/atheris atheris
+	PYTHONPATH=.cache/atheris $(BIN)/python -m fuzz --minutes $(or $(MINUTES),10) $(ONLY)
+
 pictures: native ## the pictures of README and pages, into docs/pictures, from what `make demo` left
 	$(BIN)/python docs/pictures/make.py
 
@@ -78,7 +82,7 @@ lock: $(UV) ## requirements.lock from pyproject.toml
 
 clean: ## back to a fresh clone
 	rm -rf .venv .tools .cache src/palpate/_native .pytest_cache .ruff_cache .import_linter_cache .hypothesis docs/_build demo
-	find src tests claims examples mutants -name __pycache__ -exec rm -rf {} +
+	find src tests claims examples fuzz mutants -name __pycache__ -exec rm -rf {} +
 
 $(UV):
 	@$(PYTHON) -c 'import sys; sys.exit("Palpate needs Python 3.11 or newer; name one: make setup PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'

@@ -256,3 +256,11 @@ def test_a_column_of_text_is_refused_only_if_it_never_holds_a_number(
     assert np.isnan(recording.wrenches()[:, 0]).tolist() == [True] * 50 + [False] * 10
     with pytest.raises(InputError, match="column 'fx' has no numbers; line 2 has 'starting'"):
         read_recording(_log(tmp_path, HEADER, *rows[:50]))
+
+
+def test_a_quoted_line_with_a_carriage_return_is_a_sentence(tmp_path: Path) -> None:
+    """Python's csv refuses such a line with an error of its own; found by fuzzing."""
+    path = tmp_path / "log.csv"
+    path.write_bytes(b'a,b\n1,"2"\r3\n4,5\n')
+    with pytest.raises(InputError, match=r"log\.csv"):
+        read_recording(path)

@@ -14,6 +14,7 @@ import pytest
 import tomlkit
 
 from palpate.contact.indentation import Indentation
+from palpate.control.servo import Servo
 from palpate.errors import InputError
 from palpate.files.models import MODELS, load_toml, provenance, read_model, write_model
 from palpate.files.schema import covariance_matrix
@@ -155,6 +156,7 @@ MADE = {
     "marker ring": _marker_ring,
     "camera": _camera,
     "payload": _payload,
+    "servo": lambda seed: Servo(1 / 30, 0.02 / (1 + seed), 0.0, 0.1 / 3, 1e-3, 1 + seed % 2, {"log": "free.csv"}),
     "load_cells": _load_cells,
     "intensity": _intensity,
     "response": _response,

@@ -113,7 +113,7 @@ def refusal(words: list[str]) -> str | None:
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            tyro.cli(nothing, args=rest)
+            tyro.cli(command if isinstance(command, type) else nothing, args=rest)  # a class is only its arguments
     except SystemExit as leaving:
         return said.getvalue() if leaving.code else None
     return None

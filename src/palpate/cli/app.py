@@ -81,6 +81,7 @@ _CALIBRATIONS = {  # name -> module, class, and the first paragraph of its docst
         "CalibrateResponse",
         "Fit what taxels with three axes read under known forces.",
     ),
+    "servo": (".calibrate_servo", "CalibrateServo", "Find the delay and lag with which a robot follows commands."),
     "taxels": (_POKING, "CalibrateTaxels", "Find where each taxel sits, from the wrenches of pokes."),
 }
 _ROWS = {  # name of a command -> module, function, and the first paragraph of its docstring

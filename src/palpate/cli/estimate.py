@@ -15,7 +15,7 @@ from palpate.cli.contact_files import compared_blocks
 from palpate.cli.estimate_log import Estimated, estimate_log, record_of
 from palpate.cli.estimate_robot import estimate_robot, require_robot_options
 from palpate.cli.events import say_touches
-from palpate.cli.report import judged, run_of
+from palpate.cli.report import judged, require_page, run_of
 from palpate.cli.rig_options import RigOptions
 from palpate.console.console import counting, lines, note, progress, shares, title, wait
 from palpate.console.options import CountOption, FileOption, Log
@@ -28,7 +28,7 @@ from palpate.files.ground_truth import read_ground_truth
 from palpate.setup.link import Link
 from palpate.setup.load import robot_of
 from palpate.setup.pipeline import OpenedLog
-from palpate.viewer.report import render, require_report
+from palpate.viewer.report import render
 from palpate.viewer.run_compare import compared
 from palpate.viewer.run_report import compose
 from palpate.viewer.run_summary import RunSummary
@@ -78,16 +78,16 @@ def estimate(
     if workers is not None and workers < 1:
         raise InputError(f"must be at least 1, not {workers}.", where="--workers")
     if setup.rig is not None and (robot := robot_of(setup.rig)) is not None:
-        require_robot_options(robot, setup, report=report, truth=truth, compare=compare, workers=workers)
-        estimate_robot(log, robot, output, frame, setup.sensor)
+        require_robot_options(robot, setup, truth=truth, compare=compare, workers=workers)
+        estimate_robot(log, robot, output, frame, setup.sensor, report)
         return
     rig = setup.load()
     inputs = (log, setup.rig, *rig.files().values(), truth, compare)
     if output is not None:  # this and what follows: before the work, not after it
         keep_inputs(output, inputs, siblings=(record_of(output), *([report] if report else [])))
         require_format(output)
-    elif report is not None:
-        raise InputError("a report needs contacts that are written to a file.", where="--report", hint="Add -o FILE.")
+    if report is not None:
+        require_page(report, output)
     known, other = _ground_truth(truth, report), _compared(compare, report, rig.resolve().link)
     opened = setup.open(log, rig)
     wait("preparing the surface")
@@ -125,11 +125,7 @@ def _workers(opened: OpenedLog, requested: int | None) -> int:
 
 
 def _ground_truth(truth: Path | None, report: Path | None) -> TrueSamples | TrueTouches | None:
-    if report is not None:
-        if report.suffix.lower() not in (".html", ".htm"):
-            raise InputError("the report must end in .html.", where=str(report), hint="Use another name.")
-        require_report()
-    elif truth is not None:
+    if report is None and truth is not None:
         hint = "Add --report FILE, or compare with palpate evaluate."
         raise InputError("is used only in the report, but --report is missing.", where="--truth", hint=hint)
     return None if truth is None else read_ground_truth(truth)

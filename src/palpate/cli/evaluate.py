@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -10,10 +12,11 @@ from tyro.conf import arg
 from palpate.cli.evaluate_instrument import WAND, WRENCH, evaluate_instrument
 from palpate.console.console import Quantity, lines, note, shares, span, table, title
 from palpate.console.options import ContactsFile, FileOption, TruthFile
+from palpate.contact.contacts import Contacts
 from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.errors import InputError
 from palpate.evaluation.errors import HEADER
-from palpate.evaluation.evaluate import EvaluationReport
+from palpate.evaluation.evaluate import EvaluationReport, evaluate_robot
 from palpate.evaluation.evaluate import evaluate as compare
 from palpate.files.contacts import read_contacts
 from palpate.files.ground_truth import read_ground_truth
@@ -23,6 +26,7 @@ from palpate.sensors.marker_ring.evaluate_command import TRUTH, evaluate_ring
 from palpate.sensors.taxels.poking.evaluate_command import evaluate_taxels, is_taxel_file
 from palpate.viewer.report import percent
 
+_OF_SENSOR = ("sensor", "with a truth", "answered", "location [mm]", *HEADER[1:-1], "force [N]", "in ellipse")
 _COUNTS = ("samples", "matched", "answered", "unmatched", "missed", "outside")
 
 
@@ -48,6 +52,7 @@ def evaluate(
         contacts: written by `palpate estimate`, of any sensor; or places of taxels (`palpate calibrate taxels`, iCub's
             positions, CSV).
         truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches: start,end,px,py,pz[,label];
+            of a robot also sensor, and base_px,... in its base;
             for a marker ring also [time,]angle_deg,force_n[,depth_mm][,shear_n]; for taxels: any file of their
             positions.
         tolerance: seconds by which the nearest true time may differ.
@@ -82,18 +87,62 @@ def evaluate(
     if set(TRUTH) <= names and "px" not in names:
         evaluate_ring(contacts, found, rows, tolerance)
         return
-    known = read_ground_truth(truth)
-    report = compare(found, known, tolerance=tolerance)
+    stated = read_provenance(contacts).get("frame")
+    frame = str(stated or "surface")
+    known = read_ground_truth(truth, frame)
+    report, each = _compared(found, known, tolerance, truth)
     if not report.matched:
         times = f"times of the contacts [s]: {span(found.time)}, of the truth: {span(truth_times(known))}"
         hint = "Use one clock for both, or widen the match with --tolerance."
         raise InputError(f"no sample matches the truth; {times}.", where=str(truth), hint=hint)
     title(f"{contacts} against {truth}")
     _say(report)
-    note([*_unanswered(report), *_unpaired(report), *found.notes])
-    frame = read_provenance(contacts).get("frame", "surface")
-    if frame != "surface":
+    if each:
+        table(
+            ("sensor", "with a truth", "answered", "location [mm]", *HEADER[1:-1], "force [N]", "in ellipse"),
+            _rows(each),
+        )
+    note([*_unanswered(report), *_unpaired(report), *_unknown(found, each), *found.notes])
+    if each and stated is None:
+        note([f"{contacts}.toml is missing: the contacts are taken as in each sensor's own frame"], kind="warning")
+    if each and frame == "base" and tolerance > 0.001 and isinstance(known, TrueSamples):
+        note(["in the base, points move between true instants; --tolerance 0.001 compares at these instants alone"])
+    if frame != "surface" and "base_px" not in names:
         note([f"the contacts are in the {frame}'s frame: the truth must be, too"], kind="warning")
+
+
+def _compared(
+    found: Contacts, known: TrueSamples | TrueTouches, tolerance: float, where: Path
+) -> tuple[EvaluationReport, dict[str, EvaluationReport]]:
+    """Return the comparison of all contacts, and that of each sensor of a robot."""
+    if found.origins is not None and known.sensor:
+        return evaluate_robot(found, known, tolerance=tolerance)
+    if found.origins is not None and len(found.origins.among) > 1:
+        what = "does not name the sensor of each row, and the contacts are of several."
+        raise InputError(what, where=str(where), hint="Add a column sensor.")
+    if len(set(known.sensor)) > 1:
+        what = "is of several sensors, and the contacts do not name theirs."
+        raise InputError(what, where=str(where), hint="Estimate the log with the robot's rig.")
+    return compare(found, known, tolerance=tolerance), {}
+
+
+def _rows(each: Mapping[str, EvaluationReport]) -> list[tuple[str, ...]]:
+    """Return a row of texts per sensor: counts, errors of location and force, and coverage."""
+    rows = list[tuple[str, ...]]()
+    for name, one in each.items():
+        place = ("-",) * 4 if one.location is None else one.location.row(1e3)[:-1]
+        force = "-" if one.force is None else f"{one.force.median:.3f}"
+        inside = percent(one.coverage.inside) if one.coverage.count else "-"
+        rows.append((name, f"{one.matched:,}", f"{one.answered:,}", *place, force, inside))
+    return rows
+
+
+def _unknown(found: Contacts, each: Mapping[str, EvaluationReport]) -> list[str]:
+    """Return a sentence on the sensors of a robot that have contacts and no truth, if there are any."""
+    if found.origins is None or not each:
+        return []
+    names = [origin.sensor for origin in found.origins.among if origin.sensor not in each]
+    return [f"there is no truth of {', '.join(names)}"] if names else []
 
 
 def _say(report: EvaluationReport) -> None:

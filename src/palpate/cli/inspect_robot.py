@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from palpate.cli.estimate_robot import facts_of
 from palpate.console.console import lines, note, table, title
 from palpate.errors import PalpateError
 from palpate.files.logs.layout import LogLayout
@@ -16,13 +17,7 @@ _BODY = ("mesh", "urdf", "kinematics")  # files that are not a sensor's model
 def inspect_robot(robot: Robot) -> None:
     """Print a robot: what it consists of, a row for each sensor, and what is missing, one sentence each."""
     title(f"{robot.path}: a rig of a robot")
-    stated = robot.table
-    moved = stated.joints if isinstance(stated.joints, str | None) else f"{len(stated.joints)} columns"
-    urdf = robot.urdf
-    links = "-" if urdf is None else f"{len(urdf.links)}, of which {len(urdf.shaped())} have a geometry"
-    base = "-" if urdf is None else robot.base
-    facts = {"urdf": stated.urdf, "links": links, "base": base, "joints": moved, "gravity": stated.gravity}
-    lines([*((name, value or "-") for name, value in facts.items())])
+    lines(facts_of(robot))
     header = ("sensor", "kind", "link", "size", "model", "source")
     table(header, [_row(each) for each in robot.sensors.values()])
     missing = [f"{name}: {problem}" for name, problem in robot.faulty.items()]

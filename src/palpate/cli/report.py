@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
@@ -12,12 +13,13 @@ from palpate.cli.evaluate import summaries
 from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.contact.plausibility import UNLOADED
+from palpate.errors import InputError
 from palpate.evaluation.errors import HEADER
 from palpate.evaluation.evaluate import EvaluationReport, evaluate
 from palpate.setup.pipeline import Pipeline
 from palpate.setup.view import view_of
 from palpate.viewer import plots
-from palpate.viewer.report import Picture, ReportTable, Section, Tile, percent, picture
+from palpate.viewer.report import Picture, ReportTable, Section, Tile, percent, picture, require_report
 from palpate.viewer.run_report import DownsampledRun, Run, coverage_tone
 from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.samples import median
@@ -34,6 +36,19 @@ _REMEDY = {  # of a status that is common: from which share on, of the loaded sa
     Status.NO_POSE: (0.0, "poses are missing or too sparse: check orientation.max_gap, offset, and the poses' topic."),
 }
 ENOUGH = 50  # samples before their coverage means something
+
+
+def require_page(report: Path, output: Path | None) -> None:
+    """Check, before the work, that the page of a report can be made.
+
+    Raises:
+        InputError: contacts are not written to a file, the page is not HTML, or matplotlib or jinja2 is not installed.
+    """
+    if output is None:
+        raise InputError("a report needs contacts that are written to a file.", where="--report", hint="Add -o FILE.")
+    if report.suffix.lower() not in (".html", ".htm"):
+        raise InputError("the report must end in .html.", where=str(report), hint="Use another name.")
+    require_report()
 
 
 def run_of(

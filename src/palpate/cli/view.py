@@ -16,6 +16,7 @@ from palpate.console.options import FileOption, Log
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.files.atomic import reserve_output, sibling_folder
+from palpate.files.contacts import read_contacts
 from palpate.files.models import read_provenance
 from palpate.interrupts import import_mesh_reader
 from palpate.opencv import opencv
@@ -27,7 +28,7 @@ from palpate.setup import Rig
 from palpate.setup.load import robot_of
 from palpate.setup.pipeline import OpenedLog, Pipeline
 from palpate.setup.robot import Robot
-from palpate.setup.robot_view import robot_scene
+from palpate.setup.robot_view import in_pictures, robot_scene
 from palpate.setup.setup import Setup
 from palpate.setup.view import LayerData, layers_of, view_of
 from palpate.surfaces import Surface
@@ -73,7 +74,7 @@ def view(
         _view_taxels(log, setup, host, port)
         return
     if setup.rig is not None and (robot := robot_of(setup.rig)) is not None:
-        _view_robot(log, robot, setup, film, (host, port))
+        _view_robot(log, robot, setup, compare, film, (host, port))
         return
     rig = setup.load()
     import_mesh_reader()
@@ -92,19 +93,36 @@ def view(
     serve(scene, host, port, up=_announce_address)
 
 
-def _view_robot(log: Path, robot: Robot, setup: RigOptions, film: Path | None, address: tuple[str, int]) -> None:
+def _view_robot(
+    log: Path, robot: Robot, setup: RigOptions, compare: Path | None, film: Path | None, address: tuple[str, int]
+) -> None:
     """Show a robot that moves, and the contacts on it."""
     require_robot_options(robot, setup)
+    if written(log) is not None:
+        what = "is a file of contacts, without the joint states that place the robot's links."
+        raise InputError(what, where=str(log), hint=f"View the log, and these with it: --compare {log}.")
+    other = None if compare is None else _in_base(compare)
     import_mesh_reader()
     wait("finding the contacts of all sensors")
     with counting():
         scene, notes = robot_scene(robot, log, setup.sensor)
+    if other is not None and compare is not None:
+        scene = scene.compared(in_pictures(other), compare.name)
     title(f"{log}: {len(scene):,} pictures, {len(scene.touches)} touches")
     note(notes)
     if film is not None:
         _write_film(scene, film)
         return
     serve(scene, *address, up=_announce_address)
+
+
+def _in_base(path: Path) -> Contacts:
+    """Read contacts of a robot in the base frame."""
+    found = read_contacts(path)
+    if found.origins is None or read_provenance(path).get("frame") != "base":
+        hint = "Estimate them with the robot's rig and --frame base."
+        raise InputError("these are not the contacts of a robot in its base frame.", where=str(path), hint=hint)
+    return found
 
 
 def _announce_address(address: str) -> None:

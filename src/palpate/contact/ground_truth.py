@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import frozen_value
 
@@ -18,6 +19,7 @@ class TrueSamples:
         point: (n, 3) [m] in the frame of the estimates.
         normal: (n, 3) outward, or None.
         force: (n, 3) [N] on the body, or None.
+        sensor: name of the robot's sensor that is touched, of each instant; () if they are of one sensor.
 
     Raises:
         InputError: arrays of other or different shapes.
@@ -27,11 +29,18 @@ class TrueSamples:
     point: Float[np.ndarray, "n 3"]
     normal: Float[np.ndarray, "n 3"] | None = None
     force: Float[np.ndarray, "n 3"] | None = None
+    sensor: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value is not None:
+        for name in ("time", "point", "normal", "force"):
+            if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, frozen(value))
+        _require_names(self.sensor, len(self.time))
+
+    def __getitem__(self, which: Int[np.ndarray, " k"]) -> TrueSamples:
+        """Return the instants of these numbers (k,)."""
+        normal, force = (None if each is None else each[which] for each in (self.normal, self.force))
+        return TrueSamples(self.time[which], self.point[which], normal, force, _picked(self.sensor, which))
 
 
 @frozen_value
@@ -43,6 +52,7 @@ class TrueTouches:
         end: (n,) [s], included.
         point: (n, 3) [m] in the frame of the estimates.
         label: n names.
+        sensor: name of the robot's sensor that is touched, of each touch; () if they are of one sensor.
 
     Raises:
         InputError: arrays of other or different shapes.
@@ -52,10 +62,27 @@ class TrueTouches:
     end: Float[np.ndarray, " n"]
     point: Float[np.ndarray, "n 3"]
     label: tuple[str, ...]
+    sensor: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("start", "end", "point"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
+        _require_names(self.sensor, len(self.start))
+
+    def __getitem__(self, which: Int[np.ndarray, " k"]) -> TrueTouches:
+        """Return the touches of these numbers (k,)."""
+        labels, sensors = (_picked(names, which) for names in (self.label, self.sensor))
+        return TrueTouches(self.start[which], self.end[which], self.point[which], labels, sensors)
 
     def __len__(self) -> int:
         return len(self.label)
+
+
+def _picked(names: tuple[str, ...], which: Int[np.ndarray, " k"]) -> tuple[str, ...]:
+    return tuple(names[int(k)] for k in which) if names else ()
+
+
+def _require_names(sensor: tuple[str, ...], count: int) -> None:
+    """Raise InputError unless there are as many names as rows, or none."""
+    if sensor and len(sensor) != count:
+        raise InputError(f"sensor must be {count} names, one for each row, not {len(sensor)}.")

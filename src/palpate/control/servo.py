@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -31,12 +32,12 @@ _Course = list[Float[np.ndarray, "..."]]  # state (3, n), line (2, n), begin of 
 
 @dataclass(frozen=True)
 class Servo:
-    """Times with which a robot follows joint commands, from its data sheet or a step response.
+    """Times with which a robot follows joint commands, from `palpate calibrate servo`, a data sheet or a step response.
 
     After `delay`, a command is reached along a straight line within `ramp`; the joints follow that line as a critically
-    damped system of second order, w = 2/lag:
+    damped system of second order, w = 2/lag, or as one of first order, w = 1/lag:
 
-        q'' + 2 w q' + w^2 q = w^2 r
+        q'' + 2 w q' + w^2 q = w^2 r  or  q' + w q = w r
 
     Args:
         period: [s] between two commands.
@@ -44,9 +45,11 @@ class Servo:
         ramp: [s] in which it interpolates between commands, usually the period; 0: none.
         lag: [s] by which its joints lag behind a ramp; 0: none.
         known: [s] standard deviation of delay and lag as they are stated; 0: exact, nothing is learnt from feedback.
+        order: of the system, 2 or 1.
+        provenance: of a calibration.
 
     Raises:
-        InputError: a period that is not positive, or another time that is negative or not finite.
+        InputError: a period that is not positive, another time that is negative or not finite, or another order.
     """
 
     period: float = 0.02
@@ -54,9 +57,14 @@ class Servo:
     ramp: float = 0.02
     lag: float = 0.03
     known: float = 0.01
+    order: int = 2
+    provenance: Mapping[str, str] = field(default_factory=dict[str, str], compare=False)
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
+        if self.order not in (1, 2):
+            raise InputError(f"order must be 1 or 2, not {self.order}.")
+        for name in ("period", "delay", "ramp", "lag", "known"):
+            value = getattr(self, name)
             if not 0 <= value < np.inf or (name == "period" and value == 0):  # NaN too
                 raise InputError(f"{name} must be a time of 0 s or more (period: above 0 s), not {value}.")
 
@@ -105,7 +113,7 @@ class ServoModel:
         self._sent, self._targets = np.zeros(kept), np.zeros((kept, count))
         self._now, self._base, self._trial = ([np.zeros((m, count)) for m in (3, 2)] + [np.zeros(2)] for _ in range(3))
         self._span, self._slopes, self._gain = np.zeros(3, dtype=np.int64), np.zeros((2, count)), np.zeros(2 + count)
-        self.joints, self._times = np.zeros(count), np.zeros(3)
+        self.joints, self._times = np.zeros(count), np.zeros(4)
         self._least = np.maximum(0.0, np.array([servo.delay, servo.lag]) - BOUND * servo.known)
         self._most = np.array([servo.delay, servo.lag]) + BOUND * servo.known
         self.start(0.0, np.zeros(count))
@@ -188,7 +196,7 @@ class ServoModel:
     @property
     def total_delay(self) -> float:
         """Present delay [s] of joints that follow a ramp of commands."""
-        return float(self._times.sum())
+        return float(self._times[:3].sum())
 
     @property
     def speeds(self) -> Float[np.ndarray, " n"]:
@@ -246,7 +254,7 @@ class ServoModel:
     def _take(self, values: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "m m"]) -> None:
         values[:2] = np.clip(values[:2], self._least, self._most)
         self._values, self._covariance, self.offset = values, covariance, values[2:]
-        self._times[:] = values[0], self.servo.ramp, values[1]
+        self._times[:] = values[0], self.servo.ramp, values[1], self.servo.order
 
     def _explained(
         self, time: float, joints: Float[np.ndarray, " n"], omitted: int = -1, *, widened: float = 0.0

@@ -91,6 +91,38 @@ def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance:
     return replace(report(contacts, truth, match, due), outside=int(np.count_nonzero(near)))
 
 
+def evaluate_robot(
+    contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance: float = 0.02
+) -> tuple[EvaluationReport, dict[str, EvaluationReport]]:
+    """Compare the contacts of a robot's sensors with the truth, each sensor with its own; return all, and each by name.
+
+    Args:
+        contacts: of a robot, in the truth's frame.
+        truth: instants or touches that name their sensor.
+        tolerance: [s] as for `evaluate`.
+
+    Raises:
+        InputError: the contacts have no origins, or the truth names no sensors; or the tolerance is negative.
+    """
+    if contacts.origins is None or not truth.sensor:
+        raise InputError("the contacts and the truth must both name the sensor of each row.")
+    match, due = np.full(len(contacts), -1), np.zeros(len(contacts), dtype=bool)
+    named, each = np.array(truth.sensor), dict[str, EvaluationReport]()
+    for name in dict.fromkeys(truth.sensor):
+        rows, known = np.flatnonzero(contacts.sensor == name), np.flatnonzero(named == name)
+        own, its = contacts[rows], truth[known]
+        each[name] = evaluate(own, its, tolerance=tolerance)
+        if isinstance(its, TrueTouches):
+            found, due[rows], _ = match_touches(own, its)
+        else:
+            found, due[rows], _ = match_instants(own, its, tolerance)
+        match[rows] = np.where(found >= 0, known[found], -1)
+    touches = tuple(touch for one in each.values() for touch in one.touches)
+    instants = TrueSamples(truth.start, truth.point) if isinstance(truth, TrueTouches) else truth
+    counts = {name: sum(getattr(one, name) for one in each.values()) for name in ("missed", "outside")}
+    return replace(report(contacts, instants, match, due, touches), **counts), each
+
+
 @takes_arrays
 def report(
     contacts: Contacts,

@@ -39,7 +39,8 @@ class RingResponse(Value):
         u = F (v0 + z v1 + z^2 v2 + t s),    v, s: functions of delta and phi, periodic in both.
 
     F is the radial force, z the contact's width, (depth / F - mean) / standard deviation, larger for a narrow tip than
-    for a plate, and t = shear / F. Several contacts add up.
+    for a plate, and t = shear / F; both forces are along the axes of the pressed skin, which shear turns by `carried`.
+    Several contacts add up.
 
     Attributes:
         coefficients: (b, 2 r, 2 K + 1, 2 M + 1) [m/N] of v0, v1, v2 and, where shear was calibrated, s; outwards and

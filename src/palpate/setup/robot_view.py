@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +10,17 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
+from palpate.contact.events import Events
 from palpate.errors import InputError
 from palpate.files.logs.robot_motion import RobotMotion
 from palpate.setup.robot import Robot
 from palpate.setup.robot_pipeline import RobotPipeline
+from palpate.spatial.pose import rotation_from_quaternion
+from palpate.viewer.drawing import Mark
+from palpate.viewer.notebook import marks_of
 from palpate.viewer.robot_layer import RobotLayer, Triangles
 from palpate.viewer.scene import Scene, no_contacts, prepare
+from palpate.viewer.timeline import since
 
 PICTURES = 30.0  # per second
 LARGEST = 10  # factor by which ellipses are drawn larger: beside a robot those of many are small
@@ -46,6 +52,15 @@ def _pictures(found: Contacts) -> Float[np.ndarray, " m"]:
     if not len(known):
         raise InputError("no sample has a time, so nothing can be shown in turn.")
     return np.arange(known.min(), known.max() + 1 / PICTURES, 1 / PICTURES)
+
+
+def in_pictures(found: Contacts) -> Contacts:
+    """Return the contacts of a robot's sensors, in the base, as `on_pictures` does, at 30 pictures a second.
+
+    Raises:
+        InputError: no contact has a time, or the contacts have no origins.
+    """
+    return on_pictures(found, _pictures(found))
 
 
 def on_pictures(found: Contacts, time: Float[np.ndarray, " m"]) -> Contacts:
@@ -90,17 +105,65 @@ def _strongest(found: Contacts, rows: Int[np.ndarray, " n"], picture: Int[np.nda
     return np.flatnonzero(np.isin(of_row, order[last]))
 
 
+def touched_robot(robot: Robot, log: Path, touches: Events) -> tuple[RobotLayer, list[Mark]]:
+    """Return the robot as it stood at the strongest touch, a layer of one sample, and the touches on it.
+
+    Each mark is where the touch was on its link, which may have been elsewhere then.
+
+    Args:
+        robot: the robot.
+        log: file of the log.
+        touches: of a robot's sensors, in the base, at least one.
+
+    Raises:
+        InputError: the rig names no URDF, or the log does not state where its links were.
+    """
+    strongest = float(touches.peak_time[touches.peak_force.argmax()])
+    when = [
+        path[np.linalg.norm(path[:, 1:] - at, axis=1).argmin(), 0]
+        for path, at in zip(touches.paths, touches.point, strict=True)
+    ]
+    time = np.array([strongest, *when])
+    motion, links = _motion(robot, log, np.unique(touches.link).tolist())
+    marks = list[Mark]()
+    for k, mark in enumerate(marks_of(touches, len(touches), since(touches.start)[0])):
+        origin = touches[k]
+        turns, moves = motion.at(origin.link, time[[0, k + 1]])
+        shown, then = rotation_from_quaternion(turns)
+        marks.append(
+            replace(
+                mark,
+                point=shown @ then.T @ (mark.point - moves[1]) + moves[0],
+                normal=shown @ then.T @ mark.normal,
+                tooltip=f"{origin.sensor} on {origin.link}, {mark.tooltip}",
+            )
+        )
+    return RobotLayer(links, *_poses(motion, links, time[:1]), {}, {}), marks
+
+
+def _motion(robot: Robot, log: Path, others: Sequence[str] = ()) -> tuple[RobotMotion, dict[str, Triangles]]:
+    """Return the motion of all links that have a geometry, and of others, and the triangles of these links."""
+    urdf, table = robot.urdf, robot.table
+    if urdf is None:
+        raise InputError("a robot is drawn from its URDF, and the rig names none.", where=str(robot.path))
+    bodies = {name: urdf.body(name) for name in urdf.shaped()}
+    names = list(dict.fromkeys([*bodies, *others]))
+    motion = RobotMotion.read(log, urdf, robot.base, names, joints=table.joints, max_gap=table.max_gap)
+    return motion, {name: (body.vertices, body.faces) for name, body in bodies.items()}
+
+
+def _poses(
+    motion: RobotMotion, links: Mapping[str, Triangles], time: Float[np.ndarray, " m"]
+) -> tuple[Float[np.ndarray, "m k 4"], Float[np.ndarray, "m k 3"]]:
+    quaternions, positions = zip(*(motion.at(name, time) for name in links), strict=True)
+    return np.stack(quaternions, axis=1), np.stack(positions, axis=1)
+
+
 def _layer(robot: Robot, log: Path, found: Contacts, time: Float[np.ndarray, " m"]) -> RobotLayer:
     """Return the layer of the robot's links and sensors."""
-    urdf, table = robot.urdf, robot.table
-    if urdf is None or found.origins is None:
-        raise InputError("a robot is drawn from its URDF, and the rig names none.", where=str(robot.path))
-    links = dict[str, Triangles]()
-    for name in urdf.shaped():
-        body = urdf.body(name)
-        links[name] = (body.vertices, body.faces)
-    motion = RobotMotion.read(log, urdf, robot.base, list(links), joints=table.joints, max_gap=table.max_gap)
-    poses = [motion.at(name, time) for name in links]
+    if found.origins is None:
+        raise InputError("found must have origins: only contacts of a robot are shown so.")
+    motion, links = _motion(robot, log)
     sensors, rates = dict[str, np.ndarray](), dict[str, float]()
     for k, origin in enumerate(found.origins.among):
         own: Contacts = found[np.flatnonzero(found.origins.index == k)]
@@ -113,5 +176,4 @@ def _layer(robot: Robot, log: Path, found: Contacts, time: Float[np.ndarray, " m
         picture = _picture_of(own.time[shown], time)
         np.fmax.at(force, picture, np.linalg.norm(own.force[shown], axis=1))
         sensors[origin.sensor] = force
-    quaternions, positions = (np.stack([pose[i] for pose in poses], axis=1) for i in (0, 1))
-    return RobotLayer(links, quaternions, positions, sensors, rates)
+    return RobotLayer(links, *_poses(motion, links, time), sensors, rates)

@@ -11,11 +11,11 @@ from jaxtyping import Float, UInt8
 from palpate.opencv import opencv
 from palpate.viewer._style import DARK, MUTED, RULE, mixed
 from palpate.viewer.camera import VIEW
-from palpate.viewer.heat import BARE, colours
+from palpate.viewer.heat import BARE, FineMesh, colours
 from palpate.viewer.ink import Ink
 from palpate.viewer.marker import FORCE, OTHER
 from palpate.viewer.rendered import Rendered, ViewPoint, rendered
-from palpate.viewer.scene import Scene, SceneMoment, ShownContact, rim
+from palpate.viewer.scene import MovingBody, Scene, SceneMoment, ShownContact, rim
 from palpate.viewer.scene3d import aim
 
 SIZE = (960, 720)
@@ -33,6 +33,8 @@ _BESIDE = 14.0  # px from an arrow to the nearest edge of its label
 class ScenePicture:
     """A drawing of any moment of a scene; the body is drawn once for each side that is touched.
 
+    A body that moves, such as a robot, is drawn in each picture, and seen from one side.
+
     Args:
         scene: the scene to draw.
 
@@ -43,7 +45,8 @@ class ScenePicture:
     def __init__(self, scene: Scene) -> None:
         self.scene, self._cv2 = scene, opencv()
         self._ink = Ink(self._cv2)
-        self._stops, self._cameras = _sides(scene)
+        self._moving = next((layer for layer in scene.layers if isinstance(layer, MovingBody)), None)
+        self._stops, self._cameras = _sides(scene) if self._moving is None else (np.zeros(1), [_opening(scene)])
         self._bodies: dict[int, _Side] = {}
         self._curve = self._drawn_curve()
 
@@ -56,7 +59,7 @@ class ScenePicture:
         """Return the picture at a time [s] since the start, (720, 960, 3) in blue, green, red."""
         scene = self.scene
         moment = scene.at(scene.timeline.at(seconds))
-        side, body = self._seen(seconds)
+        side, body = self._seen(seconds) if self._moving is None else self._moved(self._moving.body_at(moment.index))
         picture = np.full((SIZE[1], SIZE[0], 3), 255, dtype=np.uint8)
         picture[_HEAD:_TOP], picture[_TOP:] = body, self._curve
         top = picture[_HEAD:_TOP]
@@ -85,11 +88,20 @@ class ScenePicture:
         """Return a side by its number; the last two are kept."""
         if at not in self._bodies:
             camera = self._cameras[at]
-            drawn = self._rendered(camera)
-            small = np.ascontiguousarray(self._ink.shrunk(drawn.picture, (SIZE[0], _HIGH))[:, :, ::-1])
             self._bodies = {k: side for k, side in self._bodies.items() if k >= at - 1}
-            self._bodies[at] = _Side(camera, drawn, small)
+            self._bodies[at] = self._drawn(camera, self._rendered(camera))
         return self._bodies[at]
+
+    def _moved(self, body: FineMesh) -> tuple[_Side, UInt8[np.ndarray, "h w 3"]]:
+        """Return a body where it is now, and its picture."""
+        camera, bare = self._cameras[0], np.tile(np.array(BARE, dtype=np.uint8), (len(body.vertices), 1))
+        drawn = rendered(camera, self.scene.placed(body.vertices), body.normals, body.faces, bare)
+        side = self._drawn(camera, drawn)
+        return side, side.picture
+
+    def _drawn(self, camera: ViewPoint, drawn: Rendered) -> _Side:
+        small = np.ascontiguousarray(self._ink.shrunk(drawn.picture, (SIZE[0], _HIGH))[:, :, ::-1])
+        return _Side(camera, drawn, small)
 
     def _rendered(self, camera: ViewPoint) -> Rendered:
         """Return the body with its heat, else the layers' places as dots."""
@@ -178,6 +190,8 @@ class ScenePicture:
         if strongest.located:
             place = ", ".join(f"{value:.1f}" for value in 1e3 * strongest.point)
             said += f": {float(np.linalg.norm(strongest.force)):.2f} N at ({place}) mm"
+        if strongest.origin.sensor and strongest.located:
+            said = f"{strongest.origin.sensor} on {strongest.origin.link}: {said}"
         ink.text(picture, said, (24, 60), 0.5, mixed(MUTED, 0.0))
         if self.scene.other is not None:
             beside = ink.cut(self.scene.other.title, 0.5, 400)
@@ -202,6 +216,11 @@ def _sides(scene: Scene) -> tuple[Float[np.ndarray, " k"], list[ViewPoint]]:
     peaks = [scene.timeline.at(scene.seconds_at(float(touches.peak_time[known[k]]))) for k in order] or [scene.opening]
     cameras = [_camera(scene, scene.at(index).contacts) for index in peaks]
     return np.append(0.0, starts[order]), [cameras[0], *cameras] if known else cameras
+
+
+def _opening(scene: Scene) -> ViewPoint:
+    """Return the camera of the sample that is shown first."""
+    return _camera(scene, scene.at(scene.opening).contacts)
 
 
 def _camera(scene: Scene, contacts: Sequence[ShownContact]) -> ViewPoint:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,6 +56,26 @@ def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], statu
     strip(parts[2], time, status, STATUS)
     parts[2].set(xlabel=label)
     parts[2].set_ylabel("status", rotation=0, ha="right", va="center")
+    return drawn
+
+
+@styled()
+def sensor_forces(forces: Mapping[str, tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]]) -> Figure:
+    """Draw the contact force [N] of each sensor over time [s], one below the other, as a `Figure`.
+
+    Args:
+        forces: sensor -> times (n,) [s] and magnitudes (n,) [N], at least one sensor.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    start, after = since(np.concatenate([time for time, _ in forces.values()]))
+    drawn, rows = panels(0.6 + 0.42 * len(forces), len(forces), sharex=True, sharey=True, squeeze=False)
+    for axes, (name, (time, force)) in zip(rows[:, 0], forces.items(), strict=True):
+        axes.plot(*_curve(time - start, force), color=INK)
+        axes.set_ylabel(name, rotation=0, ha="right", va="center")
+    rows[-1, 0].set(xlabel=f"time [s] {after}".strip(), ylim=(0, None))
+    rows[0, 0].set_title("force [N]", color=MUTED)
     return drawn
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +13,15 @@ from jaxtyping import Float, Int
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.shown import three_digits
-from palpate.viewer.drawing import box
+from palpate.viewer.drawing import box, simpler
+from palpate.viewer.heat import FineMesh
 from palpate.viewer.scene import Scene
 
 if TYPE_CHECKING:
     from viser import ClientHandle, GlbHandle, GuiApi, ViserServer
 
 GREY = (196, 204, 212, 255)
+FACETS = 20_000  # of all links in a picture of a film or a report: more is slow to draw
 Triangles = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
 """Vertices [m] and faces of a link, in its frame."""
 
@@ -54,6 +57,31 @@ class RobotLayer:
     def covers(self) -> bool:
         """Return False: contacts are drawn on the links."""
         return False
+
+    @cached_property
+    def _fine(self) -> list[FineMesh]:
+        """Links as a picture shows them, each in its frame."""
+        most = FACETS // max(len(self._links), 1)
+        few = (simpler(vertices, faces, most) for vertices, faces in self._links.values())
+        meshes = [_smooth(*each) for each in few]
+        return [FineMesh(mesh.vertices, mesh.vertex_normals, mesh.faces) for mesh in meshes]
+
+    def body_at(self, index: int) -> FineMesh:
+        """Return all links, at most about 20,000 facets, in the base at a sample of the scene; none where not known."""
+        parts = [
+            (each.vertices @ turn.T + move, each.normals @ turn.T, each.faces)
+            for each, turn, move in zip(
+                self._fine, rotation_from_quaternion(self._turned[index]), self._moved[index], strict=True
+            )
+            if np.isfinite(move).all()
+        ]
+        first = np.cumsum([0, *(len(vertices) for vertices, _, _ in parts)])
+        nothing = np.zeros((0, 3))
+        return FineMesh(
+            np.concatenate([nothing, *(vertices for vertices, _, _ in parts)]),
+            np.concatenate([nothing, *(normals for _, normals, _ in parts)]),
+            np.concatenate([nothing.astype(np.int64), *(part[2] + k for part, k in zip(parts, first, strict=False))]),
+        )
 
     @property
     def places(self) -> Float[np.ndarray, "n 3"]:
@@ -124,11 +152,18 @@ def _filled(values: Float[np.ndarray, "m k w"]) -> Float[np.ndarray, "m k w"]:
     return values[np.where(last < 0, int(known.argmax()), last)]
 
 
-def _glb(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> bytes:
+def _smooth(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Any:
+    """Return a mesh of trimesh whose vertices are doubled along creases."""
     import trimesh
 
     graph: Any = trimesh.graph
-    mesh = graph.smooth_shade(trimesh.Trimesh(vertices, faces, process=True), angle=0.5)
+    return graph.smooth_shade(trimesh.Trimesh(vertices, faces, process=True), angle=0.5)
+
+
+def _glb(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> bytes:
+    import trimesh
+
+    mesh = _smooth(vertices, faces)
     mesh.visual.vertex_colors = np.tile(np.array(GREY, np.uint8), (len(mesh.vertices), 1))
     made = BytesIO()
     trimesh.Scene([mesh]).export(made, file_type="glb")

@@ -88,7 +88,7 @@ def compose(run: Run) -> Report:
         *run.sections,
         Section("What to improve", points=run.advice),
         Section("Settings in force", settings=run.settings),
-        _inputs(run.provenance),
+        inputs(run.provenance),
         _time_budget(run.stages, run.summary.samples),
         Section("Notes of the run", points=run.notes),
     )
@@ -303,7 +303,8 @@ def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTab
     return ReportTable((*names, *columns), tuple(rows), " ".join(more))
 
 
-def _inputs(provenance: Mapping[str, str]) -> Section:
+def inputs(provenance: Mapping[str, str]) -> Section:
+    """Return the `Section` of the inputs with their hashes, the options, and the versions."""
     used = ", ".join(f"{name} {release}" for name, release in (("numpy", np.__version__), ("Python", python_version())))
     files = {name: said for name, said in provenance.items() if name != "palpate"}
     facts = [(name.replace("_", " "), said.replace(" sha256:", ", SHA-256 ")) for name, said in files.items()]

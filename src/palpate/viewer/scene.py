@@ -80,6 +80,15 @@ class Layer(Protocol):
         ...
 
 
+@runtime_checkable
+class MovingBody(Protocol):
+    """A layer that is a body with moving parts, which a film draws in place of the scene's body."""
+
+    def body_at(self, index: int) -> FineMesh:
+        """Return the body as it is at a sample of the scene."""
+        ...
+
+
 @frozen_value(eq=True)
 class ShownContact:
     """A contact as it is drawn and described.

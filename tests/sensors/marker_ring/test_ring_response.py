@@ -15,6 +15,7 @@ from palpate.sensors.marker_ring.response_fit import (
     _deviations,
     _dragged,
     _most_likely,
+    _pressed,
     _usual,
     fit_response,
 )
@@ -140,6 +141,14 @@ def test_skin_that_shear_carries_along_is_found() -> None:
     np.testing.assert_allclose(
         more.coefficients, response.coefficients, atol=0.02 * np.abs(response.coefficients).max()
     )
+
+
+def test_a_press_is_the_same_force_along_the_axes_of_the_skin() -> None:
+    made = calibrated()[1]
+    turned = _pressed(made, 0.1)
+    assert np.abs(turned.angle - made.angle).max() > 0.01
+    before, after = (np.exp(1j * each.angle) * (-each.force + 1j * each.shear) for each in (made, turned))
+    np.testing.assert_allclose(after, before, rtol=1e-12)
 
 
 def test_another_unit_is_touched_as_the_first() -> None:

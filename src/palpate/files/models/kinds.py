@@ -26,6 +26,7 @@ MODELS = Registry(
         "load_cells": "palpate.sensors.load_cells.files.LOAD_CELLS",
         "intensity": "palpate.sensors.taxels.files.INTENSITY",
         "response": "palpate.sensors.taxels.files.RESPONSE",
+        "servo": "palpate.files.models.servo.SERVO",
         "skin map": "palpate.sensors.taxels.skin_map.model_file.SKIN_MAP",
         "taxels": "palpate.sensors.taxels.files.TAXELS",
         "marker ring": "palpate.sensors.marker_ring.files.MARKER_RING",

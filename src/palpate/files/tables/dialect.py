@@ -241,8 +241,10 @@ def _split(line: str, delimiter: str) -> list[str]:
         return re.split(r"[ \t]+", line.strip(" \t"))
     if '"' not in line:
         return [text.strip() for text in line.split(delimiter)]
-    read = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
-    return [text.strip() for text in next(read)]
+    try:
+        return [text.strip() for text in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
+    except csv.Error:  # a carriage return outside of quotes, or a field that is too long
+        return [text.strip() for text in line.split(delimiter)]
 
 
 def _fields(line: str, delimiter: str, path: Path, number: int) -> list[str]:

@@ -27,6 +27,9 @@ _TRIALS = 180  # angles at which an additional contact is tried
 _FAR = (3.0, 4.0)  # standard deviations of width and of shear: bounds of both
 _BESIDE = 0.02  # share of the force: its deviation by a neighbour 30 degrees away, and the shear's
 _ROUNDS = 2  # of computing the shears by neighbours and fitting again
+_RESISTS = (
+    0.4  # share of the largest resistance that is expected: of 0.3 to 0.5 the best for three barrels, three rings
+)
 _FITS = 12.0  # squared standard deviations of a marker: if all lie below, no contact is missing
 
 
@@ -117,14 +120,13 @@ def _cost(displacement, used, variance, state, count, model, held, residual, jac
 def _refine(problem, used, state, count, work):
     """Refine `state` in place by Gauss-Newton steps; return the final cost. The normal matrix remains in work[2].
 
-    `problem`: displacements, markers, model, misfit and noise of `frames`, the shears of `_held`, and while contacts
-    are searched for the deviation of the shears of several, else 0: only a single one is thought to be dragged.
-    `work`: residuals, their derivatives, the normal matrix, variances.
+    `problem`: displacements, markers, model, misfit and noise of `frames`, the shears of `_held`, and the deviation of
+    those of several contacts: only a single one is thought to be dragged. `work`: residuals, their derivatives, the
+    normal matrix, variances.
     """
     residual, jacobian, normal, variance = work
     displacement, markers, model, misfit, noise, held, several = problem
-    if several > 0.0:
-        held[:, 1] = model[2][1] if count == 1 else several
+    held[:, 1] = model[2][1] if count == 1 else several
     priors, size = model[2], 4 * count
     gradient, step = np.empty(size), np.empty(size)
     factor, trial = np.empty((size, size)), np.empty((len(state), STATE))
@@ -496,11 +498,18 @@ def _dents(state, count, which, skin, moved):
 
 
 @inner
-def _carried(state, count, skin, outer, width, carry, found):
-    """Write the contacts' angles, corrected for the motion of the skin under them, into `found`.
+def _turn(state, which, along, outer, width, carry):
+    """Return by how much the skin under a contact is turned about the axis [rad]: its shear and neighbours move it."""
+    depth = state[which, 1] * (width[0] + state[which, 2] * width[1])
+    return along / (outer - depth) + carry * state[which, 1] * state[which, 3]
 
-    The response gives the pressed part of the skin, at its angle where nothing moves it along: its own shear does, and
-    neighbours do.
+
+@inner
+def _carried(state, count, skin, outer, width, carry, found):
+    """Write the contacts' angles, forces and shears, corrected for the motion of the skin under them, into `found`.
+
+    The response gives the pressed part of the skin, and forces along the axes there, at its angle where nothing moves
+    it along.
 
     Args:
         state: contacts.
@@ -509,47 +518,64 @@ def _carried(state, count, skin, outer, width, carry, found):
         outer: outer radius [m].
         width: (2,) of a `RingResponse`.
         carry: `carried` of a `RingResponse`.
-        found: (n, STATE), its first column is written.
+        found: (n, STATE), angles, forces and shear / force are written.
     """
     moved = np.empty(skin.shape[:2])
     for c in range(count):
         along, _ = _dents(state, count, c, skin, moved)
-        depth = state[c, 1] * (width[0] + state[c, 2] * width[1])
-        found[c, 0] = state[c, 0] + along / (outer - depth) + carry * state[c, 1] * state[c, 3]
+        turn, t = _turn(state, c, along, outer, width, carry), state[c, 3]
+        force = np.cos(turn) - t * np.sin(turn)
+        found[c, 0] = state[c, 0] + turn
+        found[c, 1], found[c, 3] = state[c, 1] * force, (t * np.cos(turn) + np.sin(turn)) / force
 
 
 @inner
-def _held(state, count, skin, outer, grip, usual, held):
-    """Write each contact's shear / force that its neighbours cause into `held`.
+def _held(state, count, skin, outer, width, carry, grips, held):
+    """Write each contact's shear / force that its neighbours cause into `held`, and how far it may be off.
 
     Neighbours tilt the skin under a contact, which presses along the skin's normal. They also move the skin along, and
-    friction resists: at least not at all, at most until the skin does not move, or up to `grip` of the force. The true
-    value is not known: the middle is expected, and a deviation reaches both ends. Markers determine the shears of near
-    contacts poorly: two that pull at each other look much like two that press harder.
+    friction resists: at least not at all, at most until the skin does not move, or up to a share of the force that the
+    body's friction allows. Markers determine the shears of near contacts poorly: two that pull at each other look much
+    like two that press harder. So what the calibration's friction leads one to expect is held to, and intervals have
+    what bodies of other friction do, see `_widened`.
 
     Args:
         state: contacts.
         count: number of contacts.
         skin: see `_carried`, with the motion by shear.
         outer: outer radius [m].
-        grip: largest shear / force, see `RingLocator`.
-        usual: deviation of shear / force without neighbours.
-        held: (MOST, 2), written: mean and standard deviation.
+        width: (2,) of a `RingResponse`.
+        carry: `carried` of a `RingResponse`.
+        grips: (2,) largest shear / force: in the calibration, and of any body, see `RingLocator`.
+        held: (MOST, 3), first and last written: mean, standard deviation without neighbours, and that by friction.
     """
     moved = np.empty(skin.shape[:2])
     for c in range(count):
         along, slope = _dents(state, count, c, skin, moved)
+        tilt = slope / outer - _turn(state, c, along, outer, width, carry)
         _skin(skin, 0.0, state[c, 0], moved)
         gives = state[c, 1] * moved[0, 3]
-        most = min(max(-along / gives, -grip), grip) if gives > 0.0 else 0.0
-        held[c, 0] = slope / outer + 0.5 * most
-        held[c, 1] = np.sqrt(usual**2 + (0.5 * most) ** 2)
+        most = -along / gives if gives > 0.0 else 0.0
+        held[c, 0] = tilt + _RESISTS * min(max(most, -grips[0]), grips[0])
+        held[c, 2] = 0.5 * min(max(most, -grips[1]), grips[1])
+
+
+@inner
+def _widened(held, count, covariance):
+    """Add what another friction than expected does to the covariance; contacts at once are of one friction."""
+    off = np.zeros(4 * count)
+    for a in range(4 * count):
+        for c in range(count):
+            off[a] += covariance[a, 4 * c + 3] * held[c, 2] / held[c, 1] ** 2
+    for a in range(4 * count):
+        for b in range(4 * count):
+            covariance[a, b] += off[a] * off[b]
 
 
 @released(
     """
     displacements n d, markers m, model (a d b, a d b, 4), misfit r q, noise d, settings 5, learned (2, 5, 2 s t
-    u, float, float, float, float, 3), states out n 6 9, counts out int64 n, left out 7 9, cost out n
+    u, float, 2, float, float, 3), states out n 6 9, counts out int64 n, left out 7 9, cost out n
     """
 )
 def frames(displacements, markers, model, misfit, noise, settings, learned, states, counts, left, cost):
@@ -565,8 +591,8 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         settings: (5,) on and off in standard deviations, least angle between contacts [rad], number of markers that may
             be omitted, and shift of a contact by a neighbour [rad].
         learned: width (2,) of a `RingResponse`, its spread with the first three of `sheared` (5,), its `skin`, the
-            outer radius [m], grip (0: neighbours cause no shear), the usual deviation of shear / force, its `carried`,
-            and its kinds of contacts, see `_told` (a share of 0: one kind).
+            outer radius [m], grips (2,) of `_held` (0: neighbours cause no shear), usual deviation of shear / force,
+            its `carried`, and its kinds of contacts, see `_told` (a share of 0: one kind).
         states: (n, MOST, STATE), written, like all that follow.
         counts: (n,) number of contacts; -1: fewer than half of the markers are seen.
         left: (MOST + 1, STATE) contacts of the last image, their count in the last row's first place; changed.
@@ -576,9 +602,9 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     work = (np.empty(size), np.empty((size, 4 * MOST)), np.empty((4 * MOST, 4 * MOST)), np.empty(size))
     state, used = np.zeros((MOST, STATE)), np.empty(size, dtype=np.bool_)
     _copy(left[:MOST], state)
-    count, here, held = int(left[MOST, 0]), np.empty(size), np.zeros((MOST, 2))
+    count, here, held = int(left[MOST, 0]), np.empty(size), np.zeros((MOST, 3))
     covariance = np.empty((4 * MOST, 4 * MOST))
-    width, spread, skin, outer, grip, usual, carry, kinds = learned
+    width, spread, skin, outer, grips, usual, carry, kinds = learned
     for n in range(len(displacements)):
         seen = 0
         for i in range(size):
@@ -590,15 +616,16 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
             continue
         for i in range(size):
             here[i] = displacements[n, i] if used[i] else 0.0
-        held[:, 0], held[:, 1] = 0.0, model[2][1]
+        held[:, 0] = 0.0
         problem = (here, markers, model, misfit, noise, held, usual)
         count, cost[n] = _found(problem, used, state, count, work, settings)
-        if count > 1 and grip > 0.0:
-            known = (here, markers, model, misfit, noise, held, 0.0)
-            for _ in range(_ROUNDS):
-                _held(state, count, skin, outer, grip, usual, held)
-                cost[n] = _refine(known, used, state, count, work)
+        neighbours = count > 1 and grips[1] > 0.0
+        for _ in range(_ROUNDS if neighbours else 0):
+            _held(state, count, skin, outer, width, carry, grips, held)
+            cost[n] = _refine(problem, used, state, count, work)
         _covariance(work[2], 4 * count, covariance)
+        if neighbours:
+            _widened(held, count, covariance)
         if kinds[0] > 0.0 and count == 1:
             _weighed(state, model[2][1], kinds, covariance)
         _deviations(state, count, covariance, width, spread, carry, settings[4])
@@ -620,7 +647,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
 @released(
     """
     pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 4), r q, d, 5, (2, 5, 2 s t u,
-    float, float, float, float, 3)), states out n 6 9, counts out int64 n, left out 7 9, cost out n, many out int64 n
+    float, 2, float, float, 3)), states out n 6 9, counts out int64 n, left out 7 9, cost out n, many out int64 n
     """
 )
 def shown(pixels, ring, steps, known, states, counts, left, cost, many):

@@ -31,8 +31,8 @@ class RingSettings:
         apart: least angle between two contacts [deg].
         dropped: number of markers of an image that may be omitted.
         shift: standard deviation of the shift of a contact by a neighbour 30 degrees away [deg].
-        friction: standard deviation of shear / force; None: that of the calibration, and neighbours cause shears up to
-            0.8 of the force.
+        friction: standard deviation of shear / force; None: that of the calibration, and intervals have shears by
+            neighbours up to 0.8 of the force.
         wide: standard deviation of a contact's width, in those of the calibration's widths.
         reach: distance by which a contact may move between images and keep its identity [m].
         speed: at which a contact may move in addition [m/s].
@@ -93,7 +93,7 @@ class RingLocator:
         skin: radii of the outer surface and of the markers [m]; None: contacts do not move the skin under others.
 
     Attributes:
-        grip: largest shear / force with which a contact resists the skin's motion by its neighbours.
+        grip: largest shear / force with which a contact is expected to resist the skin's motion by its neighbours.
     """
 
     def __init__(
@@ -109,21 +109,21 @@ class RingLocator:
         self.response, self.settings = response, settings or RingSettings()
         self.markers = np.array(markers, dtype=np.float64)
         set_, (middle, wide, usual), kinds = self.settings, response.usual.tolist(), np.zeros(3)
-        self.grip = max(response.grip, _ROUGH) if response.grip else 0.0
+        self.grip, most = response.grip, max(response.grip, _ROUGH) if response.grip else 0.0
         if not response.shears:
-            usual, self.grip = _NO_SHEAR, 0.0
+            usual, self.grip, most = _NO_SHEAR, 0.0, 0.0
         elif set_.friction is None:
             kinds = response.dragged.copy()
         else:
-            self.grip = response.grip * min(1.0, set_.friction / usual)
+            self.grip = most = response.grip * min(1.0, set_.friction / usual)
             usual = set_.friction
         table, slope = response.tables(self.markers, _TABLE)
         model = (table, slope, np.array([set_.wide * wide, max(usual, kinds[2]), middle, response.sheared[3]]))
         numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
         moved = np.zeros((2, 3, 1, 1)) if skin is None else response.skin(*skin)
-        outer, grip = (np.inf, 0.0) if skin is None else (skin[0], self.grip)
+        outer, grips = (np.inf, np.zeros(2)) if skin is None else (skin[0], np.array([self.grip, most]))
         spread = np.concatenate([response.spread, response.sheared[:3]])
-        learned = (response.width.copy(), spread, moved, outer, grip, usual, response.carried, kinds)
+        learned = (response.width.copy(), spread, moved, outer, grips, usual, response.carried, kinds)
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))

@@ -178,8 +178,12 @@ def _carried(
 
 
 def _pressed(presses: RingPresses, carried: float) -> RingPresses:
-    """Return the presses at the angles of the skin that they press."""
-    return replace(presses, angle=presses.angle - carried * np.nan_to_num(presses.shear))
+    """Return the presses at the angles of the skin that they press, their forces in the axes there."""
+    shear = np.nan_to_num(presses.shear)
+    turn = carried * shear
+    force = presses.force * np.cos(turn) + shear * np.sin(turn)
+    along = presses.shear * np.cos(turn) - presses.force * np.sin(turn)
+    return replace(presses, angle=presses.angle - turn, force=force, shear=along)
 
 
 def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Float[np.ndarray, "3"], float]:

@@ -1,0 +1,1 @@
+"""Fuzzing of what Palpate reads, led by coverage: `make fuzz`."""

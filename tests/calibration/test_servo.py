@@ -1,0 +1,155 @@
+"""Delay and lag are found from commands and positions of a plant that is integrated apart, or the log is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from claims.evidence.servo_log import ServoLog
+from palpate.calibration.servo import ServoFit, identify_servo
+from palpate.cli import main
+from palpate.control.servo import Servo, ServoModel
+from palpate.errors import InputError, NotIdentifiable, PalpateError
+from palpate.files.models import read_model
+from palpate_lab.simulation.bags import Stamped, header, nanoseconds, write_bag
+
+NAMES = ("time", *(f"{kind}_{joint}" for kind in ("command", "position") for joint in (1, 2, 3)))
+
+
+def identified(log: ServoLog) -> tuple[ServoFit, int]:
+    time, commands, positions, lost = log.rows()
+    return identify_servo(time, commands, time, positions), lost
+
+
+@pytest.mark.parametrize(
+    "log",
+    [
+        ServoLog(rate=1000.0, seed=1),
+        ServoLog(order=1, rate=250.0, lost=0.05, seed=2),
+        ServoLog(ramp=False, period=0.008, lag=0.015, lost=0.05, seed=3),
+        ServoLog(rate=333.0, jitter=1e-3, hidden=1e-3, lost=0.05, noise=1e-4, seed=4),
+    ],
+)
+def test_delay_lag_and_kind_are_found_to_a_millisecond(log: ServoLog) -> None:
+    found, lost = identified(log)
+    assert (found.servo.order, found.servo.ramp > 0.0) == (log.order, log.ramp)
+    assert found.servo.delay == pytest.approx(log.delay, abs=1e-3)
+    assert found.servo.lag == pytest.approx(log.lag, abs=1e-3)
+    assert found.servo.period == pytest.approx(log.period, abs=2e-5)
+    assert abs(found.lost - lost) <= 0.1 * lost
+    assert found.validation.parts == 4
+
+
+def test_deviations_hold() -> None:
+    """Of four logs whose commands come with jitter, errors are of the stated size: chi-square of 8, to 1e-4."""
+    logs = [ServoLog(rate=333.0, jitter=1e-3, hidden=1e-3, seed=20 + k) for k in range(4)]
+    found = [(identified(log)[0], log) for log in logs]
+    errors = np.array([[f.servo.delay - log.delay, f.servo.lag - log.lag] for f, log in found])
+    stated = np.array([f.deviation for f, _ in found])
+    assert 0.5 < float(np.sum((errors / stated) ** 2)) < 32.0
+
+
+def test_positions_as_seldom_as_commands_leave_interpolation_assumed() -> None:
+    time, commands, positions, _ = ServoLog(rate=200.0).rows()
+    found = identify_servo(time, commands, time[::4], positions[::4])
+    assert found.servo.ramp == found.servo.period
+    assert (found.servo.delay, found.servo.lag) == pytest.approx((0.021, 0.033), abs=1e-3)
+    assert any("is assumed" in note for note in found.notes)
+
+
+def test_rows_that_do_not_show_when_commands_were_sent_widen_the_delay() -> None:
+    """Commands every other row, always at the same phase: it may be anywhere in a row of 10 ms."""
+    found, _ = identified(ServoLog(rate=100.0, seed=5))
+    assert found.deviation[0] == pytest.approx(0.010 / 12.0**0.5, rel=0.1)
+    assert any("Rows are so far from each other" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("motion", "change", "words"),
+    [
+        ("still", 1.0, "no joint is commanded"),
+        ("steady", 1.0, "too steady"),
+        ("mixed", np.degrees(1.0), "positions are in degrees"),
+        ("mixed", np.radians(1.0), "commands are in degrees"),
+        ("mixed", 1e3, "positions are in mm"),
+        ("mixed", -1.0, "another sign"),
+        ("mixed", 1.2, "move 1.2 times as far"),
+        ("mixed", 0.0, "overlap in time, or positions stand still"),
+    ],
+)
+def test_logs_that_cannot_tell_are_refused(motion: str, change: float, words: str) -> None:
+    time, commands, positions, _ = ServoLog().rows(motion)
+    with pytest.raises(PalpateError, match=words):
+        identify_servo(time, commands, time, positions * change)
+
+
+def test_another_joint_or_clock_is_refused() -> None:
+    time, commands, positions, _ = ServoLog().rows()
+    for late, words in ((-0.1, "before the commands"), (5.0, "follow"), (1e6, "overlap")):
+        with pytest.raises(InputError, match=words):
+            identify_servo(time, commands, time + late, positions)
+    with pytest.raises(InputError, match="do not follow"):
+        identify_servo(time, commands, time, positions[:, ::-1])
+    with pytest.raises(InputError, match="do not increase"):
+        identify_servo(time[::-1], commands, time, positions)
+    with pytest.raises(NotIdentifiable, match="less than 10 s"):
+        identify_servo(time[:2000], commands[:2000], time[:2000], positions[:2000])
+
+
+def test_a_model_of_first_order_follows_it() -> None:
+    """The controller's model, against the plant: 0.1 mrad at a speed of 1 rad/s and the plant's steps of 0.1 ms."""
+    log = ServoLog(order=1, noise=0.0, rate=200.0)
+    time, commands, positions, _ = log.rows()
+    model = ServoModel(Servo(0.02, log.delay, 0.02, log.lag, 0.0, 1), 3)
+    model.start(0.0, commands[0])
+    off = list[float]()
+    for k, now in enumerate(time[:1000].tolist()):
+        model.advance(now)
+        off.append(float(np.abs(model.joints - positions[k]).max()))
+        if k % 4 == 0:
+            model.send(now, commands[k])
+    assert max(off) < 2e-4
+
+
+def test_the_command_writes_what_the_controller_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time, commands, positions, _ = ServoLog(rate=200.0).rows()
+    table = np.column_stack([time, commands, positions])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=",".join(NAMES), comments="")
+    out = tmp_path / "servo.toml"
+    assert main(["calibrate", "servo", str(tmp_path / "log.csv"), "-o", str(out)]) == 0
+    servo = read_model(out, Servo)
+    assert (servo.delay, servo.lag) == pytest.approx((0.021, 0.033), abs=1e-3)
+    assert "left out" in capsys.readouterr().out
+    assert ServoModel(servo, 3).total_delay == pytest.approx(0.074, abs=1e-3)
+    wrong = ["calibrate", "servo", str(tmp_path / "log.csv"), "--commands", "goal_*", "-o", str(tmp_path / "no.toml")]
+    assert main(wrong) == 1
+    assert "no columns or topic 'goal_*'" in capsys.readouterr().err
+    assert not (tmp_path / "no.toml").exists()
+
+
+def test_topics_are_joined_by_the_joints_names(tmp_path: Path) -> None:
+    """Commands and positions with their own stamps, and joints in another order."""
+    time, commands, positions, _ = ServoLog(rate=200.0).rows()
+    names = ["a", "b", "c"]
+
+    def made(types: Any) -> Any:
+        kind, none = types["sensor_msgs/msg/JointState"], np.zeros(0)
+
+        def states(topic: str, each: slice, order: list[int], values: np.ndarray) -> Any:
+            for stamp, row in zip(nanoseconds(time[each]), values[each], strict=True):
+                message = kind(header(types, stamp, ""), [names[k] for k in order], row[order], none, none)
+                row_of: Stamped = (stamp, topic, message)
+                yield row_of
+
+        return states("/command", slice(0, None, 4), [0, 1, 2], commands), states(
+            "/joints", slice(1, None, 2), [2, 0, 1], positions
+        )
+
+    write_bag(tmp_path / "log.mcap", dict.fromkeys(("/command", "/joints"), "sensor_msgs/msg/JointState"), made)
+    words = ["calibrate", "servo", str(tmp_path / "log.mcap"), "--commands", "/command", "--positions", "/joints"]
+    assert main([*words, "-o", str(tmp_path / "servo.toml")]) == 0
+    servo = read_model(tmp_path / "servo.toml", Servo)
+    assert (servo.delay, servo.lag) == pytest.approx((0.021, 0.033), abs=1e-3)
