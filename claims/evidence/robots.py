@@ -95,8 +95,8 @@ def _match(found: Contacts, row: dict[str, float]) -> tuple[float, float]:
     normal = np.array([row[name] for name in NORMAL])
     across = np.linalg.svd(normal[None])[2][1:]
     spread = across @ found.covariance[near][k] @ across.T
-    square: np.ndarray = (across @ off[k]) @ np.linalg.solve(spread, across @ off[k])
-    return float(np.linalg.norm(off[k])), float(square)
+    away = across @ off[k]
+    return float(np.linalg.norm(off[k])), float(np.sum(away * np.linalg.solve(spread, away)))
 
 
 def _placed(what: str, found: list[Matches], small: bool, *, bent: bool = False) -> Iterator[Row]:

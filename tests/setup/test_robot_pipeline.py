@@ -65,8 +65,9 @@ def test_any_blocks_are_merged_as_one_sort(data: st.DataObject, streams: list[li
     assert got == wanted
     assert all(len(part) for part in found)
     for part in found:
-        wanted_times = [streams[int(name[1:])][row] for name, row in zip(part.sensor, part.sample, strict=True)]
-        np.testing.assert_array_equal(part.time, np.array(wanted_times, dtype=float))
+        places = zip(part.sensor, part.sample, strict=True)
+        times = [float(streams[int(name[1:])][int(row)]) for name, row in places]
+        np.testing.assert_array_equal(part.time, np.array(times))
 
 
 def test_no_block_waits_for_the_end_of_the_log() -> None:
