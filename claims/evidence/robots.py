@@ -90,13 +90,13 @@ def _match(found: Contacts, row: dict[str, float]) -> tuple[float, float]:
     near = found.answered & (np.abs(found.time - row["time"]) < 6e-4)
     if not near.any():
         return np.nan, np.nan
-    off = found.point[near] - [row[name] for name in BASE]
+    off: np.ndarray = found.point[near] - [row[name] for name in BASE]
     k = int(np.argmin(np.linalg.norm(off, axis=1)))
     normal = np.array([row[name] for name in NORMAL])
-    across = np.linalg.svd(normal[None])[2][1:]
-    spread = across @ found.covariance[near][k] @ across.T
-    away = across @ off[k]
-    return float(np.linalg.norm(off[k])), float(np.sum(away * np.linalg.solve(spread, away)))
+    across: np.ndarray = np.linalg.svd(normal[None])[2][1:]
+    spread: np.ndarray = across @ found.covariance[near][k] @ across.T
+    away: np.ndarray = across @ off[k]
+    return float(np.linalg.norm(off[k])), float(np.dot(away, np.linalg.solve(spread, away)))
 
 
 def _placed(what: str, found: list[Matches], small: bool, *, bent: bool = False) -> Iterator[Row]:
