@@ -7,6 +7,7 @@ largest true force counts. Ellipses are those of the point in the tangent plane,
 
 import contextlib
 import io
+import re
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +16,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import polars as pl
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 import palpate
 from claims.evidence.covariance import CHI2_95
@@ -27,7 +30,11 @@ from palpate.setup.load import load_robot
 from palpate.setup.robot_pipeline import RobotPipeline
 
 LARGEST, INSIDE = 1e-3, (0.93, 0.97)
-ENCODER = 0.2  # degrees
+ENCODER = 0.2  # degrees: an offset of each joint that lasts a session
+SHORT = ("--seconds", "12", "--touches", "16", "--free", "6")
+MINUTE = ("--seconds", "60", "--free", "0")
+PALMS = ("left_palm", "right_palm", "left_hand_back", "right_hand_back")
+TWICE = ("belly", "back", "left_chest", "right_chest", *PALMS, "left_wrist", "right_wrist")  # of the log that is timed
 BASE = [f"base_p{axis}" for axis in "xyz"]
 NORMAL = [f"base_n{axis}" for axis in "xyz"]
 FORCE = [f"base_f{axis}" for axis in "xyz"]
@@ -37,22 +44,25 @@ def rows(small: bool) -> Iterator[Row]:
     """Place, ellipses, each sensor as alone, false touches, speed of the kinematics."""
     with TemporaryDirectory() as scratch:
         for name in ("hand", "humanoid"):
-            made = [_session(Path(scratch), name, seed, small) for seed in range(1 if small else 3)]
+            length = SHORT if small else ("--free", "100")
+            made = [_session(Path(scratch), name, seed, *length) for seed in range(1 if small else 3)]
             yield from _placed(name, [_matches(each) for each in made], small)
+            if small and name == "humanoid":
+                continue
             yield _alone(name, made[0])
             yield _false(name, made)
-            bent = _session(Path(scratch), name, 9, small, ENCODER)
-            yield from _placed(f"{name}, joints {ENCODER:g} degrees off", [_matches(bent)], small, bent=True)
-        yield _speed(Path(scratch) / "humanoid0", 500 if small else 20_000)
+            off = (*SHORT[:-1], "0", "--encoder", f"{ENCODER}")
+            bent = [_session(Path(scratch), name, seed, *off) for seed in range(9, 10 if small else 17)]
+            yield from _placed(f"{name}, joints {ENCODER} degrees off", list(map(_matches, bent)), small, bent=True)
+        yield _speed(Path(scratch) / "humanoid0", small)
+        yield _cost(Path(scratch) / "humanoid0" if small else _session(Path(scratch), "humanoid", 60, *MINUTE), small)
 
 
-def _session(scratch: Path, name: str, seed: int, small: bool, encoder: float = 0.0) -> Path:
+def _session(scratch: Path, name: str, seed: int, *options: str) -> Path:
     """Make a session, and return its folder."""
     folder = scratch / f"{name}{seed}"
-    length = ("--seconds", "12", "--touches", "16", "--free", "8") if small else ("--free", "100")
-    words = ("simulate", name, "-o", str(folder), "--seed", str(seed), "--encoder", f"{encoder}", *length)
     with contextlib.redirect_stdout(io.StringIO()):
-        assert not main(["--quiet", *words])
+        assert not main(["--quiet", "simulate", name, "-o", str(folder), "--seed", str(seed), *options])
     return folder
 
 
@@ -80,12 +90,13 @@ def _match(found: Contacts, row: dict[str, float]) -> tuple[float, float]:
     near = found.answered & (np.abs(found.time - row["time"]) < 6e-4)
     if not near.any():
         return np.nan, np.nan
-    off = found.point[near] - [row[name] for name in BASE]
+    off: np.ndarray = found.point[near] - [row[name] for name in BASE]
     k = int(np.argmin(np.linalg.norm(off, axis=1)))
     normal = np.array([row[name] for name in NORMAL])
-    across = np.linalg.svd(normal[None])[2][1:]
-    spread = across @ found.covariance[near][k] @ across.T
-    return float(np.linalg.norm(off[k])), float((across @ off[k]) @ np.linalg.solve(spread, across @ off[k]))
+    across: np.ndarray = np.linalg.svd(normal[None])[2][1:]
+    spread: np.ndarray = across @ found.covariance[near][k] @ across.T
+    away: np.ndarray = across @ off[k]
+    return float(np.linalg.norm(off[k])), float(np.dot(away, np.linalg.solve(spread, away)))
 
 
 def _placed(what: str, found: list[Matches], small: bool, *, bent: bool = False) -> Iterator[Row]:
@@ -100,8 +111,8 @@ def _placed(what: str, found: list[Matches], small: bool, *, bent: bool = False)
         got,
         None if bent else middle <= LARGEST,
     )
-    passed = None if small else INSIDE[0] <= inside <= INSIDE[1]
-    yield Row(f"{what}: truth in the 95 % ellipse", "93 to 97 %", f"{inside:.1%}", passed)
+    passed = None if small or bent else INSIDE[0] <= inside <= INSIDE[1]  # eight robots' offsets are few draws
+    yield Row(f"{what}: truth in the 95 % ellipse", "" if bent else "93 to 97 %", f"{inside:.1%}", passed)
 
 
 def _alone(name: str, session: Path) -> Row:
@@ -135,13 +146,53 @@ def _false(name: str, sessions: list[Path]) -> Row:
     return Row(what, "0", f"{touches}", touches == 0)
 
 
-def _speed(session: Path, count: int) -> Row:
+def _speed(session: Path, small: bool) -> Row:
     """Joint samples a second through pinocchio, for all links at once."""
-    urdf = Urdf(session / "robot.urdf")
+    urdf, count = Urdf(session / "robot.urdf"), 500 if small else 20_000
     kinematics = Kinematics(urdf, "torso", urdf.links)
     values = np.random.default_rng(0).uniform(-1.0, 1.0, (count, len(kinematics.joints)))
     kinematics.poses(values[:100])
-    begin = time.perf_counter()
+    begin = time.process_time()
     kinematics.poses(values)
-    rate = count / (time.perf_counter() - begin)
-    return Row(f"joint samples a second, poses of {len(urdf.links)} links", ">= 20,000 of 20 links", f"{rate:,.0f}")
+    rate = count / (time.process_time() - begin)
+    what = f"joint samples a second of CPU time, poses of {len(urdf.links)} links"
+    return Row(what, ">= 20,000", f"{rate:,.0f}", None if small else rate >= 20_000)
+
+
+def _cost(session: Path, small: bool) -> Row:
+    """CPU time of a log in which eight of the patches and both wrists are there twice, as sensors of their own."""
+    rig, log = session / "robot.toml", session / "twice.mcap"
+    head, *tables = rig.read_text(encoding="utf-8").split("\n[sensors.")
+    copied = [each for each in tables if each.startswith(TWICE)]
+    again = [re.sub(r"(?m)^(\w+)\](?=\n)|^topic = \"/(\w+)/", _renamed, each) for each in copied]
+    rig.with_name("twice.toml").write_text("\n[sensors.".join([head, *tables, *again]), encoding="utf-8")
+    _write_twice(session / "run.mcap", log)
+    robot = load_robot(rig.with_name("twice.toml"))
+    begin = time.process_time()
+    rows = sum(map(len, RobotPipeline(robot, log, "base").stream()))
+    took = time.process_time() - begin
+    what = f"log with {len(robot.sensors)} sensors, {rows:,} rows, in the base: CPU time"
+    return Row(what, "<= 8 s for 60 s", f"{took:.1f} s", None if small else took <= 8.0)
+
+
+def _renamed(match: re.Match[str]) -> str:
+    return f"{match[1]}_2]" if match[1] else f'topic = "/{match[2]}_2/'
+
+
+def _write_twice(log: Path, path: Path) -> None:
+    """Write the messages of a log, those of some sensors also under a second name."""
+    channels = dict[str, int]()
+    with log.open("rb") as file, path.open("wb") as out:
+        writer = Writer(out)
+        writer.start()
+        for schema, channel, message in make_reader(file).iter_messages():
+            if schema is None:  # the lab's logs state a schema of each topic
+                continue
+            copied = channel.topic.strip("/").startswith(TWICE)
+            topics = [channel.topic, *([re.sub(r"^/(\w+)/", r"/\1_2/", channel.topic)] if copied else [])]
+            for topic in topics:
+                if topic not in channels:
+                    kind = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    channels[topic] = writer.register_channel(topic, channel.message_encoding, kind)
+                writer.add_message(channels[topic], message.log_time, message.data, message.publish_time)
+        writer.finish()

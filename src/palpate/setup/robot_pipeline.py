@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median_low
 from typing import NamedTuple
 
 import numpy as np
@@ -121,11 +122,12 @@ class RobotPipeline:
         }
         topics |= {joints: "joint states"} if isinstance(joints, str) else {}
         delays = {} if source is None else stamp_delays(source, list(topics))
-        usual = float(np.median(list(delays.values()))) if delays else 0.0
+        usual = median_low(delays.values()) if delays else 0.0
         for topic, delay in delays.items():
             if abs(late := usual - delay) > OFF:
+                way = "later" if late > 0 else "earlier"
                 yield (
-                    f"{topics[topic]}: its stamps are {abs(1e3 * late):.0f} ms {'ahead of' if late > 0 else 'behind'} "
+                    f"{topics[topic]}: its stamps are {abs(1e3 * late):.0f} ms {way} than "
                     "those of the others, by when the messages were recorded: a clock that is off, or a slow driver"
                 )
 
