@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import InputError, PalpateError
+from palpate.files.logs.topics import LIVE_BOTH
 from palpate.live.joints import JointSource, joint_form, joint_source
 from palpate.live.live import Live
 from palpate.live.source import Batch
@@ -58,7 +59,7 @@ def receive(
         live = Live(rig, sensor)
         with live:  # before the ring is there: without a device nothing is begun
             form = live.form(rig=str(rig))
-            opened = _opened(ring, _named(form, rig, sensor) if robot and sensor else form, recorded)
+            opened = _opened(ring, _named(live, form, sensor) if robot and sensor else form, recorded)
             live.into(opened)
             if realtime and not live.patient:
                 opened.say(_hurried())
@@ -69,13 +70,14 @@ def receive(
         trouble.send_bytes(str(problem).encode())
 
 
-def _named(form: SlotForm, rig: Path, sensor: str) -> SlotForm:
+def _named(live: Live, form: SlotForm, sensor: str) -> SlotForm:
     """Return the form with the names of a robot's sensor, whose contacts are in the frame of its link."""
-    robot = load_robot(rig)
+    robot, arrays = load_robot(form.rig), live.setup.layout().arrays
+    topic = f"{LIVE_BOTH}{arrays[0].topic or ''}" if form.topic == LIVE_BOTH and arrays else form.topic
     each, names = robot.picked(sensor)[0], list(robot.sensors)
     place = names.index(sensor), len(names)
     frame = each.link or form.frame
-    return replace(form, origin=tuple(each.origin), place=place, expected=each.expected, frame=frame)
+    return replace(form, origin=tuple(each.origin), place=place, expected=each.expected, frame=frame, topic=topic)
 
 
 def receive_joints(
