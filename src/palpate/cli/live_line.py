@@ -77,7 +77,7 @@ class FigureLine:
             words[-1] += f", strongest {name} {force[name].max():.2f} N"
         waited = [latencies(taken[name][1]) for name in sensors]
         worst = max((float(each.max()) for each in waited if len(each)), default=0.0)
-        silent = [name for name in self._streams if not taken[name][0]]
+        silent = [name for name, each in self._streams.items() if not taken[name][0] and not each.ring["ended"]]
         return [
             *words,
             f"latency at worst {1e6 * worst:,.0f} us" if worst else "",

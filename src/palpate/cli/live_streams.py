@@ -7,8 +7,9 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import Pipe
+from multiprocessing import Pipe, get_context
 from multiprocessing.connection import Connection
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 from palpate.console.console import note
@@ -59,21 +60,18 @@ class Sensors:
 
     def receivers(self, ring: Callable[[str], Path], *, realtime: bool, recorded: bool) -> list[LiveStream]:
         """Return the receivers, not started yet; `ring`: returns the path of a ring by the sensor's name or ""."""
-        streams, parent = list[LiveStream](), os.getpid()
-        for name in self.rigs:
+        together = get_context("spawn").Event() if self.several else None
+
+        def stream(name: str, path: Path, target: Callable[..., None], of: object, *more: bool) -> LiveStream:
             problems, sender = Pipe(duplex=False)
-            path = ring(name if self.several else "")
-            arguments = (self.rig, path, name or None, parent, sender, realtime, recorded, self.several)
+            arguments = (self.rig, path, of, os.getpid(), sender, *more, recorded, together)
             called = f"receiver of {name}" if self.several else "receiver"
-            streams.append(LiveStream(name, path, Worker(called, receive, arguments), problems))
-        if self.joints:
-            problems, sender = Pipe(duplex=False)
-            path = ring(f"_{NAME}")  # as no sensor can be called
-            arguments = (self.rig, path, tuple(self.rigs), parent, sender, recorded)
-            streams.append(
-                LiveStream(NAME, path, Worker("receiver of joint states", receive_joints, arguments), problems)
-            )
-        return streams
+            return LiveStream(name, path, Worker(called, target, arguments), problems, together)
+
+        own = [stream(name, ring(name if self.several else ""), receive, name or None, realtime) for name in self.rigs]
+        if self.joints:  # its ring is called as no sensor can be
+            own.append(stream(NAME, ring(f"_{NAME}"), receive_joints, tuple(self.rigs)))
+        return own
 
 
 @dataclass
@@ -84,7 +82,9 @@ class LiveStream:
         name: of the sensor; `joints.NAME` for joint states.
         path: file of the ring.
         worker: the receiver.
-        problems: pipe in which it states the error that ended it.
+        problems: pipe in which it states the error that ended it, or that it is prepared.
+        together: what it waits for then; None: it does not.
+        prepared: whether it waits.
         ring: the ring, once it is there.
     """
 
@@ -92,13 +92,17 @@ class LiveStream:
     path: Path
     worker: Worker
     problems: Connection
+    together: Event | None = None
+    prepared: bool = False
     ring: StreamBuffer | None = None
 
     def problem(self, timeout: float = 0.0) -> str:
         """Return the message of the error that ended the receiver; "" if there is none within `timeout` [s]."""
         with suppress(EOFError):
             if self.problems.poll(timeout):
-                return self.problems.recv_bytes().decode(errors="replace")
+                text = self.problems.recv_bytes().decode(errors="replace")
+                self.prepared |= not text
+                return text
         return ""
 
     def lacking(self, end: float) -> str:
@@ -133,6 +137,8 @@ def ready(streams: Sequence[LiveStream], came: Came) -> list[LiveStream]:
                 failed[each.name] = problem
             if problem or each.ring is not None:
                 waiting.remove(each)
+        if (together := streams[0].together) is not None and all(each.prepared for each in waiting):
+            together.set()
         time.sleep(0.02)
     found = [each for each in streams if each.ring is not None]
     if all(each.name == NAME for each in found):

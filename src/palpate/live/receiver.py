@@ -10,6 +10,7 @@ import time
 from contextlib import closing
 from dataclasses import replace
 from multiprocessing.connection import Connection
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,8 @@ from palpate.setup.load import load_robot
 
 PRIORITY = 60  # of SCHED_FIFO: above what is usual, below the threads of the system
 IMAGES = 1 << 28  # bytes of a ring of images
-SHARED = 8  # rings of a robot's sensors are smaller by as much, at most
+SHARED, SLOTS = 8, 8192  # rings of a robot's sensors are smaller by as much, at most, if they have so many slots
+ALONE = 1.0  # s between looks whether the parent is there
 POLL = 0.05  # s that joint states are waited for
 _LOCK_NOW_AND_LATER = 3  # MCL_CURRENT | MCL_FUTURE
 
@@ -37,7 +39,7 @@ def receive(
     trouble: Connection,
     realtime: bool,
     recorded: bool,
-    robot: bool = False,
+    together: Event | None = None,
 ) -> None:
     """Pass samples and contacts through a ring until it says stop or the parent is gone; the target of a process.
 
@@ -49,7 +51,8 @@ def receive(
         trouble: receives the text (UTF-8) of a `PalpateError`, which ends this process.
         realtime: request real-time priority, unless samples can wait.
         recorded: the ring is recorded; samples that can wait do so.
-        robot: the sensor is one of several of a robot, and its contacts have its name.
+        together: of one of several sensors of a robot, whose contacts have its name: the source is opened once this is
+            set, which an empty message to `trouble` requests.
 
     Raises:
         OSError: the device cannot be read.
@@ -57,9 +60,10 @@ def receive(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     try:
         live = Live(rig, sensor)
+        _wait(together, trouble, parent)
         with live:  # before the ring is there: without a device nothing is begun
             form = live.form(rig=str(rig))
-            opened = _opened(ring, _named(live, form, sensor) if robot and sensor else form, recorded)
+            opened = _opened(ring, _named(live, form, sensor) if together and sensor else form, recorded)
             live.into(opened)
             if realtime and not live.patient:
                 opened.say(_hurried())
@@ -68,6 +72,14 @@ def receive(
             _loop(live, opened, parent)
     except PalpateError as problem:
         trouble.send_bytes(str(problem).encode())
+
+
+def _wait(together: Event | None, trouble: Connection, parent: int) -> None:
+    """Wait until the receivers of all sensors are prepared: samples that came before would not be recorded."""
+    if together is not None:
+        trouble.send_bytes(b"")
+        while not together.wait(ALONE) and not orphaned(parent):
+            pass
 
 
 def _named(live: Live, form: SlotForm, sensor: str) -> SlotForm:
@@ -81,7 +93,13 @@ def _named(live: Live, form: SlotForm, sensor: str) -> SlotForm:
 
 
 def receive_joints(
-    rig: Path, ring: Path, sensors: tuple[str, ...] | None, parent: int, trouble: Connection, recorded: bool
+    rig: Path,
+    ring: Path,
+    sensors: tuple[str, ...] | None,
+    parent: int,
+    trouble: Connection,
+    recorded: bool,
+    together: Event | None = None,
 ) -> None:
     """Pass the joint states of a robot through a ring, as `receive` does samples; the target of a process.
 
@@ -92,6 +110,7 @@ def receive_joints(
         parent: id of the parent process.
         trouble: receives the text (UTF-8) of a `PalpateError`, which ends this process.
         recorded: the ring is recorded; messages that can wait do so.
+        together: as for `receive`.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -99,6 +118,7 @@ def receive_joints(
         if source is None:
             raise InputError("names no topic of joint states that can be read live.", where=str(rig))
         with closing(source):
+            _wait(together, trouble, parent)
             source.open()
             opened = _opened(ring, joint_form(source, str(rig)), recorded)
             _pass_on(source, opened, parent)
@@ -159,7 +179,8 @@ def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
             ring.answer(np.zeros((0, form.width)), np.zeros(1, dtype=np.int64), known=False)
         return ring
     beside = path.with_name(f"{path.name}.new")
-    made = StreamBuffer.make(beside, form, IMAGES if form.images else SIZE // min(form.place[1], SHARED))
+    size = max(SIZE // min(form.place[1], SHARED), min(SIZE, SLOTS * form.slot().itemsize))
+    made = StreamBuffer.make(beside, form, IMAGES if form.images else size)
     made["recording"] = int(recorded)
     made.close()
     beside.replace(path)

@@ -181,7 +181,8 @@ def _only(there: LogContents, wanted: _Wanted) -> Topic | None:
 
 def _meant(topic: Topic, wanted: _Wanted) -> bool:
     """Check whether a topic may be used where none is named."""
-    return wanted.fits(topic) and topic.count > 0 and not is_result(topic.name)
+    own = topic.name.startswith((f"{LIVE_POSE}/", f"{LIVE_ACCELERATION}/"))  # of one sensor of a robot
+    return wanted.fits(topic) and topic.count > 0 and not own and not is_result(topic.name)
 
 
 def _recorded(there: LogContents, name: str, of: str | None) -> Topic | None:
