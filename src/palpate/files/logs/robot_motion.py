@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -95,6 +95,7 @@ class JointSamples:
         return (encoder**2 * slope @ np.swapaxes(slope, 1, 2))[row_of]
 
 
+@runtime_checkable
 class _Poses(Protocol):
     """Source of the poses of links."""
 
