@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -150,10 +151,8 @@ def test_a_recorder_of_several_rings_continues_where_another_was_killed(tmp_path
     output, rng = tmp_path / "run.mcap", np.random.default_rng(1)
     require_record(output)
     names = ("a", "b", "c")
-    forms = [
-        SlotForm("force_torque", (6,), False, (), ROW.length, 1, wrenches=True, origin=(name, f"l_{name}"), place=(k, 3))
-        for k, name in enumerate(names)
-    ]
+    wrenches = SlotForm("force_torque", (6,), False, (), ROW.length, 1, wrenches=True)
+    forms = [replace(wrenches, origin=(name, f"l_{name}"), place=(k, 3)) for k, name in enumerate(names)]
     made = [StreamBuffer.make(ring_of(output, name), form, 1 << 21) for name, form in zip(names, forms, strict=True)]
     recorder = Recorder(made, output, split)
     for turn in range(60):

@@ -84,7 +84,9 @@ def require_address(to: str) -> None:
             raise InputError(what, where=f"--publish {to}", hint=_HINT)
 
 
-def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rate: float = RATE) -> Publisher:
+def open_publisher(
+    to: str, form: SlotForm, source: RigSource | None = None, rate: float = RATE, partner: Publisher | None = None
+) -> Publisher:
     """Return an open `RosPublisher` or `JsonLines` to an address.
 
     Args:
@@ -92,6 +94,7 @@ def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rat
         form: description of the ring's samples and contacts.
         source: the rig's [source], with domain and interface of ROS 2; None: domain 0 on this machine.
         rate: [Hz] at most; 0: every sample.
+        partner: publisher of another sensor of the same robot.
 
     Raises:
         InputError: the address is not valid, cyclonedds is not installed, or the domain cannot be joined.
@@ -103,7 +106,10 @@ def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rat
 
     domain, interface = (0, "") if source is None else (source.domain, source.interface)
     stated = _domain(to)
-    made = RosPublisher(form.frame, form.features, rate or inf, domain if stated is None else stated, interface)
+    stated = domain if stated is None else stated
+    partner = partner if isinstance(partner, RosPublisher) else None
+    sensor, frame, features = form.origin[0], form.frame, form.features
+    made = RosPublisher(frame, features, rate or inf, stated, interface, sensor=sensor, partner=partner)
     made.open()
     return made
 
@@ -136,7 +142,10 @@ def publish(
     opened = [StreamBuffer(ring) for ring in rings]
     try:
         source = load_rig(rig, sensor).source
-        streams = [_Published(ring, open_publisher(to, ring.form, source, rate)) for ring in opened]
+        streams = list[_Published]()
+        for ring in opened:
+            partner = streams[0].publisher if streams else None
+            streams.append(_Published(ring, open_publisher(to, ring.form, source, rate, partner)))
     except InputError as problem:
         opened[0].say(f"nothing is published to {to}: {problem}")
         raise SystemExit(1) from problem

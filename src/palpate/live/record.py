@@ -240,10 +240,10 @@ class Recorder:
 
     def _samples(self, drain: _Drain, end: int) -> None:
         while drain.next < end and not self.full:
-            last, *messages = drain.samples(end)
+            last, raw, views = drain.samples(end)
             if last > drain.next:
                 with self._guarded():
-                    self._opened().append(*messages)
+                    self._opened().append(raw, views)
                     drain.next = last
                 self._grown()
         if self.full:

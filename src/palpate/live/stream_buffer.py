@@ -388,7 +388,8 @@ def _described(held: mmap.mmap, path: Path) -> SlotForm:
     length = int.from_bytes(held[_JSON : _JSON + 4], "little")
     try:
         made: Mapping[str, Any] = json.loads(held[_JSON + 4 : _JSON + 4 + min(length, _SAID - _JSON - 4)])
-        lists = {name: tuple(value) for name, value in made.items() if isinstance(value, list)}
+        listed = ("shape", "features", "origin", "place", "joints")
+        lists = {name: tuple(made[name]) for name in listed if name in made}
         form = SlotForm(**cast("dict[str, Any]", {**made, **lists}))
         if not (0 < form.width < 4096 and 0 < form.max_contacts < 4096 and 0 < prod(form.shape) < 1 << 26):
             raise ValueError("sizes")
