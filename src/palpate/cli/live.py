@@ -15,6 +15,7 @@ from typing import Annotated
 
 from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
 
+from palpate.cli.estimate_robot import LEFT_OUT
 from palpate.cli.live_line import FigureLine, summary
 from palpate.cli.live_page import show
 from palpate.cli.live_streams import LiveStream, Sensors, left_out, ready
@@ -73,6 +74,7 @@ def live(
         InputError: the rig or an option cannot be used, an earlier recording was interrupted, or the device cannot be
             opened.
         KeyboardInterrupt: Ctrl-C before the receiver is ready.
+        SystemExit: 4: a sensor of a robot was left out.
     """
     sensors = Sensors.of(rig, sensor)
     sources = {name: each.stream() for name, each in sensors.rigs.items()}
@@ -89,6 +91,7 @@ def live(
         came = stack.enter_context(signals())  # from here on: a tare may be asked for before anything runs
         place = stack.enter_context(_rings(record))
         streams, token = sensors.receivers(place, realtime=realtime, recorded=record is not None), token_urlsafe(16)
+        count = len(streams)
         supervisor, rings = WorkerSupervisor([each.worker for each in streams]), list[StreamBuffer]()
         for worker in supervisor.workers:
             worker.start()
@@ -113,6 +116,8 @@ def live(
                 summary(each.ring, each.name if sensors.several else "")
         if record is not None:
             lines([("record", str(record))])
+    if sensors.faulty or any(each.worker.given_up for each in streams) or len(streams) < count:
+        raise SystemExit(LEFT_OUT)
 
 
 def _called(sensors: Sensors) -> str:

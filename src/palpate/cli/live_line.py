@@ -146,7 +146,8 @@ def summary(ring: StreamBuffer, name: str = "") -> None:
     lines([("samples", Quantity(f"{received:,} received, {answered:,} answered", received))])
     lines([("lost", Quantity(_losses(ring), lost))])
     if recorded:
-        lines([("recorded", Quantity(f"{recorded:,} samples, {ring['bytes'] / 1e6:,.1f} MB", recorded))])
+        size = f", {ring['bytes'] / 1e6:,.1f} MB" if ring["bytes"] and not name else ""  # a robot's: of one ring alone
+        lines([("recorded", Quantity(f"{recorded:,} samples{size}", recorded))])
     slots, _ = ring.read(answered - LOOKED_AT, LOOKED_AT)
     lines(latency(ring, slots))
 
