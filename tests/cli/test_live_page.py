@@ -71,7 +71,7 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stream]:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         context = multiprocessing.get_context("spawn")
-        arguments = (ring.path, rig, "127.0.0.1", taken.getsockname()[1], TOKEN, os.getpid())
+        arguments = (ring.path, rig, None, "127.0.0.1", taken.getsockname()[1], TOKEN, os.getpid())
         process = context.Process(target=show, args=arguments, daemon=True)
         process.start()
         made = Stream(ring, process)

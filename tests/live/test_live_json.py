@@ -211,7 +211,7 @@ def test_a_process_publishes_what_passes_through_the_ring_until_it_is_stopped(
 ) -> None:
     ring, rig = sphere_ring(tmp_path / "ring"), sphere_rig(tmp_path)
     context = multiprocessing.get_context("spawn")
-    process = context.Process(target=publish, args=(ring.path, _to(udp), rig, os.getpid(), 0.0), daemon=True)
+    process = context.Process(target=publish, args=([ring.path], _to(udp), rig, None, os.getpid(), 0.0), daemon=True)
     process.start()
     end, heard = time.monotonic() + 120.0, list[dict[str, Any]]()
     # it begins with what comes after it is there, which may be the part of a turn in which nothing touches

@@ -421,12 +421,12 @@ def test_the_process_ends_when_the_ring_says_stop_or_the_parent_is_gone(output: 
     ring = _ring(output)
     _feed(ring, 500)
     ring["stop"] = READERS
-    record(ring.path, output, FOREVER, os.getppid())
+    record([ring.path], output, FOREVER, os.getppid())
     assert numbers([output])[0] == list(range(500))
     other = output.with_name("other.mcap")
     ring = _ring(other)
     _feed(ring, 500)
-    record(ring.path, other, FOREVER, -1)
+    record([ring.path], other, FOREVER, -1)
     assert numbers([other])[0] == list(range(500))
 
 
@@ -462,7 +462,7 @@ def test_a_record_that_cannot_begin_is_refused(output: Path) -> None:
     with pytest.raises(InputError, match=r"not a file of `palpate live`"):
         Recorder(ring, output, FOREVER)
     with pytest.raises(SystemExit):
-        record(ring.path, output, FOREVER, -1)
+        record([ring.path], output, FOREVER, -1)
     assert "recording has stopped" in ring.events(0)[0][0][1]
 
 

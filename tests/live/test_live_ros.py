@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from subprocess import PIPE
@@ -520,6 +521,38 @@ def test_contacts_are_published_as_they_are(domain: int, frame_id: str) -> None:
         seen = np.sqrt(np.clip(np.diag(axes.T @ contacts.covariance[k] @ axes), 0, None)) * 2 * 2.796
         assert np.allclose(_numbers(ball.scale), seen.clip(0.002, 0.05), atol=1e-6)
     publisher.close()
+    node.close()
+
+
+def test_contacts_of_a_robot_are_published_by_sensor_and_together(domain: int) -> None:
+    """Each sensor's in the frame of its link; the array of all has the newest of each, each in its own frame."""
+    first = RosPublisher("tip", ("area", "depth"), domain=domain, sensor="thumb")
+    second = RosPublisher("palm", (), domain=domain, sensor="pad", partner=first)
+    node = DdsNode(domain)
+    first.open()
+    second.open()
+    node.open()
+    kind, alone = "palpate_msgs/ContactArray", "/palpate/contact/contacts"
+    names = ("/palpate/thumb/contacts", "/palpate/pad/contacts", alone)
+    readers = [node.reader(name, kind) for name in names]
+    writers = [first._writers[alone], second._writers[alone], first._writers["together"]]
+    for writer, reader in zip(writers, readers, strict=True):
+        _join(writer, reader)
+    thumb, pad = _contacts(1, 2), replace(_contacts(1, 3, seed=8), features={})
+    first.publish(thumb)
+    second.publish(replace(pad, time=pad.time + 1.0))
+    own, other, everything = (
+        [read(kind, each) for each in _received(reader, count)]
+        for reader, count in zip(readers, (1, 1, 2), strict=True)
+    )
+    assert [one.header.frame_id for one in own[-1].contacts] == ["tip"] * 2
+    assert [one.header.frame_id for one in other[-1].contacts] == ["palm"] * 3
+    assert [one.header.frame_id for one in everything[-1].contacts] == ["tip"] * 2 + ["palm"] * 3
+    points = [_numbers(one.point) for one in everything[-1].contacts]
+    assert points == [*thumb.point.tolist(), *pad.point.tolist()]
+    assert not everything[-1].features
+    second.close()
+    first.close()
     node.close()
 
 

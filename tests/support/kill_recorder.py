@@ -100,7 +100,7 @@ class _Run:
         parent, path = os.getpid(), self.ring.path
         acts: dict[int, Callable[[], None]] = {
             WRITER: lambda: write(path),
-            RECORDER: lambda: record(path, self.output, self._split, parent),
+            RECORDER: lambda: record([path], self.output, self._split, parent),
         }
         for who, act in acts.items():
             if who not in self._started:

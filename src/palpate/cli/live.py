@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Generator
-from contextlib import ExitStack, closing, contextmanager, suppress
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Generator, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from itertools import product
 from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
@@ -16,23 +15,23 @@ from typing import Annotated
 
 from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
 
+from palpate.cli.estimate_robot import LEFT_OUT
 from palpate.cli.live_line import FigureLine, summary
 from palpate.cli.live_page import show
+from palpate.cli.live_streams import LiveStream, Sensors, left_out, ready
 from palpate.console.console import counting, lines, note, title, wait
 from palpate.console.keys import Came, pressed, signals
 from palpate.console.options import FileOption, NameOption, RigFile, Scalar, require_port, require_positive
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs
+from palpate.live.joints import NAME
 from palpate.live.publish import RATE, publish, require_address
-from palpate.live.receiver import receive
-from palpate.live.record import record as record_ring
-from palpate.live.record import require_record, ring_of
+from palpate.live.record import record as record_rings
+from palpate.live.record import require_record, ring_of, rings_of
 from palpate.live.record_file import grown
 from palpate.live.stream_buffer import StreamBuffer
 from palpate.live.supervisor import Worker, WorkerSupervisor
-from palpate.setup import Rig, load_rig
 
-START = 180.0  # s in which the receiver must have its ring: the first time kernels are compiled
 LINE = 0.5  # s between lines for a person who watches
 SELDOM = 10.0  # s between them where nobody does
 MEGA = 1e6
@@ -67,7 +66,7 @@ def live(
         port: port of that page; the next free one if it is taken.
         host: address to serve it at; the default can be reached from this machine only.
         publish: contacts to ros2[:DOMAIN], udp:HOST:PORT or unix:PATH (JSON lines); may be given again.
-        sensor: name of the sensor's table, where the rig has several.
+        sensor: name of the sensor's table, where the rig has several; of a robot's sensors, with commas between.
         seconds: duration; without it until Ctrl-C, or the end of a log that is replayed without a page.
         realtime: ask the system for real-time priority.
 
@@ -75,43 +74,66 @@ def live(
         InputError: the rig or an option cannot be used, an earlier recording was interrupted, or the device cannot be
             opened.
         KeyboardInterrupt: Ctrl-C before the receiver is ready.
+        SystemExit: 4: a sensor of a robot was left out.
     """
-    stated = load_rig(rig)
-    source = stated.stream()
+    sensors = Sensors.of(rig, sensor)
+    sources = {name: each.stream() for name, each in sensors.rigs.items()}
     require_positive(seconds, "--seconds")
     require_port(port, "--port")
-    _require(stated, rig, record, publish, split)
-    title(f"{source.kind}{f' at {source.address}' if source.address else ''}, {stated.kind(sensor).called}")
+    _require(sensors, record, publish, split)
+    if sensors.several and view:
+        what = "is for one sensor: the page of a robot is not live yet."
+        raise InputError(what, where="--view", hint="Name one with --sensor, or record, and then use `palpate view`.")
+    title(_called(sensors))
+    note([f"{name} is left out: {problem}" for name, problem in sensors.faulty.items()], kind="warning")
     wait("preparing the surface")
     with ExitStack() as stack:
         came = stack.enter_context(signals())  # from here on: a tare may be asked for before anything runs
-        path = stack.enter_context(_ring(record))
-        problems, sender = Pipe(duplex=False)
-        arguments = (rig, path, sensor, os.getpid(), sender, realtime, record is not None)
-        receiver, token = Worker("receiver", receive, arguments), token_urlsafe(16)
-        supervisor = WorkerSupervisor([receiver])
-        receiver.start()
-        ring = None
+        place = stack.enter_context(_rings(record))
+        streams, token = sensors.receivers(place, realtime=realtime, recorded=record is not None), token_urlsafe(16)
+        count = len(streams)
+        supervisor, rings = WorkerSupervisor([each.worker for each in streams]), list[StreamBuffer]()
+        for worker in supervisor.workers:
+            worker.start()
         try:
-            ring = _ready_ring(path, receiver, problems, came)
-            supervisor.workers += _readers(path, rig, record, split, publish, realtime and source.kind != "replay")
+            streams = ready(streams, came)
+            supervisor.workers = [each.worker for each in streams]
+            for each in streams:
+                each.worker.ring = each.ring
+            rings = [each.ring for each in streams if each.ring is not None]
+            hurried = realtime and any(each.kind != "replay" for each in sources.values())
+            supervisor.workers += _readers(streams, rig, record, split, publish, hurried)
             if view:
-                supervisor.workers.append(Worker("page", show, (path, rig, host, port, token, os.getpid())))
-            for worker in supervisor.workers[1:]:
+                arguments = (rings[0].path, rig, sensor, host, port, token, os.getpid())
+                supervisor.workers.append(Worker("page", show, arguments))
+            for worker in supervisor.workers[len(streams) :]:
                 worker.start()
-            _watch(supervisor, ring, problems, came, seconds, token, stays=view)
+            _watch(supervisor, streams, came, seconds, token, stays=view)
         finally:
-            note(supervisor.stop(ring), kind="warning")
-        if ring is not None:
-            summary(ring)
+            note(supervisor.stop(rings[0] if rings else None), kind="warning")
+        for each in streams:
+            if each.ring is not None and each.name != NAME:
+                summary(each.ring, each.name if sensors.several else "")
         if record is not None:
             lines([("record", str(record))])
+    if sensors.faulty or any(each.worker.given_up for each in streams) or len(streams) < count:
+        raise SystemExit(LEFT_OUT)
 
 
-def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ...], split: float) -> None:
+def _called(sensors: Sensors) -> str:
+    """Return text on the source and the kind of sensor, or on the number of sensors."""
+    if sensors.several:
+        return f"{sensors.rig}, {len(sensors.rigs)} sensors"
+    name, rig = next(iter(sensors.rigs.items()))
+    source = rig.stream()
+    return f"{source.kind}{f' at {source.address}' if source.address else ''}, {rig.kind(name or None).called}"
+
+
+def _require(sensors: Sensors, record: Path | None, publish: tuple[str, ...], split: float) -> None:
     """Refuse unusable files and addresses."""
     if record is not None:
-        keep_inputs(record, (rig, *stated.files().values()))
+        files = [path for each in sensors.rigs.values() for path in each.files().values()]
+        keep_inputs(record, (sensors.rig, *files))
         require_record(record)
         require_positive(split, "--split")
     for each in publish:
@@ -119,71 +141,57 @@ def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ..
 
 
 def _readers(
-    ring: Path, rig: Path, record: Path | None, split: float, publish_to: tuple[str, ...], realtime: bool
+    streams: Sequence[LiveStream],
+    rig: Path,
+    record: Path | None,
+    split: float,
+    publish_to: tuple[str, ...],
+    realtime: bool,
 ) -> list[Worker]:
     """Return recorder and publishers."""
-    parent = os.getpid()
-    publishers = [Worker(f"publisher to {to}", publish, (ring, to, rig, parent, RATE, realtime)) for to in publish_to]
-    if record is None:
-        return publishers
-    return [Worker("recorder", record_ring, (ring, record, split * MEGA, parent)), *publishers]
+    parent, heard = os.getpid(), [each for each in streams if each.name != NAME]
+    paths, name = [each.path for each in heard], heard[0].name or None
+    workers = [
+        Worker(f"publisher to {to}", publish, (paths, to, rig, name, parent, RATE, realtime)) for to in publish_to
+    ]
+    if record is not None:
+        rings = sorted(each.path for each in streams)  # the order in which they are recovered
+        workers.insert(0, Worker("recorder", record_rings, (rings, record, split * MEGA, parent)))
+    return workers
 
 
 @contextmanager
-def _ring(record: Path | None) -> Generator[Path]:
-    """Open a context with the ring's path: next to the record, removed once that is complete, or in memory."""
+def _rings(record: Path | None) -> Generator[Callable[[str], Path]]:
+    """Open a context with the rings' paths: next to the record, removed once that is complete, or in memory."""
     if record is not None:
-        ring = ring_of(record)
         try:
-            yield ring
+            yield lambda sensor: ring_of(record, sensor)
         finally:
-            if ring.exists() and _is_complete(record, ring):
-                ring.unlink()
+            rings = rings_of(record)
+            if rings and _is_complete(record, rings):
+                for ring in reversed(rings):
+                    ring.unlink()
         return
     memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
     with TemporaryDirectory(prefix="palpate-", dir=memory, ignore_cleanup_errors=True) as folder:
-        yield Path(folder) / "live.ring"
+        yield lambda sensor: Path(folder) / f"{sensor}.ring"
 
 
-def _is_complete(record: Path, path: Path) -> bool:
-    """Return whether all of a ring is in its record; if not, print how to recover it."""
-    with closing(StreamBuffer(path)) as ring:
-        recorded = ring["recorded"] >= ring["received"]
+def _is_complete(record: Path, paths: Sequence[Path]) -> bool:
+    """Return whether all of the rings is in their record; if not, print how to recover it."""
+    recorded = True
+    for path in paths:
+        with closing(StreamBuffer(path)) as ring:
+            recorded &= ring["recorded"] >= ring["received"]
     if recorded and not grown(record):
         return True
     note([f"{record.name} is not complete; run `palpate recover {record}` to complete it"], kind="warning")
     return False
 
 
-def _ready_ring(path: Path, receiver: Worker, problems: Connection, came: Came) -> StreamBuffer:
-    """Return the ring once the receiver has made it; a signal raises KeyboardInterrupt."""
-    end = time.monotonic() + START
-    while not path.exists():
-        _raise_problem(problems)
-        if came.stop:
-            raise KeyboardInterrupt
-        if not receiver.alive:
-            _raise_problem(problems, 1.0)
-            what = "the process that receives samples ended before it was ready, without a message."
-            raise InputError(what, where="palpate live", hint="Free memory, and start again.")
-        if time.monotonic() > end:
-            what = f"the process that receives samples is not ready after {START:g} s."
-            raise InputError(what, where="palpate live", hint="Check that the device answers, and start again.")
-        time.sleep(0.02)
-    return StreamBuffer(path)
-
-
-def _raise_problem(problems: Connection, timeout: float = 0.0) -> None:
-    """Raise an InputError with the receiver's message if it ended with one."""
-    with suppress(EOFError):
-        if problems.poll(timeout):
-            raise InputError(problems.recv_bytes().decode(errors="replace"))
-
-
 def _watch(
     supervisor: WorkerSupervisor,
-    ring: StreamBuffer,
-    problems: Connection,
+    streams: Sequence[LiveStream],
     came: Came,
     seconds: float | None,
     token: str,
@@ -191,19 +199,26 @@ def _watch(
     stays: bool,
 ) -> None:
     """Supervise, print and take tares until Ctrl-C, for some seconds, or, unless it `stays`, until a log's end."""
-    figures, end = FigureLine(ring, token), time.monotonic() + (seconds or float("inf"))
+    rings = {each.name: each.ring for each in streams if each.ring is not None}
+    figures, end = FigureLine(rings, token), time.monotonic() + (seconds or float("inf"))
     every, then, done = LINE if sys.stderr.isatty() else SELDOM, 0.0, 0
     with counting(), pressed() as key:
-        while not came.stop and time.monotonic() < end and (stays or not ring["ended"]):
-            if key(0.1) == "t":
-                ring.ask_tare("the key t")
+        while not came.stop and time.monotonic() < end and (stays or not _ended(streams)):
+            asked = ["the key t"] if key(0.1) == "t" else []
             if (tares := came.tares) > done:  # counted, not reset: a signal may fall between any two steps
-                ring.ask_tare("a signal (SIGUSR1)")
-                done = tares
-            _raise_problem(problems)
-            supervisor.watch(ring)
+                asked, done = [*asked, "a signal (SIGUSR1)"], tares
+            for ring, by in product(rings.values(), asked):
+                ring.ask_tare(by)
+            left_out(streams)
+            supervisor.watch(next(iter(rings.values())))
             figures.sentences()
             if time.monotonic() >= then:
                 figures.line()
                 then = time.monotonic() + every
         figures.sentences()
+
+
+def _ended(streams: Sequence[LiveStream]) -> bool:
+    """Return whether all logs that are replayed are at their end."""
+    running = [each for each in streams if not each.worker.given_up and each.name != NAME]
+    return all(each.ring is not None and each.ring["ended"] for each in running)

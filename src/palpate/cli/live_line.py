@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 import sys
 import time
+from collections.abc import Mapping
 from datetime import datetime
 
 import numpy as np
 
-from palpate.console.console import Quantity, announce, lines
+from palpate.console.console import Quantity, announce, lines, title
 from palpate.contact.estimate import ROW, Status
 from palpate.live.stream_buffer import StreamBuffer, latencies
 
@@ -22,22 +23,24 @@ class FigureLine:
     """A line of figures since the last one, and new messages.
 
     Args:
-        ring: ring of the stream.
+        rings: name of a sensor -> ring of its stream; the name matters where there are several.
         token: secret that opens the page; it is printed, but is in no record.
     """
 
-    def __init__(self, ring: StreamBuffer, token: str) -> None:
-        self._ring, self._event, self._token = ring, 0, token
-        self._count, self._at = ring["answered"], time.monotonic()
+    def __init__(self, rings: Mapping[str, StreamBuffer], token: str) -> None:
+        self._token, self._at = token, time.monotonic()
+        self._streams = {name: _Counted(ring) for name, ring in rings.items()}
 
     def sentences(self) -> None:
-        """Print new messages, each with its time."""
-        events, self._event = self._ring.events(self._event)
-        for stamp, sentence in events:
-            when = datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S")
-            if sys.stderr.isatty():
-                print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-            announce(f"{when} {self._opened(sentence)}")
+        """Print new messages, each with its time, and of several sensors after the name."""
+        for name, stream in self._streams.items():
+            events, stream.event = stream.ring.events(stream.event)
+            whose = f"{name}: " if len(self._streams) > 1 else ""
+            for stamp, sentence in events:
+                when = datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S")
+                if sys.stderr.isatty():
+                    print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+                announce(f"{when} {whose}{self._opened(sentence)}")
 
     def _opened(self, sentence: str) -> str:
         """Return the message, with the token added to the page's address."""
@@ -45,34 +48,77 @@ class FigureLine:
 
     def line(self) -> None:
         """Print rate, contacts, latency and losses: in place on a terminal, else one below the other."""
-        ring, now = self._ring, time.monotonic()
-        count = ring["answered"]
-        rate = (count - self._count) / max(now - self._at, 1e-9)
-        slots, _ = ring.read(max(self._count, count - LOOKED_AT), LOOKED_AT)
-        self._count, self._at = count, now
-        waited = ", ".join(f"{what} {text}" for what, text in latency(ring, slots))
-        words = [f"{rate:7,.0f} Hz", contacts(slots), waited and f"latency {waited}", f"{ring['lost']:,} lost"]
-        if recorded := ring["recorded"]:
-            words.append(f"{recorded:,} recorded")
+        now = time.monotonic()
+        span, self._at = max(now - self._at, 1e-9), now
+        taken = {name: stream.take() for name, stream in self._streams.items()}
+        words = self._of_one(taken, span) if len(taken) == 1 else self._of_robot(taken, span)
         text = "  ".join(word for word in words if word)
         if sys.stderr.isatty():
             print(f"\r\x1b[Kpalpate: {text}", end="", file=sys.stderr, flush=True)
         else:
             announce(text)
 
+    def _of_one(self, taken: Mapping[str, tuple[int, np.ndarray]], span: float) -> list[str]:
+        (count, slots), ring = next(iter(taken.values())), next(iter(self._streams.values())).ring
+        waited = ", ".join(f"{what} {text}" for what, text in latency(ring, slots))
+        recorded = f"{ring['recorded']:,} recorded" if ring["recorded"] else ""
+        figures = [f"{count / span:7,.0f} Hz", contacts(slots), waited and f"latency {waited}"]
+        return [*figures, f"{ring['lost']:,} lost", recorded]
+
+    def _of_robot(self, taken: Mapping[str, tuple[int, np.ndarray]], span: float) -> list[str]:
+        """Return texts on all sensors: number, contacts, the worst latency, losses, and which are silent."""
+        sensors = {name: each.ring for name, each in self._streams.items() if not each.ring.form.joints}
+        rate = sum(taken[name][0] for name in sensors) / span
+        force = {name: np.linalg.norm(touching(taken[name][1])[:, ROW.force], axis=1) for name in sensors}
+        number = sum(map(len, force.values()))
+        words = [f"{len(sensors)} sensors {rate:,.0f} Hz", f"{number} contact{'' if number == 1 else 's'}"]
+        if number:
+            name = max(force, key=lambda each: float(force[each].max(initial=0.0)))
+            words[-1] += f", strongest {name} {force[name].max():.2f} N"
+        waited = [latencies(taken[name][1]) for name in sensors]
+        worst = max((float(each.max()) for each in waited if len(each)), default=0.0)
+        silent = [name for name, each in self._streams.items() if not taken[name][0] and not each.ring["ended"]]
+        return [
+            *words,
+            f"latency at worst {1e6 * worst:,.0f} us" if worst else "",
+            f"{sum(ring['lost'] for ring in sensors.values()):,} lost",
+            f"{recorded:,} recorded" if (recorded := sum(ring["recorded"] for ring in sensors.values())) else "",
+            f"silent: {', '.join(silent)}" if silent else "",
+        ]
+
+
+class _Counted:
+    """A ring, and what of it was printed."""
+
+    def __init__(self, ring: StreamBuffer) -> None:
+        self.ring, self.event, self._count = ring, 0, ring["answered"]
+
+    def take(self) -> tuple[int, np.ndarray]:
+        """Return the number of samples answered since the last call, and the last of their slots."""
+        count, before = self.ring["answered"], self._count
+        slots, _ = self.ring.read(max(before, count - LOOKED_AT), LOOKED_AT)
+        self._count = count
+        return count - before, slots
+
+
+def touching(slots: np.ndarray) -> np.ndarray:
+    """Return the rows of the contacts in the last of some slots, (k, width)."""
+    rows = slots["contacts"][-1:].reshape(-1, slots["contacts"].shape[-1])[: int(slots["rows"][-1:].sum())]
+    status = rows[:, ROW.status]
+    return rows[(status == Status.CONTACT) | (status == Status.AMBIGUOUS)]
+
 
 def contacts(slots: np.ndarray) -> str:
     """Return text on the last of some slots: number of contacts, largest force [N], its place [mm]; or the status."""
     if not len(slots):
         return "no samples"
-    rows = slots["contacts"][-1][: int(slots["rows"][-1])]
-    status = rows[:, ROW.status]
-    touching = rows[(status == Status.CONTACT) | (status == Status.AMBIGUOUS)]
-    if not len(touching):
-        return Status(int(status[0])).words if len(rows) else "not answered"
-    force = np.linalg.norm(touching[:, ROW.force], axis=1)
-    x, y, z = 1e3 * touching[int(np.argmax(force)), ROW.point]
-    several = f"{len(touching)} contacts, strongest " if len(touching) > 1 else "contact "
+    found = touching(slots)
+    if not len(found):
+        known = slots["rows"][-1] > 0
+        return Status(int(slots["contacts"][-1][0, ROW.status])).words if known else "not answered"
+    force = np.linalg.norm(found[:, ROW.force], axis=1)
+    x, y, z = 1e3 * found[int(np.argmax(force)), ROW.point]
+    several = f"{len(found)} contacts, strongest " if len(found) > 1 else "contact "
     return f"{several}{force.max():.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
 
 
@@ -87,13 +133,21 @@ def _percentiles(waited: np.ndarray) -> str:
     return f"{middle:,.0f} us (99 %: {most:,.0f}, worst {worst:,.0f})"
 
 
-def summary(ring: StreamBuffer) -> None:
-    """Print the figures of a stream that has ended: what became of every sample that was sent, and latencies."""
+def summary(ring: StreamBuffer, name: str = "") -> None:
+    """Print the figures of a stream that has ended: what became of every sample that was sent, and latencies.
+
+    Args:
+        ring: ring of the stream.
+        name: of a robot's sensor.
+    """
+    if name:
+        title(name)
     received, answered, recorded, lost = (ring[word] for word in ("received", "answered", "recorded", "lost"))
     lines([("samples", Quantity(f"{received:,} received, {answered:,} answered", received))])
     lines([("lost", Quantity(_losses(ring), lost))])
     if recorded:
-        lines([("recorded", Quantity(f"{recorded:,} samples, {ring['bytes'] / 1e6:,.1f} MB", recorded))])
+        size = f", {ring['bytes'] / 1e6:,.1f} MB" if ring["bytes"] and not name else ""  # a robot's: of one ring alone
+        lines([("recorded", Quantity(f"{recorded:,} samples{size}", recorded))])
     slots, _ = ring.read(answered - LOOKED_AT, LOOKED_AT)
     lines(latency(ring, slots))
 

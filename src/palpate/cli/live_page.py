@@ -32,7 +32,7 @@ RATED = 2.0  # s over which a rate is counted
 _GATHERED = ["number", "stamp", "arrived", "ready", "rows", "contacts"]  # of a slot: no images
 
 
-def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -> None:
+def show(ring: Path, rig: Path, sensor: str | None, host: str, port: int, token: str, parent: int) -> None:
     """Serve the page, in a separate process, until the ring requests the stop or the parent is gone.
 
     An error of the rig or the page is written into the ring as a sentence; then the process waits for the end.
@@ -40,6 +40,7 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
     Args:
         ring: file of the stream.
         rig: rig of the stream.
+        sensor: name of the sensor, if the rig is of a robot.
         host: address to serve at.
         port: the first to try; if it is taken, the next free one is used.
         token: secret that opens the page; it is not written into the ring.
@@ -52,7 +53,7 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     read = StreamBuffer(ring)
     try:
-        setup = load_rig(rig).resolve(read.form.sensor)
+        setup = load_rig(rig, sensor).resolve(read.form.sensor)
         view, layers = view_of(setup.kind), layers_of(setup, live=read.form.shape)
         stream = Stream(read, view.feed(setup, lambda: read["done"], layers))
         with LivePage(view.body(setup), layers, rig.stem, stream.tare, host, port, token) as page:

@@ -35,6 +35,7 @@ DEFINITIONS: Mapping[str, str] = {
     "geometry_msgs/Transform": "geometry_msgs/Vector3 translation, geometry_msgs/Quaternion rotation",
     "geometry_msgs/TransformStamped": f"{_STAMPED}string child_frame_id, geometry_msgs/Transform transform",
     "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "sensor_msgs/JointState": f"{_STAMPED}string[] name, float64[] position, float64[] velocity, float64[] effort",
     "nav_msgs/Odometry": f"{_STAMPED}string child_frame_id, geometry_msgs/PoseWithCovariance pose, "
     "geometry_msgs/TwistWithCovariance twist",
     "sensor_msgs/Imu": f"{_STAMPED}geometry_msgs/Quaternion orientation, float64[9] orientation_covariance, "

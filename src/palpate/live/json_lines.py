@@ -66,6 +66,7 @@ class JsonLines:
 
     `contacts` are those that have a place, the strongest first, each with the sensor's features in SI; `status` is that
     of the strongest, or says why there is none. Lines that the network or a slow listener cannot take are dropped.
+    Those of a robot begin with the names of "sensor" and "link", in whose frame they are.
 
     Args:
         to: "udp:HOST:PORT" or "unix:PATH", a datagram socket that the listener makes.
@@ -164,11 +165,19 @@ def _each(contacts: Contacts, every: bool) -> Iterator[tuple[int, int, bool]]:
 def _object(contacts: Contacts) -> dict[str, Any]:
     found = contacts if len(contacts) == 1 else contacts[_strongest_first(contacts)]
     return {
+        **_origin(found),
         "sample": int(found.sample[0]),
         "time": _number(found.time[0]),
         "status": Status(int(found.status[0])).label,
         "contacts": [_contact(found, row) for row in np.flatnonzero(found.located).tolist()],
     }
+
+
+def _origin(found: Contacts) -> dict[str, str]:
+    """Return the names of a robot's sensor and of its link; {} for a rig of one sensor."""
+    if found.origins is None:
+        return {}
+    return found.origins.among[int(found.origins.index[0])]._asdict()
 
 
 def _strongest_first(contacts: Contacts) -> np.ndarray:

@@ -131,7 +131,7 @@ class Live:
     def __init__(self, rig: Rig | str | Path, sensor: str | None = None, source: Source | None = None) -> None:
         from palpate.live import _stream  # compiled: loaded when first needed
 
-        rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        rig = rig if isinstance(rig, Rig) else load_rig(rig, sensor)
         self.kind = rig.kind(sensor)
         self.setup = rig.resolve(self.kind)
         self._where = "[source]" if rig.source is None else f"[source] {rig.source.kind}"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import gc
 import signal
-from contextlib import closing
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from math import inf
 from pathlib import Path
 from time import monotonic, sleep
@@ -83,7 +84,9 @@ def require_address(to: str) -> None:
             raise InputError(what, where=f"--publish {to}", hint=_HINT)
 
 
-def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rate: float = RATE) -> Publisher:
+def open_publisher(
+    to: str, form: SlotForm, source: RigSource | None = None, rate: float = RATE, partner: Publisher | None = None
+) -> Publisher:
     """Return an open `RosPublisher` or `JsonLines` to an address.
 
     Args:
@@ -91,6 +94,7 @@ def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rat
         form: description of the ring's samples and contacts.
         source: the rig's [source], with domain and interface of ROS 2; None: domain 0 on this machine.
         rate: [Hz] at most; 0: every sample.
+        partner: publisher of another sensor of the same robot.
 
     Raises:
         InputError: the address is not valid, cyclonedds is not installed, or the domain cannot be joined.
@@ -102,55 +106,88 @@ def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rat
 
     domain, interface = (0, "") if source is None else (source.domain, source.interface)
     stated = _domain(to)
-    made = RosPublisher(form.frame, form.features, rate or inf, domain if stated is None else stated, interface)
+    stated = domain if stated is None else stated
+    partner = partner if isinstance(partner, RosPublisher) else None
+    sensor, frame, features = form.origin[0], form.frame, form.features
+    made = RosPublisher(frame, features, rate or inf, stated, interface, sensor=sensor, partner=partner)
     made.open()
     return made
 
 
-def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE, realtime: bool = False) -> None:
-    """Publish the contacts of a ring from now on, until it says stop or the parent is gone; the target of a process.
+def publish(
+    rings: Sequence[Path],
+    to: str,
+    rig: Path,
+    sensor: str | None,
+    parent: int,
+    rate: float = RATE,
+    realtime: bool = False,
+) -> None:
+    """Publish the contacts of rings from now on, until they say stop or the parent is gone; the target of a process.
 
     Args:
-        ring: file of the ring.
+        rings: file of the ring, or those of a robot's sensors.
         to: the address, see `require_address`.
         rig: file of the rig.
+        sensor: name of a sensor of the rig, whose [source] states domain and interface of ROS 2.
         parent: id of the parent process.
         rate: [Hz] at most; 0: every sample.
         realtime: request real-time priority, below the receiver's.
 
     Raises:
-        InputError: the ring cannot be opened.
-        SystemExit: with 1, if rig or address cannot be used; the ring stores the reason.
+        InputError: a ring cannot be opened.
+        SystemExit: with 1, if rig or address cannot be used; the first ring stores the reason.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
-    read = StreamBuffer(ring)
+    opened = [StreamBuffer(ring) for ring in rings]
     try:
-        publisher = open_publisher(to, read.form, load_rig(rig).source, rate)
+        source = load_rig(rig, sensor).source
+        streams = list[_Published]()
+        for ring in opened:
+            partner = streams[0].publisher if streams else None
+            streams.append(_Published(ring, open_publisher(to, ring.form, source, rate, partner)))
     except InputError as problem:
-        read.say(f"nothing is published to {to}: {problem}")
+        opened[0].say(f"nothing is published to {to}: {problem}")
         raise SystemExit(1) from problem
     if realtime:
         hurry(PRIORITY - 10)  # the receiver reports that it is not granted
     gc.collect()
     gc.freeze()  # what exists now is not collected, which would pause the loop
-    with closing(read), closing(publisher):
-        next_one, listened = read["answered"], 0.0
-        while not read["stop"] and not orphaned(parent):
-            slots, first = read.read(next_one, MOST)
-            next_one = first + len(slots)
-            if len(slots) or publisher.due() <= 0.0:
-                read.publish(publisher.publish(read.form.contacts(slots)))
+    with ExitStack() as stack:
+        for each in streams:
+            stack.enter_context(closing(each.ring))
+            stack.enter_context(closing(each.publisher))
+        listened = 0.0
+        while not opened[0]["stop"] and not orphaned(parent):
+            behind = [each.pass_on() for each in streams]
             if (now := monotonic()) - listened >= LISTEN:
                 listened = now
-                _listen(publisher, read, to)
-            if len(slots) < MOST:
-                due = publisher.due()
+                _listen(streams, to)
+            if not any(behind):
+                due = min(each.publisher.due() for each in streams)
                 sleep(min(POLL, due) if due > 0.0 else POLL)
 
 
-def _listen(publisher: Publisher, ring: StreamBuffer, to: str) -> None:
-    """Pass requests and events on to the ring."""
-    if publisher.tare_requested():
-        ring.ask_tare(f"a message to {to}")
-    for sentence in publisher.events():
-        ring.say(sentence)
+class _Published:
+    """A ring whose contacts are published."""
+
+    def __init__(self, ring: StreamBuffer, publisher: Publisher) -> None:
+        self.ring, self.publisher, self._next = ring, publisher, ring["answered"]
+
+    def pass_on(self) -> bool:
+        """Publish new contacts, and return whether more may wait."""
+        slots, first = self.ring.read(self._next, MOST)
+        self._next = first + len(slots)
+        if len(slots) or self.publisher.due() <= 0.0:
+            self.ring.publish(self.publisher.publish(self.ring.form.contacts(slots)))
+        return len(slots) == MOST
+
+
+def _listen(streams: Sequence[_Published], to: str) -> None:
+    """Pass requests and events on to the rings; a tare is one of all sensors."""
+    requested = [each.publisher.tare_requested() for each in streams]
+    for each in streams:
+        if any(requested):
+            each.ring.ask_tare(f"a message to {to}")
+        for sentence in each.publisher.events():
+            each.ring.say(sentence)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float
 
@@ -23,6 +26,7 @@ TOPICS = {
     "/palpate/contact/contacts": "palpate_msgs/ContactArray",
 }
 _POSE, _WRENCH, _MARKERS, _CONTACTS = TOPICS
+_ROOM, _TOGETHER = "/palpate/contact/", "together"
 _DRAWN = 30.0  # Hz of markers: viewers need no more
 _BACK = 1.0  # s: stamps that go back by more are another clock
 _HEADER = 16  # bytes of a message before the name of its frame
@@ -44,22 +48,37 @@ class RosPublisher:
     `/palpate/contact/contacts` (palpate_msgs/ContactArray) has every row of a sample; `/palpate/contact/markers` is for
     viewers, 30 times a second. A message on `/palpate/tare` (std_msgs/Empty) requests a tare.
 
+    The topics of a robot's sensor begin with `/palpate/SENSOR/`; `/palpate/contact/contacts` then has the newest
+    contacts of all sensors, without their features, each in the frame of its own header.
+
     Args:
         frame_id: frame of the contacts.
         features: names of the features that every contact has.
         rate: [Hz] of messages at most, by the contacts' times.
         domain: number of the domain.
         interface: network interface, see `DdsNode`.
+        sensor: name of a robot's sensor.
+        partner: publisher of another sensor of the robot, which owns the node.
     """
 
     # The tare is no service: a client of Fast DDS finds its answer by the "related sample identity" of a message, which
     # cyclonedds neither shows for a request nor writes to an answer.
     def __init__(
-        self, frame_id: str, features: tuple[str, ...] = (), rate: float = 100.0, domain: int = 0, interface: str = ""
+        self,
+        frame_id: str,
+        features: tuple[str, ...] = (),
+        rate: float = 100.0,
+        domain: int = 0,
+        interface: str = "",
+        *,
+        sensor: str = "",
+        partner: RosPublisher | None = None,
     ) -> None:
         self._frame_id, self._features = frame_id, features
         self._messages = ContactMessages(frame_id, features)
-        self._node = DdsNode(domain, interface)
+        self._sensor, self._first = sensor, partner or self
+        self._node = DdsNode(domain, interface) if partner is None else partner._node
+        self._newest, self._all_due = dict[str, list[_Contact]](), _Due(rate)  # of all sensors: used of the first
         self._due, self._drawn = _Due(rate), _Due(min(rate, _DRAWN))
         self._writers: dict[str, Writer] = {}
         self._tare: DdsReader | None = None
@@ -72,10 +91,16 @@ class RosPublisher:
         Raises:
             InputError: cyclonedds is not installed, or the domain cannot be joined.
         """
-        if said := self._node.open():
-            self._said.append(said)
-        self._writers = {name: self._node.writer(name, kind, depth=10) for name, kind in TOPICS.items()}
-        self._tare = self._node.reader(TARE, "std_msgs/Empty", reliable=True, depth=10)
+        room = f"/palpate/{self._sensor}/" if self._sensor else _ROOM
+        if self._first is self:
+            if said := self._node.open():
+                self._said.append(said)
+            self._tare = self._node.reader(TARE, "std_msgs/Empty", reliable=True, depth=10)
+        self._writers = {
+            name: self._node.writer(name.replace(_ROOM, room), kind, depth=10) for name, kind in TOPICS.items()
+        }
+        if self._sensor and self._first is self:
+            self._writers[_TOGETHER] = self._node.writer(_CONTACTS, TOPICS[_CONTACTS], depth=10)
 
     def publish(self, contacts: Contacts) -> list[int]:
         """Publish those of the next samples, in order, that are due, and return their numbers."""
@@ -104,11 +129,15 @@ class RosPublisher:
     def close(self) -> None:
         """Leave the domain; may be called again."""
         self._writers, self._tare = {}, None
-        self._node.close()
+        if self._first is self:
+            self._node.close()
 
     def _publish(self, rows: Contacts) -> None:
         _, (everything, poses, wrenches) = self._messages.of(rows)
-        self._write(_CONTACTS, self._array(everything, rows))
+        found, nothing = self._contacts(everything), np.full(len(rows), np.nan)
+        values = np.array([rows.features.get(name, nothing) for name in self._features]).T.ravel().tolist()
+        self._write(_CONTACTS, _array(found, self._features, values))
+        self._publish_all(found, rows.time[:1])
         strongest = int(rows.strongest()[0])
         if rows.answered[strongest] and rows.located[strongest]:
             which = int(np.count_nonzero(rows.located[:strongest]))
@@ -124,23 +153,40 @@ class RosPublisher:
         if not self._writers[topic].write(data):
             self._dropped += 1
 
-    def _array(self, everything: np.ndarray, rows: Contacts) -> bytes:
-        """Return a ContactArray (bytes, CDR): each contact as in a file, then all features."""
-        head = _payload(everything[:1])
-        named = int(everything["named"][0])
-        start = _HEADER + named
-        message = Cdr().raw(head[4:start]).numbers("I", len(rows))
+    def _publish_all(self, found: list[_Contact], time: Float[np.ndarray, "1"]) -> None:
+        """Publish the newest contacts of all sensors of a robot, if they are due."""
+        first = self._first
+        if self._sensor:
+            first._newest[self._sensor] = found
+            if first._all_due.of(time)[0]:
+                first._write(_TOGETHER, _array([each for own in first._newest.values() for each in own]))
+
+    def _contacts(self, everything: np.ndarray) -> list[_Contact]:
+        """Return the parts of each message of a file of contacts that a ContactArray has."""
+        start = _HEADER + int(everything["named"][0])
         fields = start + -(start - 4) % 8
-        size = len(head) - fields - 8 * len(self._features) - 1
-        for k in range(len(rows)):
-            each = _payload(everything[k : k + 1])
-            message.align(4).raw(each[4:start]).align(8).raw(each[fields : fields + size]).raw(each[-1:])
-        message.numbers("I", len(self._features))
-        for name in self._features:
-            message.text(name)
-        nothing = np.full(len(rows), np.nan)
-        values = np.array([rows.features.get(name, nothing) for name in self._features]).T.ravel().tolist()
-        return message.numbers("I", len(values)).numbers("d", *values).done()
+        whole = [_payload(everything[k : k + 1]) for k in range(len(everything))]
+        size = len(whole[0]) - fields - 8 * len(self._features) - 1
+        return [_Contact(each[4:start], each[fields : fields + size], each[-1:]) for each in whole]
+
+
+class _Contact(NamedTuple):
+    """Bytes of a contact in a message: its header, its numbers and its status."""
+
+    head: bytes
+    numbers: bytes
+    status: bytes
+
+
+def _array(contacts: Sequence[_Contact], features: tuple[str, ...] = (), values: Sequence[float] = ()) -> bytes:
+    """Return a ContactArray (bytes, CDR): each contact as in a file, then all features."""
+    message = Cdr().raw(contacts[0].head).numbers("I", len(contacts))
+    for each in contacts:
+        message.align(4).raw(each.head).align(8).raw(each.numbers).raw(each.status)
+    message.numbers("I", len(features))
+    for name in features:
+        message.text(name)
+    return message.numbers("I", len(values)).numbers("d", *values).done()
 
 
 class _Due:

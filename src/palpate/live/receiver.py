@@ -7,33 +7,52 @@ import gc
 import os
 import signal
 import time
+from contextlib import closing
+from dataclasses import replace
 from multiprocessing.connection import Connection
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 import numpy as np
 
 from palpate.errors import InputError, PalpateError
+from palpate.files.logs.topics import LIVE_BOTH
+from palpate.live.joints import JointSource, joint_form, joint_source
 from palpate.live.live import Live
+from palpate.live.source import Batch
 from palpate.live.stream_buffer import SIZE, SlotForm, StreamBuffer
+from palpate.setup.load import load_robot
 
 PRIORITY = 60  # of SCHED_FIFO: above what is usual, below the threads of the system
 IMAGES = 1 << 28  # bytes of a ring of images
+SHARED, SLOTS = 8, 8192  # rings of a robot's sensors are smaller by as much, at most, if they have so many slots
+ALONE = 1.0  # s between looks whether the parent is there
+POLL = 0.05  # s that joint states are waited for
 _LOCK_NOW_AND_LATER = 3  # MCL_CURRENT | MCL_FUTURE
 
 
 def receive(
-    rig: Path, ring: Path, sensor: str | None, parent: int, trouble: Connection, realtime: bool, recorded: bool
+    rig: Path,
+    ring: Path,
+    sensor: str | None,
+    parent: int,
+    trouble: Connection,
+    realtime: bool,
+    recorded: bool,
+    together: Event | None = None,
 ) -> None:
     """Pass samples and contacts through a ring until it says stop or the parent is gone; the target of a process.
 
     Args:
         rig: file of a rig with a [source].
         ring: file to make, or to continue after an earlier process.
-        sensor: name of the sensor's table, if there are several.
+        sensor: name of the sensor, or of its table, if there are several.
         parent: id of the parent process.
         trouble: receives the text (UTF-8) of a `PalpateError`, which ends this process.
         realtime: request real-time priority, unless samples can wait.
         recorded: the ring is recorded; samples that can wait do so.
+        together: of one of several sensors of a robot, whose contacts have its name: the source is opened once this is
+            set, which an empty message to `trouble` requests.
 
     Raises:
         OSError: the device cannot be read.
@@ -41,8 +60,10 @@ def receive(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     try:
         live = Live(rig, sensor)
+        _wait(together, trouble, parent)
         with live:  # before the ring is there: without a device nothing is begun
-            opened = _opened(ring, live.form(rig=str(rig)), recorded)
+            form = live.form(rig=str(rig))
+            opened = _opened(ring, _named(live, form, sensor) if together and sensor else form, recorded)
             live.into(opened)
             if realtime and not live.patient:
                 opened.say(_hurried())
@@ -51,6 +72,76 @@ def receive(
             _loop(live, opened, parent)
     except PalpateError as problem:
         trouble.send_bytes(str(problem).encode())
+
+
+def _wait(together: Event | None, trouble: Connection, parent: int) -> None:
+    """Wait until the receivers of all sensors are prepared: samples that came before would not be recorded."""
+    if together is not None:
+        trouble.send_bytes(b"")
+        while not together.wait(ALONE) and not orphaned(parent):
+            pass
+
+
+def _named(live: Live, form: SlotForm, sensor: str) -> SlotForm:
+    """Return the form with the names of a robot's sensor, whose contacts are in the frame of its link."""
+    robot, arrays = load_robot(form.rig), live.setup.layout().arrays
+    topic = f"{LIVE_BOTH}{arrays[0].topic or ''}" if form.topic == LIVE_BOTH and arrays else form.topic
+    each, names = robot.picked(sensor)[0], list(robot.sensors)
+    place = names.index(sensor), len(names)
+    frame = each.link or form.frame
+    return replace(form, origin=tuple(each.origin), place=place, expected=each.expected, frame=frame, topic=topic)
+
+
+def receive_joints(
+    rig: Path,
+    ring: Path,
+    sensors: tuple[str, ...] | None,
+    parent: int,
+    trouble: Connection,
+    recorded: bool,
+    together: Event | None = None,
+) -> None:
+    """Pass the joint states of a robot through a ring, as `receive` does samples; the target of a process.
+
+    Args:
+        rig: file of the robot's rig.
+        ring: file to make, or to continue.
+        sensors: names of the sensors that are received; None: all.
+        parent: id of the parent process.
+        trouble: receives the text (UTF-8) of a `PalpateError`, which ends this process.
+        recorded: the ring is recorded; messages that can wait do so.
+        together: as for `receive`.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        source = joint_source(load_robot(rig), sensors)
+        if source is None:
+            raise InputError("names no topic of joint states that can be read live.", where=str(rig))
+        with closing(source):
+            _wait(together, trouble, parent)
+            source.open()
+            opened = _opened(ring, joint_form(source, str(rig)), recorded)
+            _pass_on(source, opened, parent)
+    except PalpateError as problem:
+        trouble.send_bytes(str(problem).encode())
+
+
+def _pass_on(source: JointSource, ring: StreamBuffer, parent: int) -> None:
+    batch, none = Batch((len(source.joints),)), np.zeros((0, ring.form.width))
+    while not ring["stop"] and not orphaned(parent):
+        behind = source.patient and ring["recording"] and ring["received"] - ring["recorded"] > ring.safe // 2
+        stamps, values = (none[:, 0], none) if behind else source.receive(POLL)
+        for start in range(0, len(stamps), len(batch)):
+            part = slice(start, start + len(batch))
+            count = len(stamps[part])
+            batch.stamp[:count], batch.values[:count] = stamps[part], values[part]
+            batch.arrived = np.full(len(batch), time.time_ns())
+            ring.take_in(batch, count, batch.turned)
+            ring.answer(none, np.zeros(count, dtype=np.int64))
+        if behind:
+            time.sleep(POLL)
+        ring["alive"], ring["ended"] = time.time_ns(), int(source.ended)
+        ring["done"] = ring["asked"]  # a tare is of sensors
 
 
 def orphaned(parent: int) -> bool:
@@ -88,7 +179,8 @@ def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
             ring.answer(np.zeros((0, form.width)), np.zeros(1, dtype=np.int64), known=False)
         return ring
     beside = path.with_name(f"{path.name}.new")
-    made = StreamBuffer.make(beside, form, IMAGES if form.images else SIZE)
+    size = max(SIZE // min(form.place[1], SHARED), min(SIZE, SLOTS * form.slot().itemsize))
+    made = StreamBuffer.make(beside, form, IMAGES if form.images else size)
     made["recording"] = int(recorded)
     made.close()
     beside.replace(path)

@@ -1,4 +1,4 @@
-"""Record a ring as MCAP files, each of which can be opened without the others.
+"""Record rings as MCAP files, each of which can be opened without the others.
 
 After a kill, a new recorder continues where the file ends, if the ring still has the samples after it.
 """
@@ -9,14 +9,17 @@ import fcntl
 import os
 import signal
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from glob import escape
 from pathlib import Path
+
+import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.atomic import RING, part, writing
-from palpate.live.record_file import RecordFile, grown, named, place
-from palpate.live.record_messages import RecordMessages, event, record_topics
+from palpate.live.record_file import RecordFile, Span, grown, named, place
+from palpate.live.record_messages import RecordMessages, event, event_channels, record_topics
 from palpate.live.stream_buffer import READERS, StreamBuffer
 
 POLL = 0.02  # s between looks at the ring
@@ -28,13 +31,23 @@ QUIET, SILENT = 0.3, 1.5  # s without a change after which a ring has ended, wit
 GRACE = 5.0  # s to wait for that, at most
 
 
-def ring_of(output: Path) -> Path:
-    """Return the path of the ring of a record: OUTPUT.ring.
+def ring_of(output: Path, sensor: str = "") -> Path:
+    """Return the path of the ring of a record: OUTPUT.ring, or OUTPUT.SENSOR.ring of a robot's sensor.
 
     Raises:
         InputError: the path cannot be resolved, such as links in a circle.
     """
-    return part(output).with_suffix(RING)
+    return part(output).with_suffix(f".{sensor}{RING}" if sensor else RING)
+
+
+def rings_of(output: Path) -> list[Path]:
+    """Return the paths of all rings of a record that are there, in the order of their names.
+
+    Raises:
+        InputError: the path cannot be resolved, such as links in a circle.
+    """
+    own = ring_of(output)
+    return [own] if own.exists() else sorted(own.parent.glob(f"{escape(own.stem)}.*{RING}"))
 
 
 def require_record(output: Path) -> None:
@@ -46,7 +59,7 @@ def require_record(output: Path) -> None:
     """
     if output.suffix.lower() != ".mcap":
         raise InputError(f"a record cannot end in {output.suffix!r}.", where=str(output), hint="Use .mcap.")
-    if ring_of(output).exists() or grown(output):
+    if rings_of(output) or grown(output):
         hint = f"Run `palpate recover {output}` to save it, then start the new one again."
         raise InputError("an earlier recording was interrupted.", where=str(output), hint=hint)
     if named(output, 1).exists():
@@ -55,32 +68,34 @@ def require_record(output: Path) -> None:
         raise InputError(what, where=str(output), hint=hint)
 
 
-def record(ring: Path, output: Path, split: float, parent: int) -> None:
-    """Record a ring until it says stop, or the parent is gone and no more samples come; the target of a process.
+def record(rings: Sequence[Path], output: Path, split: float, parent: int) -> None:
+    """Record rings until the first says stop, or the parent is gone and no samples come; the target of a process.
 
     Args:
-        ring: file of the ring.
+        rings: file of the ring, or those of a robot's sensors.
         output: MCAP file, which grows as OUTPUT.part.
         split: bytes after which another file is begun: run.1.mcap, run.2.mcap, ...
         parent: id of the parent process.
 
     Raises:
-        InputError: the ring cannot be opened.
-        SystemExit: with 1, if another process writes the record or OUTPUT.part is another file; the ring stores why.
-        OSError: the ring cannot be opened.
+        InputError: a ring cannot be opened.
+        SystemExit: with 1, if another process writes the record or OUTPUT.part is another file; the first ring stores
+            why.
+        OSError: a ring cannot be opened.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
-    opened = StreamBuffer(ring)
+    opened = [StreamBuffer(each) for each in rings]
     try:
-        with only_one(ring), writing(output):
+        with only_one(rings[0]), writing(output):
             recorder, quiet = Recorder(opened, output, split), _Quiet(opened)
-            while opened["stop"] < READERS and not (os.getppid() != parent and quiet.ended()):
+            while opened[0]["stop"] < READERS and not (os.getppid() != parent and quiet.ended()):
                 recorder.step()
                 time.sleep(POLL)
             recorder.finish()
     except InputError as problem:
-        opened["recording"] = 0
-        opened.say(f"recording has stopped: {problem}")
+        for ring in opened:
+            ring["recording"] = 0
+        opened[0].say(f"recording has stopped: {problem}")
         raise SystemExit(1) from problem
 
 
@@ -101,16 +116,59 @@ def only_one(ring: Path) -> Generator[None]:
         yield
 
 
+class _Drain:
+    """The samples and sentences of one ring, on their way into the record."""
+
+    def __init__(self, ring: StreamBuffer, events: int, features: tuple[str, ...]) -> None:
+        self.ring, self._events = ring, events
+        self._messages = RecordMessages(ring.form, events, features)
+        self._most = max(1, min(CHUNK, BYTES // ring.form.slot().itemsize))
+        self.next, self.noted = ring["began"], ring["noted"]  # where there is no sample or sentence in the file
+        self._written = time.monotonic()
+
+    def due(self) -> bool:
+        """Return whether samples fill a chunk, or have waited for 0.25 s."""
+        waiting, now = self.until() - self.next, time.monotonic()
+        due = waiting >= self._most or (waiting > 0 and now - self._written >= SPAN)
+        self._written = now if due else self._written
+        return due
+
+    def until(self) -> int:
+        """Return the number after the last sample to write: answered, or soon overwritten in the ring."""
+        return max(self.ring["answered"], self.ring["received"] - len(self.ring.slots) // 2)
+
+    def samples(self, end: int) -> tuple[int, np.ndarray, list[np.ndarray]]:
+        """Return the number after the next samples, at most `end`, and their messages; report those that are lost."""
+        slots, first = self.ring.read(self.next, min(self._most, end - self.next), "received")
+        if lost := first - self.next:
+            self.ring["missed"] += lost
+            said = f"{lost} samples from sample {self.next} on are not recorded, because the disk was too slow"
+            self.ring.say(said)
+        self.next = first
+        return first + len(slots), *self._messages.of(slots, first)
+
+    def sentences(self) -> Generator[tuple[np.ndarray, list[np.ndarray]]]:
+        """Yield the messages of new sentences, which count as noted from then on."""
+        said, end = self.ring.events(self.noted)
+        for number, (stamp, text) in enumerate(said, end - len(said) + 1):
+            raw, view = event(stamp, text, number, self._events)
+            yield raw, [view]
+        self.noted = end
+
+    def found(self, span: Span) -> None:
+        """Continue after what is in the file."""
+        self.next, self.noted = max(self.next, span.end), max(self.noted, span.noted)
+
+
 class Recorder:
-    """A writer of a ring's samples to files, which continues the file of a recorder that was killed.
+    """A writer of the samples of rings to files, which continues the file of a recorder that was killed.
 
     Args:
-        ring: the ring, which no other recorder reads.
+        rings: the ring, or those of a robot's sensors, which no other recorder reads.
         output: path of the first file.
         split: bytes after which another file is begun.
 
     Attributes:
-        next: number of the next sample to write.
         file: the file that grows; None before there is something to write, and once the disk is full.
         full: whether recording has ended, because a file could not be written.
 
@@ -119,24 +177,34 @@ class Recorder:
         OSError: the file to continue cannot be opened.
     """
 
-    # Numbers in the ring's head let another recorder continue after a kill at any point: the current file has the index
-    # "file", and begins with sample "began" after "noted" sentences in earlier files; "recorded" is the next sample,
-    # "missed" the number of samples in no file, "bytes" the size of all files.
-    def __init__(self, ring: StreamBuffer, output: Path, split: float) -> None:
-        self._ring, self._output, self._split = ring, output, split
-        self._topics, self._messages = record_topics(ring.form), RecordMessages(ring.form)
-        slot = ring.form.slot().itemsize
-        self._most = max(1, min(CHUNK, BYTES // slot))
+    # Numbers in the rings' heads let another recorder continue after a kill at any point: the current file has the
+    # index "file" (of the first ring), and begins with sample "began" after "noted" sentences in earlier files;
+    # "recorded" is the next sample, "missed" the number of samples in no file, "bytes" the size of all files.
+    def __init__(self, rings: StreamBuffer | Sequence[StreamBuffer], output: Path, split: float) -> None:
+        rings = [rings] if isinstance(rings, StreamBuffer) else list(rings)
+        self._rings, self._ring, self._output, self._split = rings, rings[0], output, split
+        features = tuple(dict.fromkeys(name for each in rings for name in each.form.columns))
+        self._topics = tuple(topic for each in rings for topic in record_topics(each.form, features))
+        events = event_channels(self._topics)
+        self._drains = [_Drain(each, channel, features) for each, channel in zip(rings, events, strict=True)]
         self.file: RecordFile | None = None
         self.full = False
-        self._written = self._synced = time.monotonic()
-        which = ring["file"]
+        self._synced = time.monotonic()
+        which = self._ring["file"]
         if which and part(named(output, which - 1)).exists():
             place(named(output, which - 1))  # it was ended, and killed before it had its name
         self._before = sum(_size(named(output, each)) for each in range(which))  # bytes of files that are whole
-        self.next, self._noted = ring["began"], ring["noted"]  # where there is no sample or sentence in the file
         if part(named(output, which)).exists():
             self._opened()
+
+    @property
+    def next(self) -> int:
+        """Number of the next sample to write; of several rings, the sum."""
+        return sum(self.starts())
+
+    def starts(self) -> list[int]:
+        """Return the number of the next sample to write of each ring."""
+        return [drain.next for drain in self._drains]
 
     def step(self) -> None:
         """Write sentences, and answered samples that fill a chunk or have waited for 0.25 s; sync once a second.
@@ -144,13 +212,12 @@ class Recorder:
         Raises:
             InputError: OUTPUT.part is another file.
         """
-        ring, now = self._ring, time.monotonic()
-        waiting = self._until() - self.next
-        if waiting >= self._most or (waiting and now - self._written >= SPAN):
-            self._written = now
-            self._samples(self._until())
-        if ring["said"] > self._noted:
-            self._sentences()
+        now = time.monotonic()
+        for drain in self._drains:
+            if drain.due():
+                self._samples(drain, drain.until())
+            if drain.ring["said"] > drain.noted:
+                self._sentences(drain)
         if now - self._synced >= SYNC and self.file is not None:
             self._synced = now
             with self._guarded():
@@ -162,77 +229,65 @@ class Recorder:
         Raises:
             InputError: OUTPUT.part is another file.
         """
-        self._samples(self._ring["received"])
-        self._sentences()
+        for drain in self._drains:
+            self._samples(drain, drain.ring["received"])
+            self._sentences(drain)
         with self._guarded():
             if self.file is None and not self._ring["file"] and not self.full:
                 self._opened()  # a record without a sample still has a file
             if self.file is not None:
                 self._end(self.file)
 
-    def _until(self) -> int:
-        """Return the number after the last sample to write: answered, or soon overwritten in the ring."""
-        ring = self._ring
-        return max(ring["answered"], ring["received"] - len(ring.slots) // 2)
-
-    def _samples(self, end: int) -> None:
-        ring = self._ring
-        while self.next < end and not self.full:
-            slots, first = ring.read(self.next, min(self._most, end - self.next), "received")
-            if lost := first - self.next:
-                ring["missed"] += lost
-                ring.say(f"{lost} samples from sample {self.next} on are not recorded, because the disk was too slow")
-            self.next = first
-            if len(slots):
+    def _samples(self, drain: _Drain, end: int) -> None:
+        while drain.next < end and not self.full:
+            last, raw, views = drain.samples(end)
+            if last > drain.next:
                 with self._guarded():
-                    self._opened().append(*self._messages.of(slots, first))
-                    self.next = first + len(slots)
+                    self._opened().append(raw, views)
+                    drain.next = last
                 self._grown()
         if self.full:
-            self.next = end
+            drain.next = end
 
-    def _sentences(self) -> None:
-        said, end = self._ring.events(self._noted)
-        for number, (stamp, text) in enumerate(said, end - len(said) + 1):
+    def _sentences(self, drain: _Drain) -> None:
+        for raw, views in drain.sentences():
             if not self.full:
                 with self._guarded():
-                    raw, view = event(stamp, text, number)
-                    self._opened().append(raw, [view])
-        self._noted = end
+                    self._opened().append(raw, views)
         self._grown()
 
     def _opened(self) -> RecordFile:
         """Return the current file; begin or continue it if it is not open."""
         if self.file is None:
-            ring = self._ring
-            self.file = RecordFile(named(self._output, ring["file"]), self._topics, ring["received"])
-            self.next = max(self.next, self.file.span.end)
-            self._noted = max(self._noted, self.file.span.noted)
+            latest = [each["received"] for each in self._rings]
+            self.file = RecordFile(named(self._output, self._ring["file"]), self._topics, latest)
+            for drain, span in zip(self._drains, self.file.spans, strict=True):
+                drain.found(span)
         return self.file
 
     def _grown(self) -> None:
-        """Store the progress in the ring, and end the file if it is large enough to be split."""
-        ring = self._ring
+        """Store the progress in the rings, and end the file if it is large enough to be split."""
         if self.full:
             return
-        ring["recorded"] = self.next
+        for drain in self._drains:
+            drain.ring["recorded"] = drain.next
         if self.file is not None:
-            ring["bytes"] = self._before + self.file.size
+            self._ring["bytes"] = self._before + self.file.size
             if self.file.size >= self._split:
                 with self._guarded():
                     self._end(self.file)
 
     def _end(self, file: RecordFile) -> None:
         """End a file and give it its name."""
-        ring = self._ring
-        self.next -= file.end()
-        ring["recorded"] = ring["began"] = self.next
-        ring["noted"] = self._noted
-        ring["file"] += 1  # if killed from here on, the next recorder renames the file
+        for drain, removed in zip(self._drains, file.end(), strict=True):
+            drain.next -= removed
+            drain.ring["recorded"] = drain.ring["began"] = drain.next
+            drain.ring["noted"] = drain.noted
+        self._ring["file"] += 1  # if killed from here on, the next recorder renames the file
         self.file = None
         file.place()
         self._before += _size(file.path)
-        ring["bytes"] = self._before
+        self._ring["bytes"] = self._before
 
     @contextmanager
     def _guarded(self) -> Generator[None]:
@@ -243,7 +298,7 @@ class Recorder:
             self._give_up(problem)
 
     def _give_up(self, problem: OSError) -> None:
-        self.full, self._ring["recording"], file = True, 0, self.file
+        self.full, file = True, self.file
         where = named(self._output, self._ring["file"]).name
         if file is not None:
             try:
@@ -251,19 +306,21 @@ class Recorder:
             except OSError:  # not even that: it stays OUTPUT.part, for `palpate recover`
                 file.close()
                 self.file = None
+        for ring in self._rings:
+            ring["recording"] = 0
         kept = f"the {self.next:,} samples before it are kept"
         self._ring.say(f"recording has stopped: {where} cannot be written ({problem.strerror}); {kept}")
 
 
 class _Quiet:
-    def __init__(self, ring: StreamBuffer) -> None:
-        self._ring, self._state = ring, (0, 0, 0)
+    def __init__(self, rings: Sequence[StreamBuffer]) -> None:
+        self._rings, self._state = rings, (0, 0, 0)
         self._began = self._changed = 0.0
 
     def ended(self) -> bool:
-        """Return whether the ring has not changed for long enough."""
-        ring, now = self._ring, time.monotonic()
-        state = ring["received"], ring["answered"], ring["alive"]
+        """Return whether no ring has changed for long enough."""
+        now, words = time.monotonic(), ("received", "answered", "alive")
+        state = tuple(sum(ring[word] for ring in self._rings) for word in words)
         self._began = self._began or now
         if state != self._state:
             self._state, self._changed = state, now

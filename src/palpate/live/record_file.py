@@ -16,7 +16,7 @@ from palpate.errors import InputError
 from palpate.files.atomic import PART, part
 from palpate.files.mcap.regain import Regained, regained
 from palpate.files.mcap.writer import McapWriter, WrittenTopic
-from palpate.live.record_messages import EVENTS, READINGS
+from palpate.live.record_messages import event_channels
 
 __all__ = ["Span", "grown", "named", "place", "span_of"]
 
@@ -46,7 +46,7 @@ def grown(output: Path) -> list[int]:
 
 
 class Span(NamedTuple):
-    """The range of samples in a file.
+    """The range of samples of a stream in a file.
 
     Attributes:
         first: number of the first sample.
@@ -61,18 +61,20 @@ class Span(NamedTuple):
     noted: int
 
 
-def span_of(found: Regained, latest: int) -> Span:
-    """Return the range of samples in a file; its first three numbers are 0 if there is no sample.
+def span_of(found: Regained, latest: int, stream: int = 0) -> Span:
+    """Return the range of a stream's samples in a file; its first three numbers are 0 if there is no sample.
 
     Args:
         found: the complete part of the file.
         latest: number after the last sample of the stream; the file's are modulo 2^32.
+        stream: place of the stream among those of the file.
     """
-    noted = found.sequences[EVENTS].most if EVENTS in found.sequences else 0
-    count = sum(chunk.counts[READINGS - 1] for chunk in found.writer.chunks)
+    events = event_channels(found.topics)[stream]
+    noted = found.sequences[events].most if events in found.sequences else 0
+    count = sum(chunk.counts[events - 2] for chunk in found.writer.chunks)
     if not count:
         return Span(0, 0, 0, noted)
-    readings = found.sequences[READINGS]
+    readings = found.sequences[events - 1]
     first, last = (latest - 1 - (latest - 1 - number) % _WRAP for number in (readings.first, readings.last))
     return Span(first, last + 1, count, noted)
 
@@ -83,29 +85,35 @@ class RecordFile:
     Args:
         path: path of the ended file, OUTPUT.
         topics: topics of the file; None: those of the existing file.
-        latest: number after the last sample of the stream.
+        latest: number after the last sample of each stream; of those not given, 0.
 
     Attributes:
         path: as given.
-        span: the range of samples when it was opened.
+        spans: the range of samples of each stream when it was opened.
 
     Raises:
         InputError: the existing file is no record, or has other topics.
         OSError: the file cannot be written.
     """
 
-    def __init__(self, path: Path, topics: tuple[WrittenTopic, ...] | None, latest: int) -> None:
+    def __init__(self, path: Path, topics: tuple[WrittenTopic, ...] | None, latest: Sequence[int] = ()) -> None:
         self.path, self._growing = path, part(path)
         there = regained(self._growing) if self._growing.exists() else None
         if there is None:
             _require_small(self._growing, topics)
             self._writer = McapWriter(topics or (), f"palpate {version('palpate')}")
-            self._size, self.span = 0, Span(0, 0, 0, 0)
+            self._streams = event_channels(topics or ())
+            self._size, self.spans = 0, [Span(0, 0, 0, 0)] * len(self._streams)
         else:
             if topics not in (None, there.topics):
                 hint = f"Remove it, or record to another file than {path.name}."
                 raise InputError("was not recorded with this rig.", where=str(self._growing), hint=hint)
-            self._writer, self._size, self.span = there.writer, there.writer.size, span_of(there, latest)
+            self._streams = event_channels(there.topics)
+            if not self._streams:
+                raise InputError("is not a file of `palpate live`.", where=str(self._growing))
+            ends = dict(enumerate(latest))
+            self._writer, self._size = there.writer, there.writer.size
+            self.spans = [span_of(there, ends.get(k, 0), k) for k in range(len(self._streams))]
         self._file = os.open(self._growing, os.O_RDWR | os.O_CREAT, 0o666)
         try:
             os.ftruncate(self._file, self._size)
@@ -145,13 +153,13 @@ class RecordFile:
         """
         os.fdatasync(self._file)
 
-    def end(self) -> int:
-        """Write the end of the file, and return how many samples were removed to make room on a full disk.
+    def end(self) -> list[int]:
+        """Write the end of the file; return how many samples of each stream were removed to make room on a full disk.
 
         Raises:
             OSError: there is no room even without samples.
         """
-        given = 0
+        given = [0] * len(self._streams)
         while True:
             os.ftruncate(self._file, self._writer.size)
             self._size = self._writer.size
@@ -162,7 +170,8 @@ class RecordFile:
             except OSError:
                 if not self._writer.chunks:
                     raise
-                given += self._writer.chunks.pop().counts[READINGS - 1]
+                counts = self._writer.chunks.pop().counts
+                given = [count + counts[events - 2] for count, events in zip(given, self._streams, strict=True)]
 
     def place(self) -> None:
         """Close the ended file and rename OUTPUT.part to OUTPUT.

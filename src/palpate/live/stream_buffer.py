@@ -13,7 +13,7 @@ import os
 import time
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import prod
 from pathlib import Path
@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
+from palpate.contact.origins import EXPECTED, Origin, Origins
 from palpate.errors import InputError
 from palpate.files.logs.decoding import seconds
 from palpate.live.source import Batch
@@ -72,6 +73,10 @@ class SlotForm:
         poses: whether a pose comes with each sample.
         topic: topic of these readings in a log; "": the only one of its kind.
         wrenches: whether readings are wrenches only.
+        origin: of a robot's sensor, its name and that of its link; "" for a rig of one sensor.
+        place: of a robot's sensor, its place among all and their number, which make identities unique.
+        expected: whether it is always touched, so that its contacts are no events.
+        joints: of a robot's joint states, the names of the joints; then there are no contacts.
     """
 
     sensor: str
@@ -85,6 +90,15 @@ class SlotForm:
     poses: bool = False
     topic: str = ""
     wrenches: bool = False
+    origin: tuple[str, str] = ("", "")
+    place: tuple[int, int] = (0, 1)
+    expected: bool = False
+    joints: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the features of contacts, with that of a sensor which is always touched."""
+        return (*self.features, *((EXPECTED,) if self.expected else ()))
 
     def slot(self) -> np.dtype[np.void]:
         """Return the structured dtype of a slot, which holds one sample and its contacts."""
@@ -111,10 +125,23 @@ class SlotForm:
         rows, sample, times = slots["contacts"], slots["number"] - 1, seconds(slots["stamp"])
         counts = slots["rows"] * (slots["ready"] > 0)
         if (counts == 1).all():  # as a rule
-            return Contacts.of_rows(sample, times, rows[:, 0], self.features)
+            return self._named(Contacts.of_rows(sample, times, rows[:, 0], self.features))
         which = np.repeat(np.arange(len(slots)), counts)
         place = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
-        return Contacts.of_rows(sample[which], times[which], rows[which, place], self.features)
+        return self._named(Contacts.of_rows(sample[which], times[which], rows[which, place], self.features))
+
+    def _named(self, found: Contacts) -> Contacts:
+        """Return contacts with the names of a robot's sensor, as `RobotPipeline` gives them."""
+        if not self.origin[0]:
+            return found
+        place, count = self.place
+        expected = {EXPECTED: np.ones(len(found))} if self.expected else {}
+        return replace(
+            found,
+            identity=found.identity * count + place,
+            features={**found.features, **expected},
+            origins=Origins(np.zeros(len(found), dtype=np.int64), (Origin(*self.origin),)),
+        )
 
 
 def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
@@ -361,7 +388,8 @@ def _described(held: mmap.mmap, path: Path) -> SlotForm:
     length = int.from_bytes(held[_JSON : _JSON + 4], "little")
     try:
         made: Mapping[str, Any] = json.loads(held[_JSON + 4 : _JSON + 4 + min(length, _SAID - _JSON - 4)])
-        lists = {name: tuple(made[name]) for name in ("shape", "features")}
+        listed = ("shape", "features", "origin", "place", "joints")
+        lists = {name: tuple(made[name]) for name in listed if name in made}
         form = SlotForm(**cast("dict[str, Any]", {**made, **lists}))
         if not (0 < form.width < 4096 and 0 < form.max_contacts < 4096 and 0 < prod(form.shape) < 1 << 26):
             raise ValueError("sizes")

@@ -27,6 +27,7 @@ class Worker:
         process: the process; None before the first start.
         given_up: whether it is not started again.
         died: times [s] of its last deaths, by `time.monotonic`.
+        ring: the ring that it writes, where there are several; None: the first worker writes the only one.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Worker:
     process: BaseProcess | None = None
     given_up: bool = False
     died: list[float] = field(default_factory=list[float])
+    ring: StreamBuffer | None = None
 
     def start(self) -> None:
         """Start the function in a new process."""
@@ -52,43 +54,51 @@ class WorkerSupervisor:
     """A supervisor that restarts workers and reports each restart in the ring.
 
     Args:
-        workers: the writer of the ring, and then its readers.
+        workers: the writer of the ring, and then its readers; or writers of rings of their own, in any order.
     """
 
     def __init__(self, workers: list[Worker]) -> None:
         self.workers = workers
 
+    @property
+    def writers(self) -> list[Worker]:
+        """Workers that write rings."""
+        return [each for each in self.workers if each.ring is not None] or self.workers[:1]
+
     def watch(self, ring: StreamBuffer) -> None:
         """Restart workers that have died, up to 5 times within 30 s; call this a few times a second.
 
         Raises:
-            InputError: the writer died more often.
+            InputError: the writer died more often, or each of several.
         """
         now = time.monotonic()
         for worker in [each for each in self.workers if not (each.alive or each.given_up)]:
+            own = worker.ring or ring
             code = None if worker.process is None else worker.process.exitcode
             worker.died = [at for at in worker.died if now - at < WITHIN] + [now]
             why = f"was killed by signal {-code}" if code is not None and code < 0 else f"ended with code {code}"
             if len(worker.died) > AGAIN:
                 worker.given_up = True
                 said = f"the {worker.name} {why} too often, and is not started again"
-                ring.say(said)
-                if worker is self.workers[0]:
+                own.say(said)
+                if all(each.given_up for each in self.writers):
                     hint = "Free memory, check the device, and start again; `palpate recover` completes a record."
                     raise InputError(f"{said}.", where="palpate live", hint=hint)
                 continue
             worker.start()
-            ring.say(f"the {worker.name} {why}, and was started again")
+            own.say(f"the {worker.name} {why}, and was started again")
 
     def stop(self, ring: StreamBuffer | None) -> list[str]:
         """End all workers, the writer first, and return a sentence on each that had to be killed.
 
         Without a ring, when nothing has begun, end them at once and return [].
         """
-        said: list[str] = []
-        for level, workers in ((1, self.workers[:1]), (READERS, self.workers[1:])):
-            if ring is not None:
-                ring["stop"] = level
+        said, writers = list[str](), self.writers
+        rings = [each.ring for each in writers if each.ring is not None] or [ring]
+        readers = [each for each in self.workers if each not in writers]
+        for level, workers in ((1, writers), (READERS, readers)):
+            for own in (each for each in rings if each is not None):
+                own["stop"] = level
             end = time.monotonic() + (PATIENCE if ring is not None else 0.1)
             said += [each for worker in workers if (each := _ended(worker, end))]
         return said if ring is not None else []

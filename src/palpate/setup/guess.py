@@ -10,7 +10,7 @@ from pathlib import Path
 from palpate.files.logs import LogContents, open_log, topic_fields, topic_shapes
 from palpate.files.logs.decoding import role
 from palpate.files.logs.layout import ORIENTATION_COLUMNS, LogLayout
-from palpate.files.logs.topics import RESULTS
+from palpate.files.logs.topics import is_result
 from palpate.setup.makers import NamedPose
 from palpate.surfaces.collada import ColladaAsset
 from palpate.surfaces.mesh import UNITS, Mesh, plausible_size, unit_named
@@ -43,7 +43,7 @@ def topics_of(contents: LogContents, wanted: str) -> list[str]:
     `wanted` is the role: "wrench", "pose", "acceleration", "array" or "image".
     """
     there = [topic for topic in contents.topics if topic.count and role(topic.kind) == wanted]
-    return [topic.name for topic in there if not topic.name.startswith(RESULTS)]
+    return [topic.name for topic in there if not is_result(topic.name)]
 
 
 def imu_topics(contents: LogContents) -> list[str]:

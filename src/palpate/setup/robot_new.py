@@ -14,7 +14,7 @@ from palpate.files.logs import LogContents, contents
 from palpate.files.logs.decoding import role
 from palpate.files.logs.joints import JOINTS
 from palpate.files.logs.opening import frames_named
-from palpate.files.logs.topics import RESULTS
+from palpate.files.logs.topics import is_result
 from palpate.files.logs.transforms import TREES
 from palpate.files.messages import Topic
 from palpate.files.models import printable
@@ -97,7 +97,7 @@ def _sensors(log: Path, there: LogContents, urdf: Urdf) -> tuple[list[_Seen], li
 
 def _may_be(topic: Topic) -> bool:
     """Return whether messages may be the readings of a touch sensor."""
-    if not topic.count or topic.name.startswith(RESULTS) or topic.kind == JOINTS or topic.kind in TREES:
+    if not topic.count or is_result(topic.name) or topic.kind == JOINTS or topic.kind in TREES:
         return False
     known = role(topic.kind)
     return known in ("wrench", "array", "image") if known else bool(topic.definition)

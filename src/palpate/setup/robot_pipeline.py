@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median_low
@@ -16,10 +16,13 @@ from palpate.contact.estimate import ContactEstimate
 from palpate.contact.frames import in_base
 from palpate.contact.origins import EXPECTED, Origin, Origins
 from palpate.errors import InputError, PalpateError
+from palpate.files.logs import contents
 from palpate.files.logs.opening import messages_of
 from palpate.files.logs.robot_motion import RobotMotion
 from palpate.files.logs.stamp_delays import stamp_delays
+from palpate.files.logs.topics import LIVE
 from palpate.setup.pipeline import Pipeline, open_log
+from palpate.setup.rig import Rig
 from palpate.setup.robot import Robot, RobotSensor
 from palpate.signals.recording import IMAGE, Recording
 from palpate.spatial.arguments import takes_arrays
@@ -64,9 +67,10 @@ class RobotPipeline:
         self.runs, picked = list[SensorRun](), robot.picked(sensors)
         self.failed = {name: str(problem) for name, problem in robot.faulty.items() if sensors is None}
         self._motion = self._read_motion(log, picked) if frame == "base" else None
+        recorded = {topic.name for topic in contents(log).topics}
         for each in picked:
             try:
-                opened = open_log(log, each.rig)
+                opened = open_log(log, _recorded(each, recorded))
                 own = Pipeline.of(opened, "surface" if frame == "base" else frame)
                 self.runs.append(SensorRun(each, own))
             except PalpateError as problem:
@@ -253,6 +257,12 @@ class _Buffer:
                 break
             del self._parts[0]
         return taken
+
+
+def _recorded(sensor: RobotSensor, topics: Collection[str]) -> Rig:
+    """Return the rig of a sensor; it names the topic of a live record that is called after the sensor, if there."""
+    own = f"{LIVE}{sensor.name}"
+    return sensor.rig.with_topic(own) if own in topics else sensor.rig
 
 
 def _named(said: Iterable[tuple[str, Sequence[str]]]) -> list[str]:

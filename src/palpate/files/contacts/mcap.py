@@ -100,9 +100,10 @@ class ContactMessages:
     Args:
         frame_id: name of the frame of the contacts, for viewers; of a robot's, the name for each `Origin`.
         features: names of the features of every row.
+        channel: number of the first channel.
     """
 
-    def __init__(self, frame_id: str | Mapping[Origin, str], features: tuple[str, ...] = ()) -> None:
+    def __init__(self, frame_id: str | Mapping[Origin, str], features: tuple[str, ...] = (), channel: int = 1) -> None:
         self._features = features
         self._robot = not isinstance(frame_id, str)
         frames: Mapping[Origin, str] = {Origin(): frame_id} if isinstance(frame_id, str) else frame_id
@@ -112,7 +113,7 @@ class ContactMessages:
             fields, common = stamped(frame, _contact_fields(features, [len(name) for name in names]))
             for key, name in zip(ORIGIN, names, strict=False):
                 common = {**common, key: name, f"{key} length": len(name)}
-            first = 3 * len(self._kinds) + 1
+            first = 3 * len(self._kinds) + channel
             viewers = (stamped(frame, each) for each in (POSE_FIELDS, WRENCH_FIELDS))
             kinds = [(fields, common), *viewers]
             self._kinds[origin] = [ChannelRows(first + k, *each) for k, each in enumerate(kinds)]

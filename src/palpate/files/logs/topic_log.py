@@ -121,7 +121,7 @@ class TopicLog(Log):
         poses = self._poses(chosen, layout.offset)
         sources: dict[str, _Source] = {} if poses is None else {"pose": poses}
         if (topic := chosen.get("acceleration")) is not None:
-            gap = 0.0 if topic.name == LIVE_ACCELERATION else layout.max_gap
+            gap = 0.0 if topic.name.startswith(LIVE_ACCELERATION) else layout.max_gap
             sources["acceleration"] = self._tracked(topic, PoseTrack(0.0, gap))
         if (topic := chosen.get("temperature")) is not None:
             sources["temperature"] = self._tracked(topic, PoseTrack(0.0, TEMPERATURE_GAP))
@@ -136,7 +136,7 @@ class TopicLog(Log):
     @property
     def posed(self) -> bool:
         """True if this is a live record with the poses that its samples had."""
-        return any(topic.name == LIVE_POSE and topic.count for topic in self._source.topics())
+        return any(topic.name.startswith(LIVE_POSE) and topic.count for topic in self._source.topics())
 
     def _tracked(self, topic: Topic, track: PoseTrack | WrenchMeans) -> _Tracked:
         return _Tracked(_Stream(topic, self._source), track)
@@ -197,7 +197,7 @@ class TopicLog(Log):
     def _poses(self, chosen: dict[str, Topic], offset: float) -> _Source | None:
         layout, where, track = self._layout, str(self.path), PoseTrack(offset, self._layout.max_gap)
         pose = chosen.get("pose")
-        if pose is not None and pose.name == LIVE_POSE:  # at the readings' own stamps, and nowhere between
+        if pose is not None and pose.name.startswith(LIVE_POSE):  # at the readings' own stamps, and nowhere between
             return self._tracked(pose, PoseTrack(0.0, 0.0))
         if layout.frames is None:
             return None if pose is None else self._tracked(pose, track)

@@ -16,7 +16,6 @@ from palpate.files.units import near
 _ENCODINGS = ("cdr", "ros1")
 _SHOWN = 12  # topics in a sentence
 _DOUBLES = "std_msgs/Float64MultiArray"
-RESULTS = "/palpate/contact/"  # prefix of topics of contacts: results, not readings
 LIVE = "/palpate/live/"  # prefix of topics of a live record
 LIVE_BOTH = f"{LIVE}cells_and_wrench"  # a row a frame: its numbers, the wrench, of how many readings that is the mean
 LIVE_POSE, LIVE_ACCELERATION = f"{LIVE}pose", f"{LIVE}acceleration"  # one of these stands beside each reading
@@ -84,15 +83,16 @@ def choose(there: LogContents, layout: LogLayout) -> dict[str, Topic]:
         InputError: a named topic does not exist or has another type; no topic or several could be "main" or "wrench";
             or the layout requests several arrays, nothing, or images.
     """
-    array, pushed = main_channel(layout), _recorded(there, LIVE_ACCELERATION)
-    beside = array is not None and layout.wrench is not None
-    if beside and (both := _recorded(there, LIVE_BOTH)) is not None:
-        chosen = {"both": both, "pose": _recorded(there, LIVE_POSE), "acceleration": pushed}
+    array = main_channel(layout)
+    own = layout.wrench_topic if array is None else array.topic
+    beside, pushed = array is not None and layout.wrench is not None, _recorded(there, LIVE_ACCELERATION, own)
+    if beside and (both := _recorded(there, LIVE_BOTH, own)) is not None:
+        chosen = {"both": both, "pose": _recorded(there, LIVE_POSE, both.name), "acceleration": pushed}
     else:
-        main, named = (_WRENCH, layout.wrench_topic) if array is None else (_wanted(array), array.topic)
+        main = _required(there, _WRENCH if array is None else _wanted(array), own)
         chosen = {
-            "main": _required(there, main, named),
-            "pose": _pose(there, layout),
+            "main": main,
+            "pose": _pose(there, layout, main.name),
             "acceleration": pushed or _named(there, _ACCELERATION, layout.acceleration_topic),  # it may sit anywhere
             "temperature": _named(there, _TEMPERATURE, layout.temperature),
             "wrench": _required(there, _WRENCH, layout.wrench_topic) if beside else None,
@@ -121,10 +121,10 @@ def _required(there: LogContents, wanted: _Wanted, name: str | None) -> Topic:
     return found
 
 
-def _pose(there: LogContents, layout: LogLayout) -> Topic | None:
+def _pose(there: LogContents, layout: LogLayout, main: str) -> Topic | None:
     if layout.orientation_topic == NONE:
         return None
-    if (recorded := _recorded(there, LIVE_POSE)) is not None or layout.frames is not None:
+    if (recorded := _recorded(there, LIVE_POSE, main)) is not None or layout.frames is not None:
         return recorded
     named = _named(there, _POSE, layout.orientation_topic)
     return named if named is not None or doubtful(there, layout) else _only(there, _POSE)
@@ -132,7 +132,7 @@ def _pose(there: LogContents, layout: LogLayout) -> Topic | None:
 
 def doubtful(there: LogContents, layout: LogLayout) -> list[str]:
     """Return the names of topics of poses of which none is used, as none of several is named; else []."""
-    if layout.orientation_topic is not None or layout.frames is not None or _recorded(there, LIVE_POSE):
+    if layout.orientation_topic is not None or layout.frames is not None or _recorded(there, LIVE_POSE, None):
         return []
     fitting = [topic.name for topic in there.topics if _meant(topic, _POSE)]
     return fitting if len(fitting) > 1 else []
@@ -181,8 +181,16 @@ def _only(there: LogContents, wanted: _Wanted) -> Topic | None:
 
 def _meant(topic: Topic, wanted: _Wanted) -> bool:
     """Check whether a topic may be used where none is named."""
-    return wanted.fits(topic) and topic.count > 0 and not topic.name.startswith(RESULTS)
+    own = topic.name.startswith((f"{LIVE_POSE}/", f"{LIVE_ACCELERATION}/"))  # of one sensor of a robot
+    return wanted.fits(topic) and topic.count > 0 and not own and not is_result(topic.name)
 
 
-def _recorded(there: LogContents, name: str) -> Topic | None:
-    return next((topic for topic in there.topics if topic.name == name and topic.count), None)
+def _recorded(there: LogContents, name: str, of: str | None) -> Topic | None:
+    """Return a topic of a live record: `name`, or with the name of the sensor's own topic, `of`, after it."""
+    names = (name, f"{name}{of}")
+    return next((topic for topic in there.topics if topic.name in names and topic.count), None)
+
+
+def is_result(name: str) -> bool:
+    """Return whether a topic of this name is of contacts: a result, not readings."""
+    return name.startswith("/palpate/") and not name.startswith(LIVE)

@@ -1,0 +1,192 @@
+"""Several sensors of one robot, live: one record that reads as any log, names on what is published, one that fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate
+from claims.evidence.logs_written import write_mcap
+from claims.evidence.robot import KINDS, URDF, WRENCH, joints, wrench
+from palpate.cli import main
+from palpate.cli.estimate_robot import LEFT_OUT
+from palpate.contact.estimate import ROW
+from palpate.files.contacts import read_contacts
+from palpate.live.joints import JointSource
+from palpate.live.record import Recorder, require_record, ring_of, rings_of
+from palpate.live.recover import cut_short
+from palpate.live.stream_buffer import SlotForm, StreamBuffer
+from palpate.setup.source import RigSource
+from tests.support.live_rings import answered, rows
+
+LONG = 240.0  # s: what takes longer hangs
+STEP, COUNT = 5 * 10**6, 600  # ns between samples, and how many
+OTHER, JOINTS = "/other", "/joint_states"
+SENSOR = """
+[sensors.{name}]
+kind = "force_torque"
+link = "{link}"
+noise = {{ force = 0.02, torque = 0.001 }}
+surface = {{ kind = "sphere", radius = 0.05 }}
+topic = "{topic}"
+estimate = {{ tare = 0.2 }}
+source = {{ kind = "replay", address = "{log}", speed = {speed} }}
+"""
+
+
+def _robot(folder: Path, speed: float, *more: str) -> Path:
+    """A rig of two sensors, and of those in `more`, whose logs are not there; and the log, with pushes and motion."""
+    (folder / "robot.urdf").write_text(URDF)
+    rng = np.random.default_rng(3)
+    messages = list[tuple[int, str, object]]()
+    for k in range(COUNT):
+        push = 4.0 * max(0.0, np.sin(k / 25)) if k > 60 else 0.0
+        for topic, frame, way in ((WRENCH, "ft_sensor", 0), (OTHER, "shoulder", 2)):
+            values = rng.normal(size=6) * ([0.02] * 3 + [0.001] * 3)
+            values[way] -= push
+            messages.append((STEP * k, topic, wrench(STEP * k, values.tolist(), frame)))
+        messages.append((STEP * k, JOINTS, joints(STEP * k, np.array([0.1, -0.4, 0.2]) * np.sin(k / 90))))
+    write_mcap(folder / "log.mcap", messages, {**KINDS, OTHER: KINDS[WRENCH]})
+    text = '[robot]\nurdf = "robot.urdf"\njoints = "/joint_states"\nbase = "base_link"\ngravity = "fixed"\n'
+    stated = [("wrist", "ft_sensor", WRENCH, "log.mcap"), ("elbow", "shoulder", OTHER, "log.mcap")]
+    stated += [(name, "shoulder", f"/{name}", "nowhere.mcap") for name in more]
+    for name, link, topic, log in stated:
+        text += SENSOR.format(name=name, link=link, topic=topic, log=log, speed=speed)
+    rig = folder / "robot.toml"
+    rig.write_text(text)
+    return rig
+
+
+def test_the_record_of_a_robot_reads_as_the_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Readings and joint states of all sensors: in the base, too, the record gives what the log gives."""
+    rig, record = _robot(tmp_path, 0.0, "lost"), tmp_path / "run.mcap"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.setblocking(False)
+        call = ["live", "--rig", str(rig), "--record", str(record), "--publish", f"udp:127.0.0.1:{_port(listener)}"]
+        assert main([*call, "--realtime", "False"]) == LEFT_OUT
+    heard = capsys.readouterr()
+    assert "lost is left out" in heard.err + heard.out
+    assert "nowhere.mcap" in heard.err + heard.out
+    assert not rings_of(record)
+    for frame in ("base", "surface"):
+        found = palpate.estimate(record, _robot(tmp_path, 0.0), frame=frame)
+        known = palpate.estimate(tmp_path / "log.mcap", rig, frame=frame)
+        for name in ("wrist", "elbow"):
+            np.testing.assert_array_equal(found.of(name).time, known.of(name).time)
+            np.testing.assert_array_equal(found.of(name).point, known.of(name).point)
+            np.testing.assert_array_equal(found.of(name).force, known.of(name).force)
+    live = read_contacts(record)
+    assert set(live.sensor) == {"wrist", "elbow"}
+    assert len(live) == 2 * COUNT
+    assert not set(live.of("wrist").identity) & set(live.of("elbow").identity)
+    np.testing.assert_array_equal(live.of("elbow").force, known.of("elbow").force)
+
+
+def _port(listener: socket.socket) -> int:
+    return int(listener.getsockname()[1])
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks Linux which processes there are")
+def test_what_was_received_outlives_a_kill_of_all_processes(tmp_path: Path) -> None:
+    """Killed while it streams, and recovered: each sensor's samples from the first on, and none twice."""
+    rig, record = _robot(tmp_path, 0.1), tmp_path / "run.mcap"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.settimeout(LONG)
+        call = [sys.executable, "-m", "palpate", "live", "--rig", str(rig), "--record", str(record)]
+        call += ["--publish", f"udp:127.0.0.1:{_port(listener)}", "--realtime", "False"]
+        said = tmp_path / "said.txt"
+        with said.open("wb") as output:
+            running = subprocess.Popen(call, stdout=output, stderr=subprocess.STDOUT, env=_environment())
+        try:
+            lines = list[dict[str, object]]()
+            while {"wrist", "elbow"} - {line["sensor"] for line in lines} or not _grew(record):
+                lines.append(json.loads(listener.recv(1 << 16)))
+        finally:
+            for pid in [running.pid, *_children(running.pid)]:
+                os.kill(pid, signal.SIGKILL)
+            running.wait(LONG)
+    links = {(line["sensor"], line["link"]) for line in lines}
+    assert links == {("wrist", "ft_sensor"), ("elbow", "shoulder")}
+    end = time.monotonic() + LONG
+    while "to join them" not in cut_short(record):  # two seconds after the last sign of life
+        assert time.monotonic() < end, said.read_text()
+        time.sleep(0.1)
+    assert len(rings_of(record)) == 3
+    assert main(["recover", str(record)]) == 0
+    assert not rings_of(record)
+    found = read_contacts(record)
+    for name in ("wrist", "elbow"):
+        own = found.of(name)
+        assert len(own) > 20
+        np.testing.assert_array_equal(own.sample, np.arange(len(own)))
+
+
+def _grew(record: Path) -> bool:
+    part = record.with_name(f"{record.name}.part")
+    return part.exists() and part.stat().st_size > 30_000
+
+
+def _children(pid: int) -> list[int]:
+    return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2] / "src"), "OPENBLAS_NUM_THREADS": "1"}
+
+
+@pytest.mark.parametrize("split", [1e9, 40_000.0])
+def test_a_recorder_of_several_rings_continues_where_another_was_killed(tmp_path: Path, split: float) -> None:
+    """Rings that fill at their own pace, a recorder that is dropped at times: each file is whole, nothing is twice."""
+    output, rng = tmp_path / "run.mcap", np.random.default_rng(1)
+    require_record(output)
+    names = ("a", "b", "c")
+    wrenches = SlotForm("force_torque", (6,), False, (), ROW.length, 1, wrenches=True)
+    forms = [replace(wrenches, origin=(name, f"l_{name}"), place=(k, 3)) for k, name in enumerate(names)]
+    made = [StreamBuffer.make(ring_of(output, name), form, 1 << 21) for name, form in zip(names, forms, strict=True)]
+    recorder = Recorder(made, output, split)
+    for turn in range(60):
+        for ring, most in zip(made, (5, 40, 90), strict=True):
+            answered(ring, int(rng.integers(1, most)))
+        if turn % 7 == 0:
+            recorder = Recorder(made, output, split)
+        time.sleep(0.01)
+        recorder.step()
+    recorder.finish()
+    files = [output, *sorted(tmp_path.glob("run.*.mcap"), key=lambda path: int(path.suffixes[0][1:]))]
+    assert (len(files) > 1) == (split < 1e9)
+    found = [read_contacts(file) for file in files]
+    for k, (name, ring) in enumerate(zip(names, made, strict=True)):
+        own = [each.of(name) for each in found if name in set(each.sensor)]
+        sample = np.concatenate([each.sample for each in own])
+        np.testing.assert_array_equal(sample, np.arange(ring["received"]))
+        force = np.concatenate([each.force for each in own])
+        np.testing.assert_array_equal(force, rows(0, len(sample))[:, ROW.force])
+        assert set(np.concatenate([each.identity for each in own]) % 3) == {k}
+        ring.close()
+
+
+def test_joint_states_come_as_they_are_in_the_log(tmp_path: Path) -> None:
+    """At the messages' stamps; a joint that some message lacks keeps its last position."""
+    _robot(tmp_path, 0.0)
+    source = JointSource(RigSource("replay", "log.mcap", speed=0.0), JOINTS, tmp_path)
+    source.open()
+    blocks = []
+    while not source.ended:
+        blocks.append(source.receive(0.0))
+    stamps, values = (np.concatenate(part) for part in zip(*blocks, strict=True))
+    np.testing.assert_array_equal(stamps, STEP * np.arange(COUNT))
+    angle = np.array([0.1, -0.4, 0.2]) * np.sin(np.arange(COUNT) / 90)[:, None]
+    places = [source.joints.index(f"{name}_joint") for name in ("shoulder", "elbow", "flange")]
+    np.testing.assert_allclose(values[:, places], angle, atol=1e-12)
