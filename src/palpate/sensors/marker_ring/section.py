@@ -145,14 +145,14 @@ def _build(setup: Setup) -> BuiltEstimator:
     return made
 
 
-_SMALLEST = 64  # px: smaller images are those of a sheet of taxels
+_SMALLEST = 64  # px: smaller images of a topic are those of a sheet of taxels
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
     """Return a rig for a video, a folder or a topic of images; None if there are none that can show a ring."""
     topics = guess.topics_of(contents, "image")
     size = image_size(log, topics[0] if topics else None) if topics or not contents.topics else None
-    if size is None or min(size[:2]) < _SMALLEST:
+    if size is None or (topics and min(size[:2]) < _SMALLEST):
         return None
     where = f"topic = {guess.quoted(topics[0])}\n" if topics else ""
     layout = LogLayout(wrench=None, images=ImageChannel(topics[0] if topics else None, table="marker_ring"))
