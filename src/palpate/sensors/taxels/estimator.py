@@ -26,7 +26,7 @@ from palpate.signals.filters import Filter
 from palpate.signals.recording import CELLS, LARGEST, Recording
 from palpate.signals.smoothing import BothWays, Forward, known_rate, require_forward
 from palpate.signals.wrench_sensor import Tare
-from palpate.spatial._arrays import shaped
+from palpate.spatial._arrays import frozen, shaped
 from palpate.spatial.pose import Pose
 
 FEATURES = ("area", "load", "peak", "pressure", "axis_long", "axis_short", "angle", "cells")
@@ -38,6 +38,8 @@ SHEAR = ("slip", "slip_sd", "torque_sd", "force_xx", "force_xy", "force_xz", "fo
 """Ratio of tangential to normal force, its standard deviation and that of the torque [N m], and the force's covariance
 [N^2]; of taxels with three axes."""
 SQUARE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # where the nine numbers of a covariance are among its six
+_One = tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...], tuple[np.ndarray, np.ndarray] | None]
+"""Time, readings and number of rows of one frame, which are written; its usual shape; views of its loads."""
 HEAD = 2048  # frames from which rest, noise and faults are taken
 _ROWS = 1024  # of a piece of answers
 
@@ -106,10 +108,10 @@ class TaxelEstimator(ContactEstimator):
         self._falling = load_direction(intensity, falling)
         self._frames = TaxelFrames(body, intensity, self.settings, forward, self._falling, filtered=filter is not None)
         self._watch = TaxelWatch(body)
-        self._one = np.zeros(1), np.zeros((1, *body.one)), np.zeros(1, dtype=np.int64)
+        self._one = _room_for_one(body)
         if health is not None:
             self._know(health)
-        time, raw, counts = self._one
+        time, raw, counts, *_ = self._one
         if self._ahead:
             self._frames.prepare(*body.split(raw.copy()))  # compiles, before anything is in a hurry
         self._frames.run(time, *body.split(raw.copy()), self.empty(1), counts, self._frames.no_forces)  # compiles
@@ -221,11 +223,11 @@ class TaxelEstimator(ContactEstimator):
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()
         frame = self.body.picked(shaped(reading, (...,), "reading"))
-        when, raw, counts = self._one
+        when, raw, counts, shape, loads = self._one
         when[0] = time
-        raw[0] = frame.reshape(raw.shape[1:]) if self.body.fits(frame.shape) else np.nan
+        raw[0] = frame.reshape(raw.shape[1:]) if frame.shape == shape or self.body.fits(frame.shape) else np.nan
         raw[np.abs(raw) > LARGEST] = np.nan  # a fault of the sensor
-        return self._frames.run(when, *self.body.split(raw), out, counts, self._frames.no_forces)[1]
+        return self._frames.run(when, *(loads or self.body.split(raw)), out, counts, self._frames.no_forces)[1]
 
     def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
         self.require_rest()
@@ -292,3 +294,11 @@ class TaxelEstimator(ContactEstimator):
                 "the readings of the cells at rest are not known.",
                 hint="Give health=examine(...), or call tare with a recording in which nothing touches.",
             )
+
+
+def _room_for_one(body: TaxelBody) -> _One:
+    """Return what one frame needs; of taxels with three axes shape and loads are made anew for each frame."""
+    time, raw, counts = np.zeros(1), np.zeros((1, *body.one)), np.zeros(1, dtype=np.int64)
+    if body.response is not None:
+        return time, raw, counts, (), None
+    return time, raw, counts, body.shape, (raw, frozen(np.zeros((1, 0))))

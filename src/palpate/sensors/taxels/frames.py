@@ -221,7 +221,9 @@ class TaxelFrames:
 
 
 def _constant(values: np.ndarray) -> np.ndarray:
-    """Return a read-only view: the loops are compiled for read-only arrays."""
+    """Return a read-only view, or an array that is read-only itself: the loops are compiled for such arrays."""
+    if not values.flags.writeable:
+        return values
     view = values.view()
     view.flags.writeable = False
     return view
