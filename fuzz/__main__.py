@@ -18,7 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent
 CACHE = ROOT.parent / ".cache" / "fuzz"
-LIMITS = ("-timeout=10", "-rss_limit_mb=1024", "-max_len=65536", "-print_final_stats=1")
+LIMITS = ("-timeout=10", "-rss_limit_mb=1024", "-max_len=1048576", "-print_final_stats=1")
 
 
 def main() -> int:
@@ -39,6 +39,7 @@ def main() -> int:
         seeds.mkdir(parents=True)
         with contextlib.redirect_stdout(io.StringIO()):
             write_good(seeds)
+    shutil.copy(ROOT.parent / "claims" / "evidence" / "robots" / "wrist.urdf", seeds)
     failed = list[str]()
     for name in options.names or TARGETS:
         grown, crashes = CACHE / name, CACHE / "crashes"

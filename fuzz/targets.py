@@ -107,5 +107,6 @@ SEEDS = {
     "contacts": ("contacts.csv",),
     "contacts_mcap": ("contacts.mcap",),
     "stl": ("probe.stl", "ascii.stl"),
+    "urdf": ("wrist.urdf",),
 }
 """Target -> good files of `claims.evidence.good_files.write_good` that it begins with."""

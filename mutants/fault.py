@@ -65,9 +65,7 @@ class Fault:
 
 def tests_of(file: str) -> str:
     """Return the folder of the tests of a file's room."""
-    package, room, *below = file.split("/")
-    if package != "palpate":
-        return "tests/lab"
+    _, room, *below = file.split("/")
     return f"tests/sensors/{below[0]}" if room == "sensors" else f"tests/{_TESTED.get(room, room)}"
 
 

@@ -116,7 +116,7 @@ def _placed(what: str, found: list[Matches], small: bool, *, bent: bool = False)
 
 
 def _alone(name: str, session: Path) -> Row:
-    """Each sensor's contacts in its own frame, beside those of its rig alone."""
+    """Compare each sensor's contacts in its own frame with those that its rig alone gives."""
     robot = load_robot(session / "robot.toml")
     together = palpate.estimate(session / "run.mcap", robot)
     same = 0

@@ -89,3 +89,18 @@ def test_mistakes_are_named(rig: Path, change: tuple[str, str], said: str) -> No
     rig.write_text(ROBOT.replace(*change))
     with pytest.raises(InputError, match=said):
         load_rig(rig, "wrist")
+
+
+def test_a_link_without_geometry_may_be_expected_to_be_touched(rig: Path) -> None:
+    """A skin alone is the body there: the link is stated, and nothing is drawn on it."""
+    skin = '[sensors.foot]\nkind = "skin"\nlink = "link5"\nrows = 4\ncolumns = 4\npitch = 0.005\ntopic = "/foot"\n'
+    rig.write_text(ROBOT.replace('gravity = "fixed"', 'gravity = "fixed"\nexpected = ["link5"]') + skin)
+    robot = load_robot(rig)
+    assert not robot.faulty
+    assert [each.name for each in robot.sensors.values() if each.expected] == ["foot"]
+
+
+def test_one_sensor_is_not_picked_from_several_that_are_named(rig: Path) -> None:
+    assert [each.name for each in load_robot(rig).picked("tip,wrist")] == ["wrist", "tip"]
+    with pytest.raises(InputError, match="several sensors: tip, wrist"):
+        load_rig(rig, "tip,wrist")

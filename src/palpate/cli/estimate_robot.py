@@ -71,7 +71,7 @@ def estimate_robot(
     if report is not None:
         require_page(report, output)
     wait("preparing the surfaces")
-    pipeline = RobotPipeline(robot, log, frame, None if sensors is None else tuple(sensors.split(",")))
+    pipeline = RobotPipeline(robot, log, frame, sensors)
 
     def made_from(*, interrupted: bool) -> dict[str, str]:
         names = ",".join(run.sensor.name for run in pipeline.runs)

@@ -153,7 +153,7 @@ class Contacts(Value):
         """Return the origins; of one sensor its rows have a blank one."""
         if self.origins is not None:
             return self.origins
-        return Origins(np.zeros(len(self), dtype=np.int64), (Origin(),) if len(self) else ())
+        return Origins.single(Origin(), len(self)) if len(self) else Origins(np.zeros(0, dtype=np.int64), ())
 
     def __len__(self) -> int:
         return len(self.sample)

@@ -101,7 +101,7 @@ class Events(Value):
     def with_origin(self, origin: Origin) -> Events:
         """Return the same `Events` as those of one sensor of a robot."""
         kept = {name: getattr(self, name) for name in vars(self) if name != "origins"}
-        return Events(**kept, origins=Origins(np.zeros(len(self), dtype=np.int64), (origin,)))
+        return Events(**kept, origins=Origins.single(origin, len(self)))
 
     @property
     def sensor(self) -> np.ndarray:

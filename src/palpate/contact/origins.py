@@ -10,7 +10,7 @@ from jaxtyping import Bool, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import INT64, Value, frozen
-from palpate.spatial.arguments import frozen_value
+from palpate.spatial.arguments import frozen_value, integer
 
 EXPECTED = "expected"
 """Name of the feature that is 1 where a sensor is always touched, such as at a foot: its contacts are no events."""
@@ -43,6 +43,15 @@ class Origins(Value):
         object.__setattr__(self, "among", tuple(Origin(*each) for each in self.among))
         if len(self.index) and not (self.index.min() >= 0 and self.index.max() < len(self.among)):
             raise InputError(f"index must be from 0 to {len(self.among) - 1}, the places in `among`.")
+
+    @classmethod
+    def single(cls, origin: Origin, count: int) -> Origins:
+        """Make `Origins` of as many rows of one sensor.
+
+        Raises:
+            InputError: `count` is not a whole number.
+        """
+        return cls(np.zeros(integer(count, "count"), dtype=np.int64), (origin,))
 
     @classmethod
     def of_names(cls, sensors: Sequence[str], links: Sequence[str]) -> Origins:

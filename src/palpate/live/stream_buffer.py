@@ -140,7 +140,7 @@ class SlotForm:
             found,
             identity=found.identity * count + place,
             features={**found.features, **expected},
-            origins=Origins(np.zeros(len(found), dtype=np.int64), (Origin(*self.origin),)),
+            origins=Origins.single(Origin(*self.origin), len(found)),
         )
 
 

@@ -54,11 +54,11 @@ def load_rig(path: str | PathLike[str], sensor: str | None = None) -> Rig:
             rig.kind(sensor)
         return rig
     robot = _robot(document, Path(path))
-    names = [*robot.sensors, *robot.faulty]
-    if sensor is None and len(names) > 1:
+    names = [*robot.sensors, *robot.faulty] if sensor is None else sensor.split(",")
+    if len(names) > 1:
         what = f"is the rig of a robot with several sensors: {', '.join(names)}."
         raise InputError(what, where=str(path), hint="Name one with --sensor.")
-    return robot.picked(sensor or names[0])[0].rig
+    return robot.picked(names[0])[0].rig
 
 
 def load_robot(path: str | PathLike[str]) -> Robot:
@@ -118,7 +118,7 @@ def _robot(document: Mapping[str, Any], path: Path) -> Robot:
             sensors[name] = _Expanded(name, own, shared, table, urdf, path).sensor()
         except InputError as problem:  # the other sensors can be used
             faulty[name] = problem
-    robot = Robot(table, sensors, faulty, path)
+    robot = Robot(table, sensors, faulty, path, urdf)
     if urdf is not None:
         for link in (robot.base, *table.expected):
             urdf.require(link)
@@ -201,8 +201,9 @@ class _Expanded:
             where = str(problem.where).removeprefix(str(self._path)).removeprefix(": ")
             place = f"{self._where[:-1]}.{where}]" if where and "." in where else self._where
             raise InputError(problem.what, where=place, hint=problem.hint) from problem
-        expected = bool(self._expected) or touched in self._robot.expected
-        return RobotSensor(self._name, rig, self._link, touched or self._link or "", expected)
+        link = touched or self._link or ""
+        expected = bool(self._expected) or link in self._robot.expected
+        return RobotSensor(self._name, rig, self._link, link, expected)
 
     def _surface(self) -> str:
         """Write out the surface as a link of the URDF, posed in the sensor's frame; return the link's name or ""."""

@@ -1,10 +1,9 @@
-"""A robot as values: the [robot] of its rig, and a rig for each of its named sensors."""
+"""Hold a robot as values: the [robot] of its rig, and a rig for each of its named sensors."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 from palpate.contact.origins import Origin
@@ -101,21 +100,14 @@ class Robot:
         sensors: name -> sensor, in the order of the file.
         faulty: name of a sensor that the rig does not state well -> what is wrong.
         path: file of the rig.
+        urdf: description of the robot; None: the rig names none.
     """
 
     table: RobotTable
     sensors: Mapping[str, RobotSensor]
     faulty: Mapping[str, InputError]
     path: Path
-
-    @cached_property
-    def urdf(self) -> Urdf | None:
-        """Description of the robot; None: the rig names none.
-
-        Raises:
-            InputError: the file cannot be read.
-        """
-        return self.table.read_urdf(self.path.parent)
+    urdf: Urdf | None
 
     @property
     def base(self) -> str:
@@ -132,12 +124,12 @@ class Robot:
         return self.table.base or self.urdf.root(self.urdf.links[0])
 
     def picked(self, names: tuple[str, ...] | str | None) -> tuple[RobotSensor, ...]:
-        """Return the named sensors, or for None all that are not faulty.
+        """Return the named sensors, of text with commas between them; for None all that are not faulty.
 
         Raises:
             InputError: there is no sensor of a name, or it is faulty.
         """
-        names = (names,) if isinstance(names, str) else names
+        names = tuple(names.split(",")) if isinstance(names, str) else names
         for name in names or ():
             if name in self.faulty:
                 raise self.faulty[name]

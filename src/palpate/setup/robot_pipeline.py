@@ -48,7 +48,7 @@ class RobotPipeline:
         robot: the robot.
         log: file of the log.
         frame: frame of the contacts: "surface" or "sensor", each sensor's own, or "base", that of the robot.
-        sensors: names of the sensors; None: all.
+        sensors: names of the sensors, as a tuple or with commas between; None: all.
 
     Attributes:
         runs: sensors that are estimated.
@@ -168,7 +168,7 @@ class RobotPipeline:
             found,
             identity=found.identity * count + place,
             features={name: added.get(name, found.features.get(name, unknown)) for name in self.features},
-            origins=Origins(np.zeros(len(found), dtype=np.int64), (sensor.origin,)),
+            origins=Origins.single(sensor.origin, len(found)),
         )
 
     def _in_base(self, found: Contacts, block: Recording, run: SensorRun) -> Contacts:

@@ -37,7 +37,7 @@ def robot_scene(robot: Robot, log: Path, sensors: str | None = None) -> tuple[Sc
     Raises:
         InputError: the log or the rig cannot be used, or states no motion of the links.
     """
-    pipeline = RobotPipeline(robot, log, "base", None if sensors is None else tuple(sensors.split(",")))
+    pipeline = RobotPipeline(robot, log, "base", sensors)
     found = Contacts.joined(list(pipeline.stream()))
     time = _pictures(found)
     contacts, layer = on_pictures(found, time), _layer(robot, log, found, time)

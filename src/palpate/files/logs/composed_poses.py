@@ -1,4 +1,4 @@
-"""The pose of a link that joints move, in a frame above the robot's base, whose -z is down."""
+"""Compose the pose of a link that joints move, in a frame above the robot's base, whose -z is down."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion of a robot's links in a log: their poses in the base, from joint states or from /tf."""
+"""Read the motion of a robot's links from a log: their poses in the base, from joint states or from /tf."""
 
 from __future__ import annotations
 

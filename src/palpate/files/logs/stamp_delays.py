@@ -1,4 +1,4 @@
-"""How long after their stamps the messages of topics were recorded, which shows a clock that is off."""
+"""Find how long after their stamps messages were recorded, which shows a clock that is off."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file of a servo that was calibrated, and its summary."""
+"""Define the file of a servo that was calibrated, and its summary."""
 
 from __future__ import annotations
 
