@@ -265,7 +265,7 @@ def _fill(ring: StreamBuffer, over: threading.Event) -> None:
 def _shown(errors: Path, ring: Path, rig: Path, parent: int) -> None:
     """The page's process; what it writes to stderr is kept."""
     os.dup2(os.open(errors, os.O_WRONLY | os.O_CREAT), sys.stderr.fileno())
-    show(ring, rig, None, "127.0.0.1", 0, TOKEN, parent)
+    show((ring,), rig, None, "127.0.0.1", 0, TOKEN, parent)
 
 
 PAGES: dict[str, Callable[[], AbstractContextManager[Target]]] = {

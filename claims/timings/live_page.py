@@ -63,7 +63,7 @@ def _watched(folder: Path, rate: int, watch: Watch, seconds: float) -> tuple[flo
     rig.write_text(RIG.format(host=HOST, port=1, web=1), encoding="utf-8")
     with _streaming(folder, rate) as ring:
         process = get_context("spawn").Process(
-            target=show, args=(ring.path, rig, HOST, 0, TOKEN, os.getpid()), daemon=True
+            target=show, args=((ring.path,), rig, None, HOST, 0, TOKEN, os.getpid()), daemon=True
         )
         process.start()
         try:

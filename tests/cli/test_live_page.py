@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.cli.live_page import Stream as Reading
 from palpate.cli.live_page import show
+from palpate.cli.live_page_stream import Stream as Reading
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW
 from palpate.live.stream_buffer import StreamBuffer
@@ -71,7 +71,7 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stream]:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         context = multiprocessing.get_context("spawn")
-        arguments = (ring.path, rig, None, "127.0.0.1", taken.getsockname()[1], TOKEN, os.getpid())
+        arguments = ((ring.path,), rig, None, "127.0.0.1", taken.getsockname()[1], TOKEN, os.getpid())
         process = context.Process(target=show, args=arguments, daemon=True)
         process.start()
         made = Stream(ring, process)
@@ -198,7 +198,7 @@ def test_what_was_not_fetched_is_replaced_by_what_comes_after_it() -> None:
             for k in range(40):
                 window = recent(window, touches(400 * turn + 10 * k, 10))
                 page.show(window[-1:])
-                page.tell(window, StreamFigures(samples=k, events=(("10:00:00", f"sentence {k}"),)))
+                page.tell(window, StreamFigures(samples=k, events=((10**18, f"sentence {k}"),)))
             sizes.append(len(waiting))
         assert sizes[0] == sizes[1] == sizes[2]
 

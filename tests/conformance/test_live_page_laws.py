@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import palpate
-from palpate.cli.live_page import Stream
+from palpate.cli.live_page_stream import Stream
 from palpate.live.live import Live
 from palpate.live.replay import Replay, bare
 from palpate.live.stream_buffer import StreamBuffer

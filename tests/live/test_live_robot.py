@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -14,19 +15,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import palpate
 from claims.evidence.logs_written import write_mcap
-from claims.evidence.robot import KINDS, URDF, WRENCH, joints, wrench
+from claims.evidence.robot import FLANGE_SENSOR, KINDS, MOVING, SHIFTS, URDF, WRENCH, joints, wrench
 from palpate.cli import main
 from palpate.cli.estimate_robot import LEFT_OUT
+from palpate.cli.live_page_robot import RobotStream
 from palpate.contact.estimate import ROW
 from palpate.files.contacts import read_contacts
 from palpate.live.joints import JointSource
 from palpate.live.record import Recorder, require_record, ring_of, rings_of
 from palpate.live.recover import cut_short
+from palpate.live.source import Batch
 from palpate.live.stream_buffer import SlotForm, StreamBuffer
+from palpate.setup.load import load_robot
 from palpate.setup.source import RigSource
+from palpate.viewer.live import LivePage
 from tests.support.live_rings import answered, rows
 
 LONG = 240.0  # s: what takes longer hangs
@@ -190,3 +196,60 @@ def test_joint_states_come_as_they_are_in_the_log(tmp_path: Path) -> None:
     angle = np.array([0.1, -0.4, 0.2]) * np.sin(np.arange(COUNT) / 90)[:, None]
     places = [source.joints.index(f"{name}_joint") for name in ("shoulder", "elbow", "flange")]
     np.testing.assert_allclose(values[:, places], angle, atol=1e-12)
+
+
+def _link(angles: np.ndarray, link: str) -> tuple[Rotation, np.ndarray]:
+    """Rotation and place of a link in the base, from the numbers that the URDF was written from."""
+    turn, place = Rotation.identity(), np.zeros(3)
+    for (_, child, axis), angle in zip(MOVING, angles, strict=True):
+        place, turn = place + turn.apply(SHIFTS[child]), turn * Rotation.from_euler(axis, angle)
+        if child == link:
+            return turn, place
+    return turn * FLANGE_SENSOR, place + turn.apply(SHIFTS["ft_sensor"])
+
+
+def test_the_page_shows_contacts_where_the_joints_have_moved_them(tmp_path: Path) -> None:
+    """Without joint states at 0 and listed; then by the newest; a sensor that is silent is listed, not drawn."""
+    pytest.importorskip("viser")
+    rig = _robot(tmp_path, 0.0)
+    (tmp_path / "robot.urdf").write_text(re.sub(r"<mesh [^>]*>", '<sphere radius="0.02"/>', URDF))
+    robot = load_robot(rig)
+    links = {"wrist": "ft_sensor", "elbow": "shoulder"}
+    wrenches = SlotForm("force_torque", (6,), False, (), ROW.length, 1, wrenches=True)
+    forms = [replace(wrenches, origin=(name, links[name]), place=(k, 2)) for k, name in enumerate(links)]
+    names = tuple(f"{child}_joint" for _, child, _ in MOVING)
+    forms.append(SlotForm("joints", (3,), False, (), 1, 1, joints=names))
+    made = [StreamBuffer.make(tmp_path / f"{k}.ring", form, 1 << 20) for k, form in enumerate(forms)]
+    stream, none = RobotStream(made, robot), np.zeros((0, 1))
+    with LivePage(None, (stream.layer,), "robot", stream.tare, port=0) as page:
+        for k, angles in enumerate([None, np.array([0.3, -0.4, 0.5]), np.array([-1.0, 0.2, 0.9])]):
+            for ring in made[: 1 if k == 2 else 2]:
+                answered(ring, 7)
+            if angles is not None:
+                batch = Batch((3,))
+                batch.values[0] = angles
+                batch.arrived = np.full(len(batch), time.time_ns())
+                made[2].take_in(batch, 1, batch.turned)
+                made[2].answer(none, np.zeros(1, dtype=np.int64))
+            if k == 2:  # the elbow's last sample is old now
+                stream._streams["elbow"]._at -= 10.0
+            stream.look(watched=True)
+            stream.gather()
+            page.show(stream.newest)
+            page.tell(stream.window, stream.figures())
+            seen = ["wrist"] if k == 2 else ["wrist", "elbow"]
+            assert list(stream.newest.sensor) == seen
+            for name, point, force in zip(seen, stream.newest.point, stream.newest.force, strict=True):
+                turn, place = _link(np.zeros(3) if angles is None else angles, links[name])
+                [row] = rows(7 * k + 6, 1)
+                np.testing.assert_allclose(point, turn.apply(row[ROW.point]) + place, atol=1e-9)
+                np.testing.assert_allclose(force, turn.apply(row[ROW.force]), atol=1e-9)
+            listed = dict(stream.layer.rows(page.scene, 0))
+            assert ("no readings" in listed["elbow"]) == (k == 2)
+            assert ("drawn at 0" in listed.get("joint states", "")) == (k == 0)
+        stream.tare("somebody")
+        assert all(ring["asked"] == 1 for ring in made[:2])
+        assert stream.figures().taring
+    assert len(stream.window) == 5
+    for ring in made:
+        ring.close()

@@ -22,7 +22,6 @@ from palpate.cli.live_streams import LiveStream, Sensors, left_out, ready
 from palpate.console.console import counting, lines, note, title, wait
 from palpate.console.keys import Came, pressed, signals
 from palpate.console.options import FileOption, NameOption, RigFile, Scalar, require_port, require_positive
-from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs
 from palpate.live.joints import NAME
 from palpate.live.publish import RATE, publish, require_address
@@ -81,9 +80,6 @@ def live(
     require_positive(seconds, "--seconds")
     require_port(port, "--port")
     _require(sensors, record, publish, split)
-    if sensors.several and view:
-        what = "is for one sensor: the page of a robot is not live yet."
-        raise InputError(what, where="--view", hint="Name one with --sensor, or record, and then use `palpate view`.")
     title(_called(sensors))
     note([f"{name} is left out: {problem}" for name, problem in sensors.faulty.items()], kind="warning")
     wait("preparing the surface")
@@ -104,7 +100,7 @@ def live(
             hurried = realtime and any(each.kind != "replay" for each in sources.values())
             supervisor.workers += _readers(streams, rig, record, split, publish, hurried)
             if view:
-                arguments = (rings[0].path, rig, sensor, host, port, token, os.getpid())
+                arguments = (tuple(each.path for each in rings), rig, sensor, host, port, token, os.getpid())
                 supervisor.workers.append(Worker("page", show, arguments))
             for worker in supervisor.workers[len(streams) :]:
                 worker.start()

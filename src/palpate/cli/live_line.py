@@ -35,12 +35,13 @@ class FigureLine:
         """Print new messages, each with its time, and of several sensors after the name."""
         for name, stream in self._streams.items():
             events, stream.event = stream.ring.events(stream.event)
-            whose = f"{name}: " if len(self._streams) > 1 else ""
             for stamp, sentence in events:
                 when = datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S")
                 if sys.stderr.isatty():
                     print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-                announce(f"{when} {whose}{self._opened(sentence)}")
+                opened = self._opened(sentence)
+                whose = f"{name}: " if len(self._streams) > 1 and opened == sentence else ""  # the page is of all
+                announce(f"{when} {whose}{opened}")
 
     def _opened(self, sentence: str) -> str:
         """Return the message, with the token added to the page's address."""

@@ -360,12 +360,13 @@ class StreamBuffer:
             word: number of the head to read up to: "answered" or "received".
         """
         while True:
-            end = self[word]
             first = max(first, self._oldest())
-            count = min(most, max(end - first, 0))
+            count = min(most, max(self[word] - first, 0))
             parts = [self.slots[here].copy() for here, _ in self._parts(first, count)]
-            if first >= self._oldest():  # no slot was overwritten during the copy
-                return parts[0] if len(parts) == 1 else np.concatenate([self.slots[:0], *parts]), first
+            overwritten = max(self._oldest() - first, 0)  # during the copy: a second try could be lapped again
+            if not count or overwritten < count:
+                slots = parts[0] if len(parts) == 1 else np.concatenate([self.slots[:0], *parts])
+                return slots[overwritten:], first + overwritten
 
     def _oldest(self) -> int:
         return max(0, self["received"] - self.safe)

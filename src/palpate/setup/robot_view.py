@@ -23,7 +23,6 @@ from palpate.viewer.scene import Scene, no_contacts, prepare
 from palpate.viewer.timeline import since
 
 PICTURES = 30.0  # per second
-LARGEST = 10  # factor by which ellipses are drawn larger: beside a robot those of many are small
 
 
 def robot_scene(robot: Robot, log: Path, sensors: str | None = None) -> tuple[Scene, list[str]]:
@@ -41,9 +40,7 @@ def robot_scene(robot: Robot, log: Path, sensors: str | None = None) -> tuple[Sc
     found = Contacts.joined(list(pipeline.stream()))
     time = _pictures(found)
     contacts, layer = on_pictures(found, time), _layer(robot, log, found, time)
-    scene = prepare(None, contacts, log.name, (layer,))
-    scene = replace(scene, magnification=min(scene.magnification, LARGEST))
-    return scene, [*pipeline.warnings(), *pipeline.notes()]
+    return prepare(None, contacts, log.name, (layer,)), [*pipeline.warnings(), *pipeline.notes()]
 
 
 def _pictures(found: Contacts) -> Float[np.ndarray, " m"]:

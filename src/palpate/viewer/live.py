@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from datetime import datetime
 from html import escape
 from time import monotonic
 
@@ -44,7 +45,7 @@ class StreamFigures:
         samples: samples received so far.
         taring: True if a tare was requested and is not taken yet.
         tare: last sentence on a tare; "": none.
-        events: times of day and the last sentences, the newest last.
+        events: times [ns since 1970] and the last sentences, the newest last.
     """
 
     rate: float = 0.0
@@ -55,7 +56,7 @@ class StreamFigures:
     samples: int = 0
     taring: bool = False
     tare: str = ""
-    events: tuple[tuple[str, str], ...] = ()
+    events: tuple[tuple[int, str], ...] = ()
 
 
 class LivePage(Served):
@@ -230,8 +231,8 @@ def _sentences(figures: StreamFigures) -> str:
     if not figures.events:
         return ""
     lines = "".join(
-        f'<div><span style="color:{_GREY}">{when}</span> {escape(sentence)}</div>'
-        for when, sentence in reversed(figures.events)
+        f'<div><span style="color:{_GREY}">{datetime.fromtimestamp(1e-9 * stamp):%H:%M:%S}</span> {escape(said)}</div>'
+        for stamp, said in reversed(figures.events)
     )
     return (
         '<div style="padding:.2em .7em .6em;font-size:.75em;line-height:1.4;overflow-wrap:anywhere;'

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
@@ -130,6 +130,41 @@ class RobotLayer:
     def legend(self) -> list[str]:
         """Return no items."""
         return []
+
+
+class LiveRobotLayer(RobotLayer):
+    """A layer of the live page that draws a robot's links where they are now, and lists its sensors.
+
+    Args:
+        links: link -> triangles, of those that have a geometry.
+        quaternions: (k, 4) x, y, z, w of these links in the base at first.
+        positions: (k, 3) [m] likewise.
+
+    Raises:
+        InputError: arrays of other shapes.
+    """
+
+    def __init__(
+        self, links: Mapping[str, Triangles], quaternions: Float[np.ndarray, "k 4"], positions: Float[np.ndarray, "k 3"]
+    ) -> None:
+        super().__init__(links, quaternions[None], positions[None], {}, {})
+        self._listed: tuple[tuple[str, str], ...] = ()
+
+    def move(self, quaternions: Float[np.ndarray, "k 4"], positions: Float[np.ndarray, "k 3"]) -> None:
+        """Set where the links are now, as in the constructor."""
+        self._turned, self._moved = quaternions[None], positions[None]
+
+    def list(self, rows: Sequence[tuple[str, str]]) -> None:
+        """Set what is listed, (name, text) pairs."""
+        self._listed = tuple(rows)
+
+    def show(self, scene: Scene, index: int) -> None:
+        """Move the links to where they are."""
+        super().show(scene, 0)
+
+    def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
+        """Return the pairs that are listed."""
+        return [*self._listed]
 
 
 def _state(force: float) -> str:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi, ViserServer
 
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
+_OF_ROBOT = 4  # how many of them for a robot, on which ellipses of several links are seen at once
 PLOTTED = 800  # rows of a plot: two a pixel
 TRAIL = 300  # samples of a trail
 SMALL = 4, 32  # rings of an ellipse's points, the rim the last; points on each: a polygon that nobody sees
@@ -358,7 +359,7 @@ class Scene:
         shown = self.contacts[thinned(np.flatnonzero(self.touched), _FEW)]
         if not len(shown):
             return self
-        return replace(self, newton=_newton(self.size, shown), magnification=_magnified(self.size, shown))
+        return replace(self, newton=_newton(self.size, shown), magnification=_magnified(self.size, shown, self.layers))
 
     def scaled_to(self, force: float) -> Scene:
         """Return the `Scene`, with an arrow of 0.35 of the body's size for a force [N] whose arrow would exceed it."""
@@ -465,7 +466,7 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
         seconds = np.repeat(timeline.seconds, np.diff(starts, append=len(contacts)))
         heat = density(body, points, contacts.normal[touched], seconds[touched], width)
     shown = contacts[thinned(np.flatnonzero(touched), _SAMPLED)]
-    newton, magnification = _newton(size, shown), _magnified(size, shown)
+    newton, magnification = _newton(size, shown), _magnified(size, shown, layers)
     return Scene(
         title, bounds, body, contacts, starts, touched, timeline, heat, newton, magnification, tuple(layers), surface
     )
@@ -576,8 +577,9 @@ def _width(size: float, points: Float[np.ndarray, "n 3"]) -> float:
     return float(np.clip(extent / 40, size / 300, size / 50))
 
 
-def _magnified(size: float, shown: Contacts) -> int:
+def _magnified(size: float, shown: Contacts, layers: Sequence[Layer]) -> int:
+    among = MAGNIFICATIONS[:_OF_ROBOT] if any(isinstance(each, MovingBody) for each in layers) else MAGNIFICATIONS
     axes = ellipse(shown.covariance, shown.normal)[0][:, 0]
     axes = axes[axes > 0]
     wanted = size / 25 / float(np.median(axes)) if len(axes) else 1.0
-    return next((times for times in MAGNIFICATIONS if times >= wanted), MAGNIFICATIONS[-1])
+    return next((times for times in among if times >= wanted), among[-1])
