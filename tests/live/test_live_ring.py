@@ -44,7 +44,7 @@ def test_what_is_written_over_while_it_is_copied_is_not_given(
 def test_a_reader_of_all_slots_ends_though_the_writer_goes_on(
     ring: StreamBuffer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On a busy machine some samples come during any copy of a full ring: these are missing, and the others are right."""
+    """On a busy machine samples come during any copy of a full ring: these are missing, and the others are right."""
     answered(ring, len(ring.slots) + 10)
     reader, tries = StreamBuffer(ring.path), list[int]()
     places = reader._parts

@@ -18,6 +18,7 @@ import palpate
 from palpate.cli import main
 from palpate.contact.contacts import Contacts
 from palpate.setup.load import load_robot
+from tests.support.robots import small_hand
 
 pytest.importorskip("mujoco")
 
@@ -31,12 +32,7 @@ Change = Callable[[str, bytes], bytes | None]
 @pytest.fixture(scope="session")
 def hand(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session of eight seconds, with roughly calibrated pads."""
-    folder = tmp_path_factory.mktemp("robot") / "hand"
-    options = ("--seconds", "8", "--touches", "10", "--free", "6", "--seed", "5", "-o", str(folder))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("palpate_lab.cli.robot_models._PRESSES", 40)
-        assert main(["simulate", "hand", *options]) == 0
-    return folder
+    return small_hand(tmp_path_factory.mktemp("robot") / "hand")
 
 
 @pytest.fixture(scope="session")

@@ -12,24 +12,30 @@ from math import nan
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from tyro.conf import Positional, arg
 
 from palpate.cli.batch_dataset import CONTACTS, EpisodeLog, episodes_of, label
 from palpate.cli.batch_logs import logs_of, names_of
 from palpate.cli.estimate_log import estimate_log, record_of
+from palpate.cli.estimate_robot import require_robot_options, write_robot
 from palpate.cli.rig_options import RigOptions
 from palpate.console.console import Quantity, announce, lines, note, overwrite, title
 from palpate.console.options import CountOption
 from palpate.console.parallel import begin_results, from_row, read_rows, require_backend, run_kept
 from palpate.contact.estimate import Status
+from palpate.contact.events import Events
 from palpate.errors import InputError, PalpateError
 from palpate.files.atomic import require_folder, reserve_output, write_text, writing
 from palpate.files.inputs import open_input
 from palpate.files.logs.layout import pose_path
 from palpate.files.models import provenance
 from palpate.setup import Rig
+from palpate.setup.load import robot_of
+from palpate.setup.robot import Robot
 from palpate.viewer.batch_summary import LogResult, compose, figures
 from palpate.viewer.report import render, require_report
+from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["batch"]
 
@@ -129,7 +135,11 @@ def batch(
     """
     count = require_backend(backend, workers, WORKERS)
     require_report()
-    files, episodes = setup.load().files(), episodes_of(logs, output)
+    rig, episodes = _stated(setup), episodes_of(logs, output)
+    if isinstance(rig, Robot) and episodes:
+        what = "a data set has the episodes of one sensor, but this is the rig of a robot."
+        raise InputError(what, where=str(rig.path), hint="Write a rig of the sensor.")
+    files = rig.files()
     found = [] if episodes else logs_of(logs, output)
     _require_folder(output)
     made = _digest(setup, files, frame)
@@ -182,6 +192,8 @@ def _one(job: _Job) -> _Kept:
     try:
         digest = _log_digest(job)  # before: a log that grows meanwhile is another log
         rig = _rig(job.setup, job.made)
+        if isinstance(rig, Robot):
+            return _robot_contacts(job, rig, digest)
         rig = rig if job.episode is None else job.episode.rig(rig)
         opened = job.setup.open(job.log, rig)
         files = {"log": job.log, "rig": job.setup.rig, **opened.files()}
@@ -190,19 +202,36 @@ def _one(job: _Job) -> _Kept:
         return _failed(job, str(problem).removeprefix(f"{job.log}: "))  # the page names the log
     except Exception as problem:  # of one log in a thousand: the others shall not wait for it to be mended
         return _failed(job, f"{type(problem).__name__}: {' '.join(str(problem).split())}")
-    summary, touches = done.summary, done.summary.finder.touches()
-    result = LogResult(
+    warnings = (*([done.nothing] if done.nothing else []), *done.warnings, *done.short)
+    result = _result(job, [done.summary], done.summary.finder.touches(), warnings)
+    return _done(job, digest, replace(result, ended=done.ended, believed=not done.nothing))
+
+
+def _robot_contacts(job: _Job, robot: Robot, digest: str) -> _Kept:
+    """Estimate the log of a robot; one without the contacts of some sensor is not believed."""
+    watch = partial(_watch, job.parent)
+    done = write_robot(job.log, robot, job.output, job.frame, job.setup.sensor, watch, keep_short=False)
+    summaries, torn = list(done.summary.summaries.values()), any(run.pipeline.log.torn for run in done.pipeline.runs)
+    result = _result(job, summaries, done.summary.touches(), tuple(done.pipeline.warnings()))
+    return _done(job, digest, replace(result, ended="torn" if torn else "whole", believed=not done.pipeline.failed))
+
+
+def _result(job: _Job, summaries: Sequence[RunSummary], touches: Events, warnings: tuple[str, ...]) -> LogResult:
+    """Return the result of a log from the summary of each sensor."""
+    statuses = np.sum([each.statuses for each in summaries], axis=0)
+    return LogResult(
         job.called,
         job.output.name,
-        samples=summary.samples,
-        contacts=int(summary.statuses[[Status.CONTACT, Status.AMBIGUOUS]].sum()),
+        samples=sum(each.samples for each in summaries),
+        contacts=int(statuses[[Status.CONTACT, Status.AMBIGUOUS]].sum()),
         touches=len(touches),
         peak=float(touches.peak_force.max()) if len(touches) else nan,
-        statuses=tuple(summary.statuses.tolist()),
-        warnings=(*([done.nothing] if done.nothing else []), *done.warnings, *done.short),
-        ended=done.ended,
-        believed=not done.nothing,
+        statuses=tuple(statuses.tolist()),
+        warnings=warnings,
     )
+
+
+def _done(job: _Job, digest: str, result: LogResult) -> _Kept:
     return _Kept(job.key, job.output.name, job.made, digest, job.output.stat().st_size, result)
 
 
@@ -216,9 +245,18 @@ def _lost(job: _Job) -> _Kept:
 
 
 @lru_cache(maxsize=1)
-def _rig(setup: RigOptions, made: str) -> Rig:
+def _rig(setup: RigOptions, made: str) -> Rig | Robot:
     """Load the rig, once per process; `made` changes with the rig's files."""
-    return setup.load()
+    return _stated(setup)
+
+
+def _stated(setup: RigOptions) -> Rig | Robot:
+    """Return the robot of a rig, or the rig of one sensor with all options applied."""
+    robot = None if setup.rig is None else robot_of(setup.rig)
+    if robot is None:
+        return setup.load()
+    require_robot_options(robot, setup)
+    return robot
 
 
 def _watch(parent: int, done: int, share: float) -> None:
@@ -294,8 +332,10 @@ def _read(path: Path) -> Iterator[_Kept]:
 
 def _log_digest(job: _Job) -> str:
     """Return the digest of a log, and of its table of poses if there is one."""
-    poses = pose_path(_rig(job.setup, job.made).orientation.file, job.log)
-    return log_digest(job.log) + (log_digest(poses) if poses is not None and poses.is_file() else "")
+    rig = _rig(job.setup, job.made)
+    rigs = [each.rig for each in rig.sensors.values()] if isinstance(rig, Robot) else [rig]
+    poses = {path for each in rigs if (path := pose_path(each.orientation.file, job.log)) is not None}
+    return log_digest(job.log) + "".join(log_digest(path) for path in sorted(poses) if path.is_file())
 
 
 def _is_done(kept: _Kept | None, job: _Job) -> bool:

@@ -6,10 +6,11 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from palpate.cli.estimate_log import record_of, write_blocks
+from palpate.cli.estimate_log import Watch, record_of, write_blocks
 from palpate.cli.events import say_touches
 from palpate.cli.report import require_page, status_advice
 from palpate.cli.rig_options import RigOptions
@@ -64,25 +65,15 @@ def estimate_robot(
         SystemExit: 130: interrupted; 4: a sensor was left out.
         KeyboardInterrupt: Ctrl-C before the first row.
     """
-    files = {"log": log, "rig": robot.path, **robot.files()}
     if output is not None:
-        keep_inputs(output, files.values(), siblings=(record_of(output), *([report] if report else [])))
+        inputs = (log, robot.path, *robot.files().values())
+        keep_inputs(output, inputs, siblings=(record_of(output), *([report] if report else [])))
         require_format(output)
     if report is not None:
         require_page(report, output)
     wait("preparing the surfaces")
-    pipeline = RobotPipeline(robot, log, frame, sensors)
-
-    def made_from(*, interrupted: bool) -> dict[str, str]:
-        names = ",".join(run.sensor.name for run in pipeline.runs)
-        ended = "interrupted" if interrupted else "whole"
-        return provenance(files, {"frame": frame, "sensors": names, "ended": ended})
-
-    blocks = ((rows, rows, rows) for rows in pipeline.stream())
-    summary = _RobotWriter()
     with counting():
-        writing = summary.writing(pipeline, output)
-        record = write_blocks(blocks, lambda: pipeline.share, writing, progress, output, made_from)[1]
+        pipeline, summary, record = write_robot(log, robot, output, frame, sensors, progress)
     title(str(log) if output is None else f"{log} -> {output}")
     touches, warnings, notes = summary.touches(), pipeline.warnings(), pipeline.notes()
     rows = summary.table(pipeline, touches)
@@ -111,6 +102,44 @@ def estimate_robot(
         raise SystemExit(INTERRUPTED if interrupted else LEFT_OUT)
 
 
+class WrittenRobot(NamedTuple):
+    """Contacts of a robot's sensors in a file: the pipeline of its log, their summary, and contents of OUTPUT.toml."""
+
+    pipeline: RobotPipeline
+    summary: RobotWriter
+    record: dict[str, str]
+
+
+def write_robot(
+    log: Path,
+    robot: Robot,
+    output: Path | None,
+    frame: str,
+    sensors: str | None,
+    watch: Watch,
+    *,
+    keep_short: bool = True,
+) -> WrittenRobot:
+    """Write the contacts of a robot's sensors in one log, and summarise them; arguments as for `estimate_log`.
+
+    Raises:
+        InputError: the log or the rig cannot be used, no sensor can be estimated, or the output cannot be written.
+        KeyboardInterrupt: Ctrl-C before the first row, or without `keep_short`.
+    """
+    pipeline = RobotPipeline(robot, log, frame, sensors)
+
+    def made_from(*, interrupted: bool) -> dict[str, str]:
+        names = ",".join(run.sensor.name for run in pipeline.runs)
+        options = {"frame": frame, "sensors": names, "ended": "interrupted" if interrupted else "whole"}
+        return provenance({"log": log, "rig": robot.path, **robot.files()}, options)
+
+    blocks = ((rows, rows, rows) for rows in pipeline.stream())
+    summary = RobotWriter()
+    writing = summary.writing(pipeline, output)
+    _, record = write_blocks(blocks, lambda: pipeline.share, writing, watch, output, made_from, keep_short=keep_short)
+    return WrittenRobot(pipeline, summary, record)
+
+
 def facts_of(robot: Robot) -> tuple[tuple[str, str], ...]:
     """Return names and values of a robot's settings."""
     stated, urdf = robot.table, robot.urdf
@@ -134,7 +163,7 @@ def _drawn(run: EstimatedRobot, robot: Robot, log: Path) -> EstimatedRobot:
     return replace(run, body=layer.body_at(0), marks=tuple(marks))
 
 
-class _RobotWriter(SummedWriter):
+class RobotWriter(SummedWriter):
     """A writer that summarises the contacts of each sensor."""
 
     def __init__(self) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate.cli.inspect_log import inspect_contacts, inspect_log, say_contents
-from palpate.cli.inspect_robot import inspect_robot
+from palpate.cli.inspect_robot import inspect_robot, inspect_robot_log
 from palpate.console.console import Quantity, in_full, lines, note, span, title
 from palpate.console.options import FileOption, NameOption, SomeFile
 from palpate.contact.table import COLUMNS
@@ -49,7 +49,8 @@ def inspect(
             TOML, places of taxels, a truth, a calibration of ATI (.cal).
         rig: TOML with the layout of the log; with it, spectra are those of the contact: force without the payload, and
             contact point.
-        sensor: name of the sensor's table in the rig, where there are several that the log could be of.
+        sensor: name of the sensor's table in the rig, where there are several that the log could be of; of a robot's
+            sensors, with commas between.
         topic: topic of the sensor's readings, where the log has several; without it, all that have wrenches.
         spectrum: .html, .svg or .png to draw spectra into; the filter cut-off that they propose is printed.
 
@@ -77,6 +78,11 @@ def inspect(
             raise InputError(what, where=str(file), hint="Give a log, or contacts of `palpate estimate`.")
         {".toml": _toml, ".cal": _ati, **dict.fromkeys(_MESHES, _mesh)}.get(suffix, _urdf)(file)
     else:
+        robot = None if rig is None else robot_of(rig)
+        if robot is not None and topic is None and spectrum is None and (sensor is None or "," in sensor):
+            if inspect_robot_log(incomplete or file, robot, sensor):
+                raise SystemExit(TORN)
+            return
         _data(incomplete or file, None if rig is None else load_rig(rig, sensor), sensor, topic, spectrum)
 
 

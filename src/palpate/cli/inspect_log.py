@@ -58,18 +58,22 @@ def inspect_log(
     images = image_topics(there) if wrenches else []
     note([f"there are images on {', '.join(images)}: inspect them with --topic NAME"] if images else [])
     if len(wrenches) < 2:
-        return _inspect_one(file, there, rig, sensor, topic)
+        return inspect_readings(file, there, rig, sensor, topic)
     found: list[tuple[Recording | None, bool]] = []
     for each in wrenches:
         part(each)
-        found.append(_inspect_one(file, there, rig, sensor, each))
+        found.append(inspect_readings(file, there, rig, sensor, each))
     return found[0]
 
 
-def _inspect_one(
+def inspect_readings(
     file: Path, there: LogContents, rig: Rig | None, sensor: str | None, topic: str | None
 ) -> tuple[Recording | None, bool]:
-    """Print figures of one sensor's readings."""
+    """Print figures of one sensor's readings; arguments and results are those of `inspect_log`.
+
+    Raises:
+        InputError: the log cannot be read, or the rig, `topic` or `sensor` does not fit it.
+    """
     remarks: tuple[str, ...] = ()
     setup: Setup | None = None
     if rig is not None:

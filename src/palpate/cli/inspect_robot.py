@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from palpate.cli.estimate_robot import facts_of
-from palpate.console.console import lines, note, table, title
+from palpate.cli.inspect_log import inspect_readings, say_contents
+from palpate.console.console import lines, note, part, table, title
 from palpate.errors import PalpateError
+from palpate.files.logs import contents
 from palpate.files.logs.layout import LogLayout
 from palpate.setup.robot import Robot, RobotSensor
 
@@ -23,6 +25,30 @@ def inspect_robot(robot: Robot) -> None:
     missing = [f"{name}: {problem}" for name, problem in robot.faulty.items()]
     missing += [f"{each.name}: {said}" for each in robot.sensors.values() for said in _missing(each)]
     note(missing, kind="warning")
+
+
+def inspect_robot_log(file: Path, robot: Robot, sensors: str | None) -> bool:
+    """Print figures of a robot's log: its topics, and the readings of each sensor; return whether it is cut off.
+
+    Args:
+        file: the log.
+        robot: the robot.
+        sensors: names of sensors, with commas between; None: all.
+
+    Raises:
+        InputError: there is no sensor of a name, or the log cannot be read.
+    """
+    title(f"{file}: a log")
+    there, torn = contents(file), False
+    say_contents(there)
+    for each in robot.picked(sensors):
+        part(each.name)
+        lines([("sensor", each.name)])
+        try:
+            torn |= inspect_readings(file, there, each.rig, None, None)[1]
+        except PalpateError as problem:
+            note([f"{each.name}: {problem}"], kind="warning")
+    return torn
 
 
 def _row(sensor: RobotSensor) -> tuple[str, ...]:
