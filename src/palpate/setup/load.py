@@ -232,10 +232,14 @@ class _Expanded:
 
     def _orientation(self) -> dict[str, Any]:
         """Return the [orientation] of a sensor whose link the joints move."""
-        if self._urdf is None or self._robot.joints is None or not isinstance(self._robot.joints, str):
+        if self._urdf is None or self._robot.joints is None or self._link is None:
             return {}
         base, gravity = self._robot.base or self._urdf.root(self._urdf.links[0]), self._robot.gravity
         frames = {"base": base, "sensor": self._link, "max_gap": self._robot.max_gap}
+        if not isinstance(self._robot.joints, str):  # columns of a table, which has nothing else to turn the base
+            moving = {joint.mimics or joint.name for joint in self._urdf.chain(base, self._link)}
+            columns = {name: column for name, column in self._robot.joints.items() if name in moving}
+            return {**frames, "urdf": self._robot.urdf, "joints": columns} if gravity == FIXED else {}
         if gravity is not None and gravity.startswith("/"):
             frames |= {"imu": gravity}
         elif gravity != FIXED:

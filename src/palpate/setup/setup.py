@@ -113,13 +113,16 @@ class Setup(SharedTables):
     @property
     def common(self) -> dict[str, Any]:
         """Arguments of `LogLayout` that all sensors share, a dict: time, pose, acceleration and temperature."""
+        moved = self.orientation.joints
+        columns = dict(moved) if isinstance(moved, Mapping) else {}
         return {
             "time": self.time.column,
             "time_unit": self.time.unit,
             "rate": self.time.rate,
             "episode": self.time.episode,
-            "orientation": self.orientation.columns,
+            "orientation": tuple(columns.values()) or self.orientation.columns,
             "orientation_form": self.orientation.form,
+            "joints": tuple(columns),
             "inverse": self.orientation.inverse,
             "sensor_rotation": self.orientation.sensor_rotation or (),
             "position": self.orientation.position,
@@ -131,7 +134,7 @@ class Setup(SharedTables):
             "orientation_topic": self.orientation.topic,
             "frames": self.orientation.frames(),
             "urdf": None if self.orientation.urdf is None else self.link.folder / self.orientation.urdf,
-            "joints_topic": self.orientation.joints,
+            "joints_topic": moved if isinstance(moved, str) else None,
             "imu_topic": self.orientation.imu,
             "acceleration_topic": self.acceleration.topic,
             "temperature": None if self.drift is None else self.drift.temperature,

@@ -215,9 +215,9 @@ class RigOrientation:
     the quaternion x, y, z, w of the sensor in the frame that is logged, such as of a flange. A `file` is a second table
     in the folder of the log, with these columns, and with times in the column `time`, in `time_unit`; "{log}" in its
     name is the log's name without its suffix. With the `topic`
-    "none" no poses are read. `base` and `sensor` are frames of /tf, or links of a `urdf` that the joint states of the
-    topic `joints` move; `base` may then also be a frame of /tf above the links. With the topic of an IMU on the link
-    `base` as `imu`, the pose is that in the world of the IMU's orientation.
+    "none" no poses are read. `base` and `sensor` are frames of /tf, or links of a `urdf` that `joints` move: a topic of
+    joint states, or joint -> column [rad, m] of a table. `base` may be a frame of /tf above the links, too. With the
+    topic of an IMU on the link `base` as `imu`, the pose is that in the world of the IMU's orientation.
 
     `offset` [s] is added to the stamps of the poses to put them on the wrenches' clock. No orientation is interpolated
     between poses more than `max_gap` [s] apart.
@@ -235,7 +235,7 @@ class RigOrientation:
     base: str | None = None
     sensor: str | None = None
     urdf: str | None = None
-    joints: str | None = None
+    joints: str | Mapping[str, str] | None = field(default=None, hash=False)
     imu: str | None = None
     offset: float = 0.0
     max_gap: float = 0.25
@@ -265,6 +265,8 @@ class RigOrientation:
             raise ValueError("urdf needs base and sensor, the names of two of its links")
         if (self.joints is not None or self.imu is not None) and self.urdf is None:
             raise ValueError("joints and imu need a urdf, which states what the joints move")
+        if isinstance(self.joints, Mapping) and (self.columns, self.imu) != (None, None):
+            raise ValueError("columns of joints exclude columns of an orientation, and an imu")
 
     def frames(self) -> tuple[str, str] | None:
         """Return the names of the frames (base, sensor), or None if they are not named."""

@@ -134,6 +134,7 @@ class LogLayout:
         wrench_range: [N, N m] of the sensor's axes (6,); a reading at it is saturated.
         orientation: columns of the orientation, in `orientation_form`; None: qx, qy, qz, qw, if there.
         orientation_form: see `palpate.files.logs.orientation`.
+        joints: names of joints whose positions the columns `orientation` are; they move the links `frames` of `urdf`.
         inverse: whether orientation and position are those of the base in the sensor.
         sensor_rotation: quaternion x, y, z, w of the sensor in the frame whose orientation is logged.
         position: columns of the sensor's position in the base [m]; None: x, y, z, if there.
@@ -173,6 +174,7 @@ class LogLayout:
     wrench_range: tuple[float, ...] | None = None
     orientation: tuple[str, ...] | None = None
     orientation_form: str = "quaternion"
+    joints: tuple[str, ...] = ()
     inverse: bool = False
     sensor_rotation: tuple[float, ...] = ()
     position: tuple[str, ...] | None = None
@@ -209,9 +211,13 @@ class LogLayout:
         Raises:
             InputError: the orientation has another form, or the torque another frame or point of reference.
         """
-        posed = (self.orientation_form, self.inverse, self.sensor_rotation) != ("quaternion", False, ())
+        posed = (self.orientation_form, self.inverse, self.sensor_rotation) != ("quaternion", False, ()) or self.joints
         if posed or self.moves_torque:
-            keys = "[orientation] form, inverse, sensor_rotation" if posed else "[force_torque] torque_frame, reference"
+            keys = (
+                "[orientation] form, inverse, sensor_rotation, joints"
+                if posed
+                else "[force_torque] torque_frame, reference"
+            )
             raise InputError(
                 f"{keys} of the rig are for logs, not live streams.",
                 where="[source]",

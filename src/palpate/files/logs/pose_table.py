@@ -40,7 +40,7 @@ def pose_layout(layout: LogLayout) -> LogLayout:
 
 def converted(layout: LogLayout) -> LogLayout:
     """Return the layout of samples to which the poses of a second table are joined, as the sensor's in the base."""
-    return replace(layout, orientation_form=QUATERNION, inverse=False, sensor_rotation=())
+    return replace(layout, orientation_form=QUATERNION, inverse=False, sensor_rotation=(), joints=())
 
 
 @takes_arrays

@@ -208,6 +208,9 @@ class TopicLog(Log):
     def _jointed(self, urdf: Urdf, track: PoseTrack, frames: tuple[str, str]) -> JointPoses | ComposedPoses:
         """Return the poses of a link that joints move, in a link, or in the frame of an IMU or of /tf above it."""
         layout, where, (base, sensor) = self._layout, str(self.path), frames
+        if layout.joints:
+            hint = "Write the name of the topic of joint states."
+            raise InputError("has topics, but the rig names columns as joints.", where=where, hint=hint)
         link, imu = base, None
         if layout.imu_topic is not None:
             imu = imu_topic(self._source, layout.imu_topic, where)
