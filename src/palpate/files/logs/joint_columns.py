@@ -7,11 +7,8 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.files.logs.layout import LogLayout
-from palpate.files.logs.orientation import SensorPose
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.spatial.arguments import takes_arrays
-
-__all__ = ["JointColumns", "pose_of"]
 
 
 @takes_arrays
@@ -57,14 +54,3 @@ class JointColumns:
         turns, moves = self._kinematics.poses(values[known])
         quaternions[known], positions[known] = turns[:, 0], moves[:, 0]
         return quaternions, positions
-
-
-def pose_of(layout: LogLayout) -> SensorPose | JointColumns:
-    """Return the converter of a log's poses.
-
-    Raises:
-        InputError: there is no such form, or as for `JointColumns`.
-    """
-    if layout.joints:
-        return JointColumns(layout)
-    return SensorPose(layout.orientation_form, inverse=layout.inverse, sensor_rotation=layout.sensor_rotation)

@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
-from palpate.files.logs.joint_columns import pose_of
+from palpate.files.logs.joint_columns import JointColumns
 from palpate.files.logs.layout import ArrayChannel, LogLayout, axis_matrix
+from palpate.files.logs.orientation import SensorPose
 from palpate.files.logs.stuck import StuckWrenches
 from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, to_si
 from palpate.signals.recording import (
@@ -65,7 +66,9 @@ class SampleReader:
         self._as_it_is = bool(np.array_equal(self._picked, np.arange(6)) and (self._factors == 1.0).all())
         self.acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
         self._layout, self._frame, self._source, self._arrays = layout, layout.frame, path.name, layout.arrays
-        self._pose = pose_of(layout)
+        inverse, turned = layout.inverse, layout.sensor_rotation
+        logged = SensorPose(layout.orientation_form, inverse=inverse, sensor_rotation=turned)
+        self._pose = JointColumns(layout) if layout.joints else logged
         self._images, self._both = layout.images is not None, bool(layout.arrays) and layout.wrench is not None
         self._times = _Times()
         self._held: tuple[np.ndarray, dict[str, np.ndarray]] | None = None  # rows without an answer on `stuck`
