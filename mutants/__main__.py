@@ -57,7 +57,7 @@ def main() -> int:
     print(f"\n{counted - len(missed)} of {counted} faults noticed, {share:.1%}; {len(meant) - len(tried)} not tried")
     for words, faults in (("equivalent", same), ("not noticed", missed)):
         for fault in faults:
-            print(f"      {words}: {fault.what}  ({fault.tests})")
+            print(f"      {words}: {fault.what}  ({fault.tests}; law: {fault.law})")
     return int(share < WANTED or len(same) > EQUIVALENT * len(tried))
 
 
