@@ -16,6 +16,7 @@ from palpate.errors import InputError
 from palpate.files.urdf import Kinematics
 from palpate.live.stream_buffer import StreamBuffer
 from palpate.setup.robot import Robot, RobotSensor
+from palpate.spatial.pose import Pose
 from palpate.spatial.shown import three_digits
 from palpate.viewer.live import SECONDS, SILENT, StreamFigures
 from palpate.viewer.robot_layer import LiveRobotLayer
@@ -43,13 +44,15 @@ class RobotStream:
     def __init__(self, rings: Sequence[StreamBuffer], robot: Robot) -> None:
         self.ring = rings[0]
         self._streams = {ring.form.origin[0]: Stream(ring, _nothing) for ring in rings if not ring.form.joints}
-        self._sensors = {name: robot.sensors[name] for name in self._streams}
-        self._mounts = {name: each.rig.mount() for name, each in self._sensors.items()}
+        sensors = [robot.sensors[name] for name in self._streams]
+        mounts = [each.rig.mount() for each in sensors]
+        self._mounts = np.stack([each.rotation for each in mounts]), np.stack([each.translation for each in mounts])
+        self._frames = [_frame(each) for each in sensors]
         urdf = robot.urdf
         if urdf is None:
             raise InputError("a robot is drawn from its URDF, and the rig names none.", where=str(robot.path))
         bodies = {name: urdf.body(name) for name in urdf.shaped()}
-        names = dict.fromkeys([*bodies, *(_frame(each) for each in self._sensors.values())])
+        names = dict.fromkeys([*bodies, *self._frames])
         states = next((ring for ring in rings if ring.form.joints), None)
         self._motion = _Motion(Kinematics(urdf, robot.base, list(names)), states, robot.table.max_gap)
         links = {name: (body.vertices, body.faces) for name, body in bodies.items()}
@@ -107,18 +110,21 @@ class RobotStream:
     def _picture(self) -> Contacts:
         """Return the last contacts of all sensors in the base, at least one row, and move the links."""
         self.layer.move(*self._motion.of(self._drawn))
-        found = [(name, stream.newest) for name, stream in self._streams.items() if stream.silent < SILENT]
-        parts = [self._placed(self._sensors[name], own) for name, own in found if own is not None]
-        joined = Contacts.joined(parts or [no_contacts()])
+        parts, which = list[Contacts](), list[int]()
+        for k, stream in enumerate(self._streams.values()):
+            if stream.silent < SILENT and (own := stream.newest) is not None:
+                parts.append(own)
+                which += [k] * len(own)
+        joined = self._in_base(Contacts.joined(parts), which) if parts else no_contacts()
         shown = np.flatnonzero(joined.answered | (joined.status == Status.SATURATED))
         kept: Contacts = joined[shown if len(shown) else slice(1)]
         return replace(kept, sample=np.full(len(kept), self.next_one), time=np.full(len(kept), time.time()))
 
-    def _placed(self, sensor: RobotSensor, found: Contacts) -> Contacts:
-        """Return the contacts of a sensor in the base."""
-        turn, move = self._motion.of([_frame(sensor)])
-        poses = np.repeat(turn, len(found), axis=0), np.repeat(move, len(found), axis=0)
-        return found.with_estimate(in_base(found.estimate, *poses, self._mounts[sensor.name]))
+    def _in_base(self, found: Contacts, which: Sequence[int]) -> Contacts:
+        """Return contacts in the base; `which` has the number of the sensor of each row."""
+        (turns, moves), (turned, moved) = self._motion.of(self._frames), self._mounts
+        placed = in_base(found.estimate, turns[which], moves[which], Pose(turned[which], moved[which]))
+        return found.with_estimate(placed)
 
     def _list(self, figures: Mapping[str, StreamFigures]) -> None:
         """List the sensors and the joint states in the layer."""
