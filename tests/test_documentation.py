@@ -26,7 +26,7 @@ CODE = re.compile(r"^```(?:(?!{)|{index}).*?^```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`(palpate [a-z][^`\n]*)`")
 GROUPS = {name: tuple(getattr(entry, "commands", ())) for name, entry in COMMANDS.items()}
 LARGEST = 80_000  # bytes of a picture: a clone takes all of them
-GALLERY = 10
+GALLERY = 12
 
 
 def _id(page: Path) -> str:
