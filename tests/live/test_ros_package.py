@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -38,9 +39,7 @@ def words(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[str]]:
     """The node's function that types the options; it needs nothing of rclpy."""
     monkeypatch.setitem(sys.modules, "rclpy", ModuleType("rclpy"))
     monkeypatch.syspath_prepend(str(NODE))
-    from palpate_ros.live import words  # pyright: ignore[reportMissingImports] - a package of ROS, beside src
-
-    return words
+    return import_module("palpate_ros.live").words
 
 
 def _parameters() -> dict[str, Any]:
@@ -87,7 +86,7 @@ def test_the_package_depends_on_what_its_files_import_and_name() -> None:
 def test_what_is_installed_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """The launch file finds its program and files by these names."""
     given: dict[str, Any] = {}
-    monkeypatch.setattr("setuptools.setup", lambda **words: given.update(words))
+    monkeypatch.setattr("setuptools.setup", given.update)
     monkeypatch.chdir(NODE)
     exec(compile((NODE / "setup.py").read_text(), "setup.py", "exec"), {})
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
@@ -99,6 +98,8 @@ def test_what_is_installed_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     assert installed["live.launch.py"] == "share/palpate_ros/launch"
     launch = (NODE / "launch" / "live.launch.py").read_text()
     compile(launch, "live.launch.py", "exec")
+    declared = re.findall(r'DeclareLaunchArgument\(\s*"(\w+)"', launch)
+    assert sorted(declared) == sorted(set(re.findall(r'LaunchConfiguration\("(\w+)"\)', launch)))
     assert given["entry_points"]["console_scripts"] == ["live = palpate_ros.live:main"]
     assert {'executable="live"', '"live.yaml"', '"palpate.rviz"'} <= set(
         re.findall(r'executable="live"|"(?:live\.yaml|palpate\.rviz)"', launch)

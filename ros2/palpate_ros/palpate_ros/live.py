@@ -15,7 +15,7 @@ OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
 def main() -> None:
     """Replace this process by `palpate live`: signals, output and exit code are its own."""
     rclpy.init()
-    node = rclpy.create_node("palpate_live", automatically_declare_parameters_from_overrides=True)
+    node: Any = rclpy.create_node("palpate_live", automatically_declare_parameters_from_overrides=True)
     given = {name: each.value for name, each in node.get_parameters_by_prefix("").items()}
     rclpy.shutdown()
     program = shutil.which("palpate")
