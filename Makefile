@@ -82,7 +82,7 @@ lock: $(UV) ## requirements.lock from pyproject.toml
 
 clean: ## back to a fresh clone
 	rm -rf .venv .tools .cache src/palpate/_native .pytest_cache .ruff_cache .import_linter_cache .hypothesis docs/_build demo
-	find src tests claims examples fuzz mutants -name __pycache__ -exec rm -rf {} +
+	find src tests claims examples fuzz mutants ros2 -name __pycache__ -exec rm -rf {} +
 
 $(UV):
 	@$(PYTHON) -c 'import sys; sys.exit("Palpate needs Python 3.11 or newer; name one: make setup PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'

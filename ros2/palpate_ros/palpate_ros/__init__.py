@@ -1,0 +1,1 @@
+"""Palpate as a package of ROS 2."""
