@@ -1,8 +1,8 @@
 """Pages followed word by word, as a newcomer would: every block, in order, in a fresh folder, by a shell of its own.
 
 Run: `python -m tests.follow [--clone] [today | PAGE...]`, or `make follow`; without a word the README, the quick start,
-the tutorials and the pages of docs/from, `today` the one of these whose turn it is. Minutes; what fails is listed at the
-end, and the exit code is 1. What a page shows of the output is looked for in what was printed, numbers to the last
+the tutorials and the pages of docs/from, `today` the one of these whose turn it is. Minutes; what fails is listed at
+the end, and the exit code is 1. What a page shows of the output is looked for in what was printed, numbers to the last
 digit that it shows; where an output has coverage, the page must show it. What serves until Ctrl-C is interrupted once
 it serves.
 
@@ -47,7 +47,8 @@ def main() -> int:
     cloned = "--clone" in words
     usual, named = _usual(), [word for word in words if word not in ("--clone", "today")]
     if "today" in words:
-        usual = [usual[time.localtime().tm_yday % len(usual)]]
+        turns = [page for page in usual if blocks(page)]
+        usual = [turns[time.localtime().tm_yday % len(turns)]]
     failed = [wrong for page in [Path(word).resolve() for word in named] or usual for wrong in _follow(page, cloned)]
     _say(f"\n{len(failed)} failed" + "".join(f"\n  {wrong}" for wrong in failed))
     return bool(failed)

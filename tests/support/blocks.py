@@ -12,6 +12,7 @@ import functools
 import importlib
 import io
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -38,7 +39,8 @@ PAGES = tuple(
 )
 _FENCED = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _MARK = re.compile(r"<!-- (not run|by hand): .+ -->\s*$")
-_ELSEWHERE = re.compile(r"pip install |\. \.venv/bin/activate$|python examples/")  # have tests of their own
+_ELSEWHERE = re.compile(r"pip install |\. \.venv/bin/activate$|python examples/(?!made_logs)")  # have own tests
+_MADE_LOG = re.compile(r"python (examples/made_logs\.py) (\w+)")
 _DEMO = re.compile(r"make demo\b|palpate demo\b(?:.* -o (?P<folder>\S+))?")
 _CODE = re.compile(r"#.*exit code (\d+)")  # a comment on a call that is to leave so
 _COVERAGE = re.compile(r"95 % .*(hold|inside|truth)")
@@ -153,6 +155,9 @@ class Follower:
         elif made := _DEMO.match(line):
             name = "demo" if line.startswith("make") else made["folder"] or "palpate_demo"
             shutil.copytree(self.demo, self.folder / name)
+        elif made := _MADE_LOG.match(line):
+            with contextlib.chdir(self.folder):
+                runpy.run_path(str(ROOT / made[1]))["MAKERS"][made[2]]()
         elif line.startswith("palpate "):
             self._call(line, code, block)
         elif not _ELSEWHERE.match(line):
@@ -182,7 +187,7 @@ def unseen(shown: str, printed: Iterable[str]) -> list[str]:
 
 
 def uncovered(shown: str, outputs: Sequence[Sequence[str]]) -> list[str]:
-    """The lines on coverage that a page leaves out of outputs of which it shows other lines, the last with that line."""
+    """The lines on coverage that a page leaves out of the outputs that it shows; a line is of the last that has it."""
     lines = [line for line in shown.splitlines() if line.strip()]
     from_these = {
         max((k for k, output in enumerate(outputs) if any(_alike(line, each) for each in output)), default=-1)
