@@ -22,7 +22,7 @@ from palpate_lab.simulation.drift import simulate_drift
 CELLS = [[-0.0065, -0.0105, -0.0035], [0.0065, -0.0105, -0.0035], [-0.0065, 0.0105, -0.0035], [0.0065, 0.0105, -0.0035]]
 MARKERS = 24  # of the ring that is simulated
 GRASPS, PACE = (14.0, 22.0), 12.5  # s of the hand's session, pictures a second
-SHOWN = (0, 40, 800, 540)  # px of a film's picture: what is touched, and the words above it
+SHOWN = (160, 90, 800, 490)  # px of a film's picture: what is touched
 TIP = f"""[surface]
 kind = "elliptic_cylinder"
 a = 0.014
@@ -159,7 +159,7 @@ def robot(folder: Path) -> None:
     assert setup is not None
     drawn = ScenePicture(robot_scene(setup, made / "run.mcap")[0])
     first, *rest = (
-        Image.fromarray(drawn.draw(seconds)[:, :, ::-1]).crop(SHOWN).resize((640, 400), Image.Resampling.LANCZOS)
+        Image.fromarray(drawn.draw(seconds)[:, :, ::-1]).crop(SHOWN)
         for seconds in np.arange(*GRASPS, 1 / PACE).tolist()
     )
     first.save(HERE / "robot.webp", save_all=True, append_images=rest, duration=round(1e3 / PACE), loop=0, quality=60)
