@@ -61,8 +61,8 @@ pictures: native ## the pictures of README and pages, into docs/pictures, from w
 screens: native ## pictures of every page in a browser, at a desk and on a phone, into .cache/screens; minutes
 	$(BIN)/python -m tests.screens .cache/screens
 
-follow: native ## the README and the tutorials, word by word as a newcomer would; minutes
-	$(BIN)/python -m tests.follow
+follow: native ## the README, tutorials and more, word by word as a newcomer would; minutes; PAGES=today one of them in turn
+	$(BIN)/python -m tests.follow $(PAGES)
 
 same: native ## answers of this checkout and of BASE=COMMIT over the same inputs, to the last bit; minutes
 	$(BIN)/python -m tests.same "$(BASE)"

@@ -1,8 +1,10 @@
 """Pages followed word by word, as a newcomer would: every block, in order, in a fresh folder, by a shell of its own.
 
-Run: `python -m tests.follow [--clone] [PAGE...]`, or `make follow`; without a word the README, the quick start and the
-tutorials. Minutes; what fails is listed at the end, and the exit code is 1. What a page shows of the output is looked
-for in what was printed, numbers to 5 %. What serves until Ctrl-C is interrupted once it serves.
+Run: `python -m tests.follow [--clone] [today | PAGE...]`, or `make follow`; without a word the README, the quick start,
+the tutorials and the pages of docs/from, `today` the one of these whose turn it is. Minutes; what fails is listed at
+the end, and the exit code is 1. What a page shows of the output is looked for in what was printed, numbers to the last
+digit that it shows; where an output has coverage, the page must show it. What serves until Ctrl-C is interrupted once
+it serves.
 
 A line that prints nothing for more than two seconds fails, too; its stderr is a terminal. On a machine that has more to
 do than processors that is shown and fails nothing.
@@ -26,9 +28,10 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 
-from tests.support.blocks import PAGES, ROOT, Block, blocks, unseen
+from tests.support.blocks import PAGES, ROOT, Block, blocks, uncovered, unseen
 
 SERVES = re.compile(r"palpate (view|replay)\b|palpate live\b.*--view")
 ACTIVATE = ". .venv/bin/activate"
@@ -42,14 +45,17 @@ def main() -> int:
     """Each page, and what of it failed."""
     words = sys.argv[1:]
     cloned = "--clone" in words
-    asked = [Path(word).resolve() for word in words if word != "--clone"]
-    failed = [wrong for page in asked or _usual() for wrong in _follow(page, cloned)]
+    usual, named = _usual(), [word for word in words if word not in ("--clone", "today")]
+    if "today" in words:
+        turns = [page for page in usual if blocks(page)]
+        usual = [turns[time.localtime().tm_yday % len(turns)]]
+    failed = [wrong for page in [Path(word).resolve() for word in named] or usual for wrong in _follow(page, cloned)]
     _say(f"\n{len(failed)} failed" + "".join(f"\n  {wrong}" for wrong in failed))
     return bool(failed)
 
 
 def _usual() -> list[Path]:
-    return [page for page in PAGES if page.name in ("README.md", "quickstart.md") or page.parent.name == "tutorials"]
+    return [p for p in PAGES if p.name in ("README.md", "quickstart.md") or p.parent.name in ("tutorials", "from")]
 
 
 @dataclass
@@ -66,7 +72,7 @@ class _Shell:
     environment: dict[str, str]
     cloned: bool
     snippets: list[str] = field(default_factory=list[str])
-    printed: list[str] = field(default_factory=list[str])
+    printed: list[list[str]] = field(default_factory=list[list[str]])  # lines of each output
     silent: float = 0.0  # s, the longest while of the last line in which it printed nothing
 
     def type(self, line: str, wanted: int) -> str | None:
@@ -100,8 +106,7 @@ class _Shell:
         return done
 
     def _heard(self, *said: str) -> None:
-        for text in said:
-            self.printed += text.splitlines()
+        self.printed.append([line for text in said for line in text.splitlines()])
         _say(said[0])
 
     def _served(self, line: str) -> str | None:
@@ -157,7 +162,8 @@ def _block(shell: _Shell, block: Block) -> list[str]:
         wrong = shell.snippet(block.code)
         return [] if wrong is None else [f"{block}: {wrong}"]
     if block.kind == "text" and not block.calls():
-        return [f"{block}: nothing printed this: {line}" for line in unseen(block.code, shell.printed)]
+        stale = [f"{block}: nothing printed this: {line}" for line in unseen(block.code, chain(*shell.printed))]
+        return stale + [f"{block}: leaves out: {line}" for line in uncovered(block.code, shell.printed)]
     failed: list[str] = []
     for line, wanted in block.lines() if block.kind == "sh" else ():
         _say(f"--- {block}: $ {line}")

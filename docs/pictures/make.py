@@ -19,7 +19,7 @@ from drawing import HERE
 OF_THE_DEMO = (probe.demo, probe.ellipses, probe.candidates, probe.report, probe.view)
 SIMULATED = (
     *(skins.skin_map, skins.skin_contacts, skins.fusion, skins.taxels),
-    *(others.design, others.fingertip, others.drift, others.marker_ring, others.phantom, others.arena),
+    *(others.design, others.fingertip, others.drift, others.marker_ring, others.phantom, others.arena, others.robot),
     peers.benchmark,
 )
 

@@ -7,17 +7,22 @@ from pathlib import Path
 import cv2
 import numpy as np
 import polars as pl
-from drawing import DEEP, MM, MORE, SKIN, WARM, browser, figure, photographed, run, save
+from drawing import DEEP, HERE, MM, MORE, SKIN, WARM, browser, figure, photographed, run, save
 from PIL import Image
 
 import palpate
 from palpate.optical.markers import find_blobs, find_colour
 from palpate.sensors.marker_ring.layer import annotated
+from palpate.setup.load import robot_of
+from palpate.setup.robot_view import robot_scene
 from palpate.signals.drift import Drift
+from palpate.viewer.film import ScenePicture
 from palpate_lab.simulation.drift import simulate_drift
 
 CELLS = [[-0.0065, -0.0105, -0.0035], [0.0065, -0.0105, -0.0035], [-0.0065, 0.0105, -0.0035], [0.0065, 0.0105, -0.0035]]
 MARKERS = 24  # of the ring that is simulated
+GRASPS, PACE = (14.0, 22.0), 12.5  # s of the hand's session, pictures a second
+SHOWN = (160, 90, 800, 490)  # px of a film's picture: what is touched
 TIP = f"""[surface]
 kind = "elliptic_cylinder"
 a = 0.014
@@ -143,6 +148,21 @@ def phantom(folder: Path) -> None:
 def arena(folder: Path) -> None:
     """Four robots on their way, from the film of a run."""
     _film("arena", folder / "arena.mp4", "--seed", 7, "--seconds", 80, "-o", folder / "arena.mcap")
+
+
+def robot(folder: Path) -> None:
+    """Some seconds of a hand that grasps, as `palpate view --film` draws them."""
+    made = folder / "hand"
+    if not made.exists():
+        run("simulate", "hand", "-o", made, "--seed", 7)
+    setup = robot_of(made / "robot.toml")
+    assert setup is not None
+    drawn = ScenePicture(robot_scene(setup, made / "run.mcap")[0])
+    first, *rest = (
+        Image.fromarray(drawn.draw(seconds)[:, :, ::-1]).crop(SHOWN)
+        for seconds in np.arange(*GRASPS, 1 / PACE).tolist()
+    )
+    first.save(HERE / "robot.webp", save_all=True, append_images=rest, duration=round(1e3 / PACE), loop=0, quality=60)
 
 
 def _film(name: str, film: Path, *words: object) -> None:

@@ -11,12 +11,12 @@ import contextlib
 import functools
 import importlib
 import io
-import math
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from palpate.cli.app import COMMANDS, join_others
 
 join_others()
 
-__all__ = ["PAGES", "ROOT", "Block", "Follower", "blocks", "refusal", "unseen", "unserved"]
+__all__ = ["PAGES", "ROOT", "Block", "Follower", "blocks", "refusal", "uncovered", "unseen", "unserved"]
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = tuple(
@@ -39,11 +39,13 @@ PAGES = tuple(
 )
 _FENCED = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _MARK = re.compile(r"<!-- (not run|by hand): .+ -->\s*$")
-_ELSEWHERE = re.compile(r"pip install |\. \.venv/bin/activate$|python examples/")  # have tests of their own
+_ELSEWHERE = re.compile(r"pip install |\. \.venv/bin/activate$|python examples/(?!made_logs)")  # have own tests
+_MADE_LOG = re.compile(r"python (examples/made_logs\.py) (\w+)")
 _DEMO = re.compile(r"make demo\b|palpate demo\b(?:.* -o (?P<folder>\S+))?")
 _CODE = re.compile(r"#.*exit code (\d+)")  # a comment on a call that is to leave so
-_AGREE = 0.05  # of a number: machines differ in its last digits, and it is rounded
-_ROUNDED = 0.06  # the same, of numbers that are small
+_COVERAGE = re.compile(r"95 % .*(hold|inside|truth)")
+_NUMBER = re.compile(r"-?\d+(?:,\d{3})*(?:\.\d+)?(?:e[-+]?\d+)?")
+_THOUSAND = 1000.0  # counts of samples from here on differ by one between machines
 
 
 @dataclass(frozen=True)
@@ -153,6 +155,9 @@ class Follower:
         elif made := _DEMO.match(line):
             name = "demo" if line.startswith("make") else made["folder"] or "palpate_demo"
             shutil.copytree(self.demo, self.folder / name)
+        elif made := _MADE_LOG.match(line):
+            with contextlib.chdir(self.folder):
+                runpy.run_path(str(ROOT / made[1]))["MAKERS"][made[2]]()
         elif line.startswith("palpate "):
             self._call(line, code, block)
         elif not _ELSEWHERE.match(line):
@@ -174,10 +179,22 @@ class Follower:
         assert code == wanted, f"{block}: {line}: exit code {code}: {err.getvalue()}"
 
 
-def unseen(shown: str, printed: list[str]) -> list[str]:
+def unseen(shown: str, printed: Iterable[str]) -> list[str]:
     """The lines of what a page shows that are not among what was printed: the same words, and numbers that agree."""
     lines = [line for line in shown.splitlines() if line.strip()]
-    return [line for line in lines if not any(_alike(line, other) for other in printed)]
+    known = list(printed)
+    return [line for line in lines if not any(_alike(line, other) for other in known)]
+
+
+def uncovered(shown: str, outputs: Sequence[Sequence[str]]) -> list[str]:
+    """The lines on coverage that a page leaves out of the outputs that it shows; a line is of the last that has it."""
+    lines = [line for line in shown.splitlines() if line.strip()]
+    from_these = {
+        max((k for k, output in enumerate(outputs) if any(_alike(line, each) for each in output)), default=-1)
+        for line in lines
+    }
+    due = [each for k in from_these if k >= 0 for each in outputs[k] if _COVERAGE.search(each)]
+    return [each for each in due if not any(_alike(line, each) for line in lines)]
 
 
 def _alike(line: str, other: str) -> bool:
@@ -190,11 +207,20 @@ def _alike(line: str, other: str) -> bool:
 
 
 def _agree(one: str, other: str) -> bool:
-    a, b = (re.sub(r"[^\d.e-]", "", word) for word in (one, other))
-    try:
-        return math.isclose(float(a), float(b), rel_tol=_AGREE, abs_tol=_ROUNDED)
-    except ValueError:
-        return one == other
+    """Whether two words are equal but for one unit of the last digit that the page shows of fractions and thousands."""
+    if one == other:
+        return True
+    if _NUMBER.sub("", one) != _NUMBER.sub("", other):
+        return False
+    return all(_close(a, b) for a, b in zip(_NUMBER.findall(one), _NUMBER.findall(other), strict=True))
+
+
+def _close(shown: str, printed: str) -> bool:
+    a, b = (float(text.replace(",", "")) for text in (shown, printed))
+    digits, _, power = shown.partition("e")
+    decimals = len(digits.partition(".")[2])
+    unit = 10.0 ** (int(power or 0) - decimals) if decimals or abs(a) >= _THOUSAND else 0.0
+    return abs(a - b) <= (1 + 1e-6) * unit
 
 
 @contextlib.contextmanager

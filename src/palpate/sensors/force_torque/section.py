@@ -293,7 +293,8 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
         return None
     pose, bare = found.pose, replace(found.layout, frames=None, orientation_topic=NONE)  # no poses of topics yet
     quaternion = pose is not None and pose.form == "quaternion"
-    bare = replace(bare, orientation=pose.orientation) if pose is not None and quaternion else bare
+    if pose is not None and (quaternion or contents.poses is not None):
+        bare = replace(bare, orientation=pose.orientation, orientation_form=pose.form)
     opened = open_log(log, bare)
     recording = join(list(opened.blocks()))
     if found.time is not None or found.pose_table:
