@@ -76,6 +76,8 @@ def test_cells_in_line_are_refused_by_name() -> None:
     matrix = random_cells(in_line(3), np.random.default_rng(3), twist=1.0).forward()
     with pytest.raises(NotIdentifiable, match="torque about y"):
         LoadCells(matrix, np.full(9, NOISE))
+    with pytest.raises(NotIdentifiable, match="in line along y"):  # as seen along their axis
+        require_layout(np.array([[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.3, 0.2, 0.0]]), ("x",))
     require_layout(np.full((4, 3), np.nan))  # nothing is known, nothing is said
 
 

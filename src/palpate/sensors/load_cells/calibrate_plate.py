@@ -159,7 +159,7 @@ def identify_plate(
     """
     along = AXES.index(axis)
     across = [(along + 1) % 3, (along + 2) % 3]
-    require_layout(positions)
+    require_layout(positions, (axis,))
     log, loaded = _bench(time, voltages, weights, places)
     found = rests(log)
     noise, correlation, _ = rest_noise(log, found)

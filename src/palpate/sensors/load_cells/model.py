@@ -124,7 +124,7 @@ class LoadCells(Value):
             raise InputError("cells of one axis need positions: [x, y, z] in m of each cell.", where="load_cells")
         if not np.all(np.linalg.eigvalsh(self.noise) > 0):
             raise InputError("noise must be a positive definite covariance [V^2].", where="load_cells")
-        require_layout(self.positions)
+        require_layout(self.positions, self.axes)
         self.require_rank(np.ones(rows // each, dtype=bool))
 
     @property
@@ -320,11 +320,12 @@ def unmeasured_covariance(
 
 
 @takes_arrays
-def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
+def require_layout(positions: Float[np.ndarray, "k 3"], axes: Sequence[str] = AXES) -> None:
     """Require that cells are not all on one line: forces there have no moment about it [load cells, (4)].
 
     Args:
         positions: (k, 3) [m]; nothing is checked if one is not finite.
+        axes: that each cell measures; cells of one axis must not be on one line as seen along it.
 
     Raises:
         InputError: positions has another shape.
@@ -333,12 +334,14 @@ def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
     if not np.isfinite(positions).all():
         return
     centred = positions - positions.mean(axis=0)
-    _, values, axes = np.linalg.svd(centred)
+    if len(axes) == 1:
+        centred = np.where(np.isin(AXES, axes), 0.0, centred)
+    _, values, lines = np.linalg.svd(centred)
     if values[0] > 0 and values[1] > IN_LINE * values[0]:
         return
     if values[0] == 0:
         raise NotIdentifiable("all cells are at one point, so they measure no moment.", rank=3, missing=("torque",))
-    axis = _named_axis(axes[0])
+    axis = _named_axis(lines[0])
     raise NotIdentifiable(
         f"all {len(positions)} cells are in line along {axis}: forces at points of a line have no moment about it, "
         f"so the torque about {axis} cannot be measured. Place one cell away from the line.",

@@ -42,8 +42,8 @@ def plate_cells(
         InputError: arrays of other shapes.
         NotIdentifiable: all cells lie on one line.
     """
-    require_layout(positions)
     axes = (axis,)
+    require_layout(positions, axes)
     balance = measured(axes).T @ (_units(axes, positions) * gains)
     spread = noise @ balance.T
     matrix = spread @ np.linalg.inv(balance @ spread) @ _seen(axes, positions)
