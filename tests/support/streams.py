@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -41,9 +41,9 @@ from palpate_lab.simulation.skin_bench import Rolled
 from tests.support.bodies import BODIES
 from tests.support.drawn_markers import drawn, nominal_view
 
-__all__ = ["STREAMS", "Stream", "pieces"]
+__all__ = ["STREAMS", "Stream", "pieces", "shaken"]
 
-RATE, REST = 50.0, 40  # Hz; samples at the start in which nothing touches
+RATE, REST = 25.0, 40  # Hz; samples at the start in which nothing touches
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)  # N, N m
 FILTERS = (None, Kalman(1e-3, 2e-3), Butterworth(8.0), Butterworth(8.0, zero_phase=True))
 PAYLOAD = Payload(np.array([0.0, 0.0, -5.0]), np.zeros(3), np.array([0.01, 0.0, 0.05]), np.zeros(3))
@@ -61,12 +61,14 @@ class Stream:
         make: a new estimator, tared where it takes a tare.
         log: to answer.
         live: whether samples can be answered as they come.
+        ends: numbers of first samples after which something is half done.
     """
 
     name: str
     make: Callable[[], Any]
     log: Recording
     live: bool = True
+    ends: tuple[int, ...] = (100,)
 
 
 def pieces(log: Recording, *sizes: int) -> Iterator[Recording]:
@@ -157,18 +159,23 @@ def _loads(count: int, rows: int, columns: int) -> np.ndarray:
         return np.exp(-((row - at) ** 2 + (column - along) ** 2) / 2.0)
 
     pressing = _pressing(count)[:, None, None]
-    return pressing * (touch(1.5, 2.0 + 0.02 * step) + (step > 90) * touch(rows - 2.0, columns - 2.5 + 0 * step))
+    corners = np.isin(row, [0, 5]) * np.isin(column, [0, 7]) * (1.0 - 0.5 * (row + column == 12))
+    loads = touch(1.5, 2.0 + 0.02 * step) + (step > 90) * touch(rows - 2.0, columns - 2.5 + 0 * step)
+    return pressing * np.where(step > 200, corners, loads)  # at last a rectangle, of which one corner is a ghost
 
 
 CURVE = Intensity((Curve("polynomial", np.array([10.0]), np.zeros((1, 1)), largest=20.0),))  # counts per newton
 SHEET, PITCH = TaxelBody.sheet(Rolled(rows=6, columns=8, radius=np.inf).layout()), 5e-3
 
 
+RESPONSE = replace(TaxelResponse.guessed(48, PITCH), limits=np.array([-2.0, 0.9]))
+
+
 def _skins() -> dict[str, tuple[TaxelBody, Intensity | None]]:
     """A sheet of eight bits, a sheet round a link, and taxels anywhere with three axes."""
     row, column = np.indices((6, 8)).reshape(2, -1)
     places, up = PITCH * np.column_stack([column, row, 0 * row]), np.tile([0.0, 0.0, 1.0], (48, 1))
-    three = replace(TaxelBody.anywhere(places, up, along=(1.0, 0.0, 0.0)), response=TaxelResponse.guessed(48, PITCH))
+    three = replace(TaxelBody.anywhere(places, up, along=(1.0, 0.0, 0.0)), response=RESPONSE)
     return {
         "sheet": (SHEET, CURVE),
         "anywhere": (TaxelBody.anywhere(places, up), CURVE),
@@ -180,7 +187,7 @@ def _skins() -> dict[str, tuple[TaxelBody, Intensity | None]]:
 def _frames(shape: int, count: int = 220) -> Recording:
     rng, loads = np.random.default_rng(3), _loads(count, 6, 8)
     if shape == 3:
-        frames = np.stack([0.3 * loads, -0.1 * loads, loads], axis=-1).reshape(count, 48, 3)
+        frames = np.stack([0.3 * loads + 0.01, 0.01 - 0.1 * loads, loads], axis=-1).reshape(count, 48, 3)
         frames += 0.004 * rng.standard_normal(frames.shape)
         frames[60, 5], frames[100] = np.nan, np.nan
         return Recording(_clock(count), {CELLS: frames})
@@ -192,7 +199,7 @@ def _frames(shape: int, count: int = 220) -> Recording:
 def _skin(kind: str, filter: Filter | None = None, settings: TaxelSettings | None = None) -> Any:
     body, curve = _skins()[kind]
     bad, noise = np.zeros(48, dtype=bool), np.full(48, 0.7 if curve else 0.004)
-    rest, aside = np.full(48, 5.0 if curve else 0.0), None if curve else np.stack([np.zeros((2, 48)), [noise, noise]])
+    rest, aside = np.full(48, 5.0 if curve else 0.0), None if curve else np.stack([np.full((2, 48), 0.01), [noise, noise]])
     health = Health(rest, noise, bad, bad, sideways=aside)
     return TaxelEstimator(body, curve, health, settings=settings, filter=filter, rate=RATE)
 
@@ -258,7 +265,7 @@ def _images() -> Recording:
         for at, force in ((0.5, 4.0 * (4 < k < 18)), (3.2, 3.0 * (k > 9))):
             pressed += force * ring.response.at(view.angles - at, np.full(24, at))[..., 0]
         place = view.from_plane(view.rest + np.einsum("mak,mk->ma", ring.axes(), pressed))
-        seen = np.arange(24) != 7 if k in (12, 13) else np.arange(24) < (8 if k == 15 else 24)
+        seen = np.arange(24) != 7 if k < 4 or k in (12, 13) else np.arange(24) < (8 if k == 15 else 24)
         frames.append(drawn(place[seen], noise=2.0, rng=rng))
     frames[6] = np.zeros_like(frames[6])
     frames[20] = frames[19].copy()
@@ -267,33 +274,48 @@ def _images() -> Recording:
     return Recording(time, {IMAGE: np.stack(frames)})
 
 
-def _of(kind: str, make: Callable[..., Any], log: Callable[[], Recording], drift: Drift | None) -> Iterable[Stream]:
+def _named(kind: str, filter: Filter | None) -> str:
+    return kind + ("" if filter is None else f", {type(filter).__name__}{' zero phase' * filter.zero_phase}")
+
+
+def _forward(filter: Filter | None) -> bool:
+    return filter is None or not filter.zero_phase
+
+
+def _of(kind: str, make: Callable[..., Any], log: Recording, drift: Drift, end: int = 100) -> Iterable[Stream]:
     """Of an estimator of wrenches: each filter, and a zero that is followed, live and in logs."""
     for filter in FILTERS:
-        name = "" if filter is None else f", {type(filter).__name__}{' zero phase' * filter.zero_phase}"
-        yield Stream(kind + name, lambda filter=filter: make(filter), log(), filter is None or not filter.zero_phase)
-    yield Stream(f"{kind}, drift", lambda: make(None, drift), log())
-    yield Stream(f"{kind}, drift, Butterworth", lambda: make(FILTERS[2], drift), log())
-    yield Stream(f"{kind}, drift of a log", lambda: make(None, drift, live=False), log(), live=False)
+        yield Stream(_named(kind, filter), partial(make, filter), log, _forward(filter), (end,))
+    yield Stream(f"{kind}, drift", partial(make, None, drift), log, ends=(end,))
+    yield Stream(f"{kind}, drift, Butterworth", partial(make, FILTERS[2], drift), log, ends=(end,))
+    yield Stream(f"{kind}, drift of a log", partial(make, None, drift, live=False), log, live=False)
 
 
 def _all() -> Iterable[Stream]:
     walk = np.repeat([5e-3, 2e-4], 3)
-    yield from _of("wrench", _wrench, _wrenches, Drift(walk, walk, 600.0, thermal_deviation=1e-2 * walk))
-    yield Stream("wrench of a log", lambda: _wrench(live=False), _wrenches(), live=False)
+    yield from _of("wrench", _wrench, _wrenches(), Drift(walk, walk, 600.0, thermal_deviation=1e-2 * walk))
+    yield Stream("wrench of a log", partial(_wrench, live=False), _wrenches(), live=False)
     for tared in (True, False):
         name = "wrench, a zero that ages" + ", not tared" * (not tared)
-        yield Stream(name, lambda tared=tared: _wrench(tared=tared, ages=0.1), _wrenches())
-    yield Stream("wrench, poses", lambda: _wrench(source="poses"), _wrenches(), live=False)
-    yield from _of("load cells", _cells, _voltages, Drift(np.full(12, 1e-5)))
+        yield Stream(name, partial(_wrench, tared=tared, ages=0.1), _wrenches())
+    yield Stream("wrench, poses", partial(_wrench, source="poses"), _wrenches(), live=False)
+    yield from _of("load cells", _cells, _voltages(), Drift(np.full(12, 1e-5)))
     for kind, shape in (("sheet", 2), ("anywhere", 1), ("three axes", 3)):
         for filter in FILTERS:
-            name = "" if filter is None else f", {type(filter).__name__}{' zero phase' * filter.zero_phase}"
-            live = filter is None or not filter.zero_phase
-            yield Stream(kind + name, lambda kind=kind, filter=filter: _skin(kind, filter), _frames(shape), live)
-        yield Stream(f"{kind}, walk", lambda kind=kind: _skin(kind, None, WALKS), _frames(shape))
-    yield from _of("skin and wrench", _fused, _both, Drift(walk))
-    yield Stream("marker ring", lambda: RingEstimator(_ring()), _images())
+            yield Stream(_named(kind, filter), partial(_skin, kind, filter), _frames(shape), _forward(filter))
+        yield Stream(f"{kind}, walk", partial(_skin, kind, None, WALKS), _frames(shape))
+    yield from _of("skin and wrench", _fused, _both(), Drift(walk), 129)
+    yield Stream("marker ring", lambda: RingEstimator(_ring()), _images(), ends=(5, 10, 16, 21))
+
+
+@cache
+def shaken(count: int = 1200) -> Recording:
+    """Wrenches of an arm that turns and shakes."""
+    step = np.arange(count) / 500.0
+    turn = np.stack([np.sin(0.3 * step), 0 * step, 0 * step, np.cos(0.3 * step)], axis=1)
+    tone = np.outer(np.sin(2 * np.pi * 23.0 * step), [0.5, 0.2, 0.3, 0.0, 0.0, 0.0])
+    tone += 0.01 * np.random.default_rng(6).standard_normal(tone.shape)
+    return Recording(step, {FORCE: tone[:, :3], TORQUE: tone[:, 3:], ORIENTATION: turn, POSITION: np.zeros((count, 3))})
 
 
 STREAMS = tuple(_all())
