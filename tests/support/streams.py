@@ -282,18 +282,25 @@ def _forward(filter: Filter | None) -> bool:
     return filter is None or not filter.zero_phase
 
 
-def _of(kind: str, make: Callable[..., Any], log: Recording, drift: Drift, end: int = 100) -> Iterable[Stream]:
+def _of(
+    kind: str,
+    make: Callable[..., Any],
+    log: Recording,
+    drift: Drift,
+    filters: tuple[Filter | None, ...] = FILTERS,
+    end: int = 100,
+) -> Iterable[Stream]:
     """Of an estimator of wrenches: each filter, and a zero that is followed, live and in logs."""
-    for filter in FILTERS:
+    for filter in filters:
         yield Stream(_named(kind, filter), partial(make, filter), log, _forward(filter), (end,))
-    yield Stream(f"{kind}, drift", partial(make, None, drift), log, ends=(end,))
-    yield Stream(f"{kind}, drift, Butterworth", partial(make, FILTERS[2], drift), log, ends=(end,))
+    yield Stream(f"{kind}, drift", partial(make, filters[-2], drift), log, ends=(end,))
     yield Stream(f"{kind}, drift of a log", partial(make, None, drift, live=False), log, live=False)
 
 
 def _all() -> Iterable[Stream]:
     walk = np.repeat([5e-3, 2e-4], 3)
     yield from _of("wrench", _wrench, _wrenches(), Drift(walk, walk, 600.0, thermal_deviation=1e-2 * walk))
+    yield Stream("wrench, drift alone", partial(_wrench, None, Drift(walk)), _wrenches())
     yield Stream("wrench of a log", partial(_wrench, live=False), _wrenches(), live=False)
     for tared in (True, False):
         name = "wrench, a zero that ages" + ", not tared" * (not tared)
@@ -301,10 +308,10 @@ def _all() -> Iterable[Stream]:
     yield Stream("wrench, poses", partial(_wrench, source="poses"), _wrenches(), live=False)
     yield from _of("load cells", _cells, _voltages(), Drift(np.full(12, 1e-5)))
     for kind, shape in (("sheet", 2), ("anywhere", 1), ("three axes", 3)):
-        for filter in FILTERS:
+        for filter in FILTERS if shape == 2 else FILTERS[2:]:
             yield Stream(_named(kind, filter), partial(_skin, kind, filter), _frames(shape), _forward(filter))
         yield Stream(f"{kind}, walk", partial(_skin, kind, None, WALKS), _frames(shape))
-    yield from _of("skin and wrench", _fused, _both(), Drift(walk), 129)
+    yield from _of("skin and wrench", _fused, _both(), Drift(walk), (None, FILTERS[3]), 129)
     yield Stream("marker ring", lambda: RingEstimator(_ring()), _images(), ends=(5, 10, 16, 21))
 
 

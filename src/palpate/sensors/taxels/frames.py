@@ -202,7 +202,9 @@ class TaxelFrames:
     ) -> tuple[Float[np.ndarray, "n _"], np.ndarray]:
         """Return unwrapped readings and tangential loads for a filter of zero phase, and each frame's status, int8."""
         values, status = np.empty((len(raw), self._channels)), np.empty(len(raw), dtype=np.int8)
-        rest = np.zeros(raw.shape[1]) if self._health is None else self._health.baseline
+        rest, health = np.zeros((3, raw.shape[1])), self._health  # not the followed one: frames of before may wait
+        if health is not None:
+            rest[0], rest[1:] = health.baseline, 0.0 if health.sideways is None else health.sideways[0]
         known = (self._table[0], self._turn, self._numbers, self._whole)
         _kernels.prepare(_constant(raw), _constant(sideways), _constant(rest), *known, values, status)
         return values, status
