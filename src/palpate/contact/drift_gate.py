@@ -132,10 +132,6 @@ class DriftGate:
         limits = (float(chdtri(filter.channels, chance)) for chance in (SINGLE, LAGGED, RETURNED))
         self._single, self._lagged, self._returned = limits
         self.jumps = list[Jump]()
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all windows, waiting or withheld, but not `jumps`."""
         self._pending, self._odd, self._recent = deque[_Kept](), deque[_Kept](), deque[_Kept]()
         self._before: Float[np.ndarray, "n n"] | None = None  # covariance of the state when it was last followed
         self._ended, self._fast, self._told = -np.inf, False, False

@@ -76,15 +76,14 @@ class DriftTracker:
         self._warms = bool(drift.thermal.any() or drift.thermal_deviation.any())
         self.sensor, self.drift, self.smooth = sensor, drift, smooth
         slopes = drift.thermal_deviation if self._warms else np.empty(0)
-        self.filter = ZeroFilter(drift, np.concatenate([priors, slopes]))
-        self.gate = DriftGate(self.filter, sensor, shape, alone)
-        self._record = ZeroRecord(sensor)
-        self.count = 0
+        self._priors, self._shape = np.concatenate([priors, slopes]), (shape, alone)
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew from the sensor's tared bias."""
-        self.gate.reset()
+        """Begin anew from the sensor's tared bias, without windows, jumps and history."""
+        self.filter = ZeroFilter(self.drift, self._priors)
+        self.gate = DriftGate(self.filter, self.sensor, *self._shape)
+        self._record, self.count = ZeroRecord(self.sensor), 0
         self._window: int | None = None
         self._parts, self._times = list[np.ndarray](), list[np.ndarray]()
         self._touched: bool | None = None
@@ -93,7 +92,7 @@ class DriftTracker:
         self._used = 0
         self._statuses = deque[tuple[float, ZeroStatus, float]]()
         self._kelvin = self._first_kelvin = np.nan  # of the window that was entered, and of the zero's start
-        self.filter.time = self._tared = np.nan
+        self._tared = np.nan
         self._taken = self.sensor.zeros_taken
         self.sensor.follow(None)
 
@@ -189,11 +188,11 @@ class DriftTracker:
         self._settle(self.gate.judge(number, window, strength, free.full, touched), middle)
 
     def restart(self) -> None:
-        """Decide on the windows so far, and begin anew after another tare of the sensor."""
+        """Decide on the windows so far, and begin anew after another tare of the sensor, with jumps and history."""
         self.finish()
-        ready = self._ready
+        known = self._ready, self._record, self.count, self.gate.jumps
         self.reset()
-        self._ready = ready
+        self._ready, self._record, self.count, self.gate.jumps = known
 
     def finish(self) -> None:
         """End the log: decide on all windows, so that `settled` yields their biases."""

@@ -175,7 +175,7 @@ class AlignController:
         self.estimator.reset()
         self._last[:] = self._e[:] = 0.0
         self._unheard = self._jumps = 0
-        self._wrench[:], self._read = np.nan, []
+        self._wrench[:], self._row[:], self._read = np.nan, np.nan, []
         self._time = self._due = time
         self._fed = self._command.tolist()
         self._moves.pose.unchecked(self.arm.chain, self.model.joints, self._sensor, self._place)

@@ -129,8 +129,7 @@ class ServoModel:
         """
         state, line, clock = self._base
         state[:], line[:], clock[:] = 0.0, joints, (-np.inf, time)
-        state[0] = self.joints[:] = joints
-        self._count = self._next = self.missed = 0
+        state[0], self._count, self.missed = joints, 0, 0
         self._values = np.concatenate([[self.servo.delay, self.servo.lag], np.zeros(len(joints))])
         self._covariance = np.diag([self.servo.known**2] * 2 + [SAG**2] * len(joints))
         self._usual, self._fed, self._off = 5.0 * FAINT, time, np.full(len(joints), np.inf)

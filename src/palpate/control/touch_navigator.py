@@ -136,7 +136,6 @@ class TouchNavigator:
         self.drive, self.settings, self.seed = drive or DifferentialDrive(), settings or TouchNavigatorSettings(), seed
         self.map, self._watch = TouchMap(self.settings.radius, self.settings.map), TrackWatch(self.drive)
         self._progress = ProgressWatch(self.settings.doubt, self.settings.ground)
-        self._test = PushTest(self.settings.settle, self.settings.test, self.settings.moved)
         self.reset()
 
     def reset(self) -> None:
@@ -146,7 +145,7 @@ class TouchNavigator:
         self.map.reset()
         self._watch.reset()
         self._progress.reset()
-        self._test.end()
+        self._test = PushTest(self.settings.settle, self.settings.test, self.settings.moved)
         self._rng = np.random.default_rng([self.seed, 18])
         self._way: list[tuple[float, float]] = []
         self._planned, self._changed, self._blocked = -inf, True, False

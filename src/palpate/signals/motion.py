@@ -71,7 +71,7 @@ class Motion:
         self.window, self.accelerometer = window, accelerometer
         self.lever = np.zeros(3) if lever is None else np.asarray(lever, dtype=np.float64)
         self._placed = True  # positions are recorded
-        self._forget()
+        self.reset()
 
     def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
         """Return an iterator over the blocks with ACCELERATION (n, 3) and UNSTEADY (n, 1) [m/s^2].
@@ -83,7 +83,7 @@ class Motion:
         Raises:
             InputError: the channels that the source needs are missing.
         """
-        self._forget()
+        self.reset()
         return with_columns(blocks, self._answers, self._with_channels, 4)
 
     def live(self, channels: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -130,7 +130,8 @@ class Motion:
             said.append(f"{self._unknown} samples near ends or gaps of the poses have no acceleration from them")
         return tuple(said)
 
-    def _forget(self) -> None:
+    def reset(self) -> None:
+        """Forget the rows that `notes` are about."""
         self._rows = self._moving = self._unknown = 0
         self._largest = self._span = 0.0
 

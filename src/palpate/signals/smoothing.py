@@ -75,7 +75,7 @@ class Forward:
 
     def reset(self) -> None:
         """Forget all samples."""
-        self._clock[:] = -1.0, np.nan
+        self._clock[:], self._state[:] = (-1.0, np.nan), 0.0
 
     def __call__(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> np.ndarray:
         """Filter samples (n, width) whose status is below 0, in place.

@@ -58,6 +58,11 @@ class Vibration:
         self._scale = np.outer(scale, scale)
         self._filter, self._rate = filter, rate
         self.covariances = [np.zeros((6, 6))]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the vibration that `notes` are about, but not `covariances`, whose numbers earlier blocks have."""
+        self._first = len(self.covariances)
 
     def stream(self, blocks: Iterator[Recording], wrenches: _Wrenches) -> Iterator[Recording]:
         """Return an iterator over the blocks with VIBRATION (n, 1), numbers of `covariances`.
@@ -67,11 +72,12 @@ class Vibration:
             wrenches: returns a block's wrenches (n, 6) [N, N m] in the sensor's frame, with or without the payload; a
                 cubic polynomial follows the weight of a turning one.
         """
+        self.reset()
         return with_columns(blocks, partial(self._numbers, wrenches), _with_number, 1)
 
     def notes(self) -> tuple[str, ...]:
         """Return a note on the largest vibration so far, in a tuple; () if it is within the noise."""
-        largest = max(float(np.trace(each[:3, :3])) for each in self.covariances) ** 0.5
+        largest = max((float(np.trace(each[:3, :3])) for each in self.covariances[self._first :]), default=0.0) ** 0.5
         if largest <= np.trace(self._scale[:3, :3]) ** 0.5:
             return ()
         said = f"the wrench vibrates by up to {largest:.2g} N while the arm moves: covariances were widened by it"

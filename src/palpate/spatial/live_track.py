@@ -56,14 +56,17 @@ class LiveTrack(PoseTrack):
         Raises:
             InputError: arrays of other or different shapes.
         """
+        stamps = time + self.offset
+        reached = np.fmax.accumulate(np.append(self._newest, stamps))[:-1]
+        back = np.flatnonzero(stamps < reached - _JUMP)
+        if len(back):
+            for part, begins in ((slice(int(back[0])), False), (slice(int(back[0]), None), True)):
+                if begins:
+                    self._rows, self._fresh, self._newest, self._moved = np.zeros((0, 8)), [], -np.inf, None
+                    self.restarts += 1
+                self.add(time[part], quaternion[part], None if position is None else position[part])
+            return
         self._since += len(time)
-        if len(time) and time[-1] + self.offset < self._newest - _JUMP:
-            fresh = time + self.offset < self._newest - _JUMP
-            time, quaternion = time[fresh], quaternion[fresh]
-            position = None if position is None else position[fresh]
-            self._rows, self._fresh, self._newest = np.zeros((0, 8)), [], -np.inf
-            self.restarts += 1
-            self._moved = None
         super().add(time, quaternion, position)
 
     @property

@@ -311,8 +311,11 @@ class Compensation:
         return Tare(found.sentence, touch=found.mean, least=SURE * float(np.sqrt(largest)))
 
     def reset(self) -> None:
-        """Forget when the log began: the age of the zero counts from the tare, or else from the next sample."""
+        """Forget the samples so far; the age of the zero counts from the tare, or else from the next sample."""
         self._since = self._tared
+        for each in (self.motion, self._vibration):
+            if each is not None:
+                each.reset()
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n 19"]:
         """Return (n, 19): readings (6) [N, N m], rotations by rows (9), accelerations (3), their deviation [m/s^2].

@@ -95,9 +95,8 @@ class LoadCellArray:
         self._seconds, self.revision, self.zeros_taken, self._settled = seconds, 0, 0, 1.0
         self._placement: Placement | None = None
         self._seen_at: Placement | None = None
-        self._known, self._doubted = zero is not None, list[str]()
+        self._known = zero is not None
         self.set_zero(Zero(cells.bias) if zero is None else zero)
-        self._kept, self._held, self._seen, self._stride, self._live = list[np.ndarray](), 0, 0, 1, 0
         first = self._weighed(np.zeros(1), np.zeros((1, channels)))  # compiles, before anything is in a hurry
         self.place(first, first.wrench, np.ones(1), Placement(Pose.identity()))
         self.reset()
@@ -316,7 +315,13 @@ class LoadCellArray:
         self._placement, self.revision = None, self.revision + 1
 
     def reset(self) -> None:
-        """Forget how well the explanations fitted and the last voltages; the zero is kept."""
+        """Forget the samples so far, with the warnings of them; the zero is kept."""
+        self._doubted, self._kept = list[str](), list[np.ndarray]()
+        self._held, self._seen, self._stride, self._live = 0, 0, 1, 0
+        self._start_anew()
+
+    def _start_anew(self) -> None:
+        """Forget how well the explanations fitted and the last voltages."""
         (channels,) = self._shape
         self.state[:] = 0.0
         self.state[-2 * channels : -channels] = np.nan
@@ -372,7 +377,7 @@ class LoadCellArray:
     def _take(self, windows: list[np.ndarray], where: str) -> Zero:
         zero = take_zero(self.cells, np.concatenate(windows), where)
         self.set_zero(zero)
-        self.reset()
+        self._start_anew()
         return zero
 
     def _restarted(self, waiting: list[Recording], begun: float) -> Iterator[Recording]:

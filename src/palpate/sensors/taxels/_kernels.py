@@ -44,6 +44,7 @@ from palpate.sensors.taxels._rest import (
     PARENT,
     PEAK,
     RECOVERS,
+    ROUGH,
     SIDEWAYS,
     SLOW,
     SPREAD,
@@ -136,13 +137,13 @@ def _take(raw, rest, neighbours, turn, numbers, whole, value):
 
 
 @uncounted
-def _take_sideways(sideways, i, numbers, value):
-    """Write the tangential readings of a frame to `value` (2 k,), the baseline for those not finite."""
+def _take_sideways(sideways, i, rest, value):
+    """Write the tangential readings of a frame to `value` (2 k,), the baseline `rest` (2, k) for those not finite."""
     cells = len(value) // 2
     for k in range(len(value)):
         value[k] = sideways[i, k]
         if not np.isfinite(value[k]):
-            value[k] = numbers[SIDEWAYS + k // cells, k % cells]
+            value[k] = rest[k // cells, k % cells]
 
 
 @uncounted
@@ -670,7 +671,7 @@ def _all(time, raw, sideways, model, values, status, left, place, table, curves,
             scale = np.sqrt(left[i] + resting)
         else:
             status[0] = -1 if _take(raw[i], numbers[BASELINE], table[0], turn, numbers, whole, value) else INVALID
-            _take_sideways(sideways, i, numbers, aside)
+            _take_sideways(sideways, i, numbers[SIDEWAYS:ROUGH], aside)
             if len(shares) > 0:
                 smooth(time[i : i + 1], status, values, sections, start, gains, gap, since, state, age)
                 scale = np.sqrt(shares[min(max(age[0], 0), len(shares) - 1)] + resting)
@@ -702,7 +703,7 @@ def _all(time, raw, sideways, model, values, status, left, place, table, curves,
 
 @released(
     """
-    raw n m, sideways n w, rest m, neighbours int64 m d, turn float, numbers out 25 m, whole out int64 9 m,
+    raw n m, sideways n w, rest 3 m, neighbours int64 m d, turn float, numbers out 25 m, whole out int64 9 m,
     values out n v, status out int8 n
     """
 )
@@ -710,8 +711,8 @@ def prepare(raw, sideways, rest, neighbours, turn, numbers, whole, values, statu
     """Prepare frames for a filter of zero phase: write `values`, normal and tangential, to filter, and status (n,)."""
     for i in range(len(raw)):
         value = values[i, : raw.shape[1]]
-        status[i] = -1 if _take(raw[i], rest, neighbours, turn, numbers, whole, value) else INVALID
-        _take_sideways(sideways, i, numbers, values[i, raw.shape[1] :])
+        status[i] = -1 if _take(raw[i], rest[0], neighbours, turn, numbers, whole, value) else INVALID
+        _take_sideways(sideways, i, rest[1:], values[i, raw.shape[1] :])
 
 
 @released(

@@ -16,6 +16,7 @@ from palpate.signals.smoothing import Forward
 __all__: list[str] = []
 
 _UNKNOWN, _CALIBRATED = 0.1, 0.02  # shares by which gains differ: of cells as they are made, and of calibrated ones
+_STATE = np.delete(np.arange(_rest.NUMBERS), [_rest.NOISE, _rest.LIMIT, _rest.ROUGH, _rest.ROUGH + 1])
 FEW, FELL = 10, 0.02  # frames far below rest that need no warning, and of those with a touch
 _PLAIN = Intensity((Curve("polynomial", np.ones(1), np.zeros((1, 1)), largest=1.0),), unit="newtons")
 
@@ -130,19 +131,18 @@ class TaxelFrames:
         return tuple(said)
 
     def reset(self) -> None:
-        """Forget drift of the baseline, wrapped readings, filter and identities."""
+        """Forget drift of the baseline, wrapped readings, filter, identities and the last frame."""
         health = self._health
+        self._numbers[_STATE], self._whole[_rest.TURNS :] = 0.0, 0
         if health is not None:
             self._numbers[[_rest.BASELINE, _rest.HELD]] = health.baseline
             walks = self._settings.walk > 0.0
             if health.sideways is not None:
                 self._numbers[_rest.SIDEWAYS : _rest.ROUGH] = health.sideways[0]
             self._numbers[_rest.VARIANCE] = health.noise**2 / max(1, health.frames) if walks else 0.0
-        self._zeros[1][:], self._zeros[2][:] = 0.0, np.nan
+        self._zeros[0][:], self._zeros[1][:], self._zeros[2][:] = 0.0, 0.0, np.nan
         self._whole[_rest.TOUCHED] = _rest.NEVER
         self._numbers[_rest.LAST] = np.nan
-        self._whole[[_rest.TURNS, _rest.WRAPPED]] = 0
-        self._numbers[[_rest.PEAK, _rest.FADED]], self._numbers[_rest.SLOW :] = 0.0, 0.0
         self._clock[:] = 0.0
         self._clock[_rest.LATEST] = np.nan
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
@@ -202,7 +202,9 @@ class TaxelFrames:
     ) -> tuple[Float[np.ndarray, "n _"], np.ndarray]:
         """Return unwrapped readings and tangential loads for a filter of zero phase, and each frame's status, int8."""
         values, status = np.empty((len(raw), self._channels)), np.empty(len(raw), dtype=np.int8)
-        rest = np.zeros(raw.shape[1]) if self._health is None else self._health.baseline
+        rest, health = np.zeros((3, raw.shape[1])), self._health  # not the followed one: frames of before may wait
+        if health is not None:
+            rest[0], rest[1:] = health.baseline, 0.0 if health.sideways is None else health.sideways[0]
         known = (self._table[0], self._turn, self._numbers, self._whole)
         _kernels.prepare(_constant(raw), _constant(sideways), _constant(rest), *known, values, status)
         return values, status

@@ -93,7 +93,7 @@ class TaxelResponse(Value):
         """
         full = self.full(readings)
         found = np.einsum("kab,nkb->nak", self.gains, np.where(full, np.nan, readings) if full.any() else readings)
-        return np.ascontiguousarray(found[:, 2]), found[:, :2].reshape(len(found), -1)
+        return np.ascontiguousarray(found[:, 2]), found[:, :2].reshape(len(found), 2 * readings.shape[1])
 
     def full(self, readings: Float[np.ndarray, "n k 3"]) -> Bool[np.ndarray, "n k 3"]:
         """Return which readings are at `limits`.

@@ -1,0 +1,69 @@
+"""What an object remembers: all that two objects differ in, to the last bit, wherever it lies."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import Executor, Future
+from enum import Enum
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+__all__ = ["differences", "parts"]
+
+_PLAIN = (str, bytes, int, float, complex, bool, type(None), Enum, np.generic, PurePath, range, slice)
+_FIXED = (type, types.FunctionType, types.MethodType, types.BuiltinFunctionType, types.ModuleType, Executor, Future)
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    """What an object has, by name: attributes, slots, items, or the state of a generator of random numbers."""
+    if isinstance(value, np.random.Generator):
+        return dict(value.bit_generator.state)
+    if isinstance(value, Mapping):
+        return {f"[{key!r}]": each for key, each in value.items()} | {"order": list(map(repr, value))}
+    if isinstance(value, Iterable) and not hasattr(value, "__dict__") and not isinstance(value, Iterator):
+        return {"length": len(items := list(value))} | {f"[{k}]": each for k, each in enumerate(items)}
+    slots = [name for kind in type(value).__mro__ for name in getattr(kind, "__slots__", ())]
+    return {name: getattr(value, name) for name in slots if hasattr(value, name)} | getattr(value, "__dict__", {})
+
+
+def differences(one: Any, two: Any, at: str = "") -> Iterator[str]:
+    """Yield where one object differs from another of its class, such as "Forward._clock"."""
+    yield from _differences(one, two, at or type(one).__name__, set())
+
+
+def _differences(one: Any, two: Any, at: str, seen: set[tuple[int, int]]) -> Iterator[str]:
+    if one is two or isinstance(one, _FIXED) or (id(one), id(two)) in seen:
+        return
+    if type(one) is not type(two):
+        yield at
+    elif isinstance(one, np.ndarray):
+        seen.add((id(one), id(two)))
+        if one.dtype != two.dtype or one.shape != two.shape or one.tobytes() != two.tobytes():
+            yield at
+    elif isinstance(one, _PLAIN):
+        if repr(one) != repr(two):
+            yield at
+    else:
+        seen.add((id(one), id(two)))  # both live on: as long as this runs, no other object has their ids
+        first, second = _fields(one), _fields(two)
+        owner = f"{type(one).__name__}." if hasattr(one, "__dict__") else at
+        for name in first.keys() | second.keys():
+            if name in first and name in second:
+                yield from _differences(first[name], second[name], f"{owner}{name}", seen)
+            else:
+                yield f"{owner}{name}"
+
+
+def parts(value: Any, seen: set[int] | None = None) -> Iterator[Any]:
+    """Yield an object, and every object of palpate that it has, each once."""
+    seen = set() if seen is None else seen
+    if isinstance(value, (*_PLAIN, *_FIXED, np.ndarray)) or id(value) in seen:
+        return
+    seen.add(id(value))
+    if type(value).__module__.startswith("palpate."):
+        yield value
+    for each in _fields(value).values():
+        yield from parts(each, seen)
