@@ -1,0 +1,46 @@
+"""Covariances against dice: errors drawn from a stated covariance, through the function, have the covariance it states.
+
+The dice are even: of n correlated errors they show 2 n throws, whose mean is 0 and whose covariance is the stated one
+to the last digit. So what comes out has J C J' but for squares of the errors, which are small, and no throw of luck
+hides a sign or a term. The truth (`answer`) is of the test; what is under test only states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+__all__ = ["agree", "even", "mixed", "rolled"]
+
+SMALL = 1e-3  # of the deviations: squares of the errors are a thousandth of a thousandth
+
+
+def mixed(scales: np.ndarray, seed: int) -> np.ndarray:
+    """A covariance (n, n) of deviations about `scales`, no two alike: all correlated, and of full rank."""
+    rng, count = np.random.default_rng(seed), len(scales)
+    root = np.asarray(scales)[:, None] * rng.uniform(0.5, 2.0, (count, 1)) * rng.normal(size=(count, count))
+    return root @ root.T / count
+
+
+def even(covariance: np.ndarray, small: float = SMALL) -> np.ndarray:
+    """Throws (2n, n) whose covariance is this one (n, n) times `small` squared; it may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * small * np.sqrt(len(values))
+    return np.concatenate([root, -root])
+
+
+def rolled(answer: Callable[[np.ndarray], np.ndarray], covariance: np.ndarray, small: float = SMALL) -> np.ndarray:
+    """The covariance (m, m) of answers (m,) to errors (n,) of a covariance (n, n)."""
+    ends = np.stack([np.ravel(answer(throw)) for throw in even(covariance, small)])
+    half = (ends[: len(ends) // 2] - ends[len(ends) // 2 :]) / (2.0 * small)
+    return half.T @ half / (len(ends) // 2)
+
+
+def agree(stated: np.ndarray, found: np.ndarray, tolerance: float = 1e-5) -> None:
+    """Every entry, over the deviations of its row and column: a wrong sign of one cross term is no rounding."""
+    scale = np.sqrt(np.diag(found))
+    scale = np.where(scale > 1e-9 * scale.max(), scale, scale.max())
+    off = np.abs(stated - found) / np.outer(scale, scale)
+    assert stated.shape == found.shape
+    assert off.max() < tolerance, f"entry {np.unravel_index(off.argmax(), off.shape)} is {off.max():.2g} off"
