@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-__all__ = ["agree", "even", "mixed", "rolled"]
+__all__ = ["agree", "even", "joint", "mixed", "rolled"]
 
 SMALL = 1e-3  # of the deviations: squares of the errors are a thousandth of a thousandth
 
@@ -44,3 +44,12 @@ def agree(stated: np.ndarray, found: np.ndarray, tolerance: float = 1e-5) -> Non
     off = np.abs(stated - found) / np.outer(scale, scale)
     assert stated.shape == found.shape
     assert off.max() < tolerance, f"entry {np.unravel_index(off.argmax(), off.shape)} is {off.max():.2g} off"
+
+
+def joint(*parts: np.ndarray) -> np.ndarray:
+    """One covariance of errors that know nothing of each other."""
+    ends = np.cumsum([0, *map(len, parts)])
+    made = np.zeros((ends[-1], ends[-1]))
+    for part, begin, end in zip(parts, ends[:-1], ends[1:], strict=True):
+        made[begin:end, begin:end] = part
+    return made

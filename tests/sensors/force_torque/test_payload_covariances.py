@@ -14,7 +14,7 @@ from palpate.signals import Recording
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY
 from palpate.signals.wrench_sensor import Placement
 from palpate.signals.zero_filter import ZeroState
-from tests.support.dice import agree, mixed, rolled
+from tests.support.dice import agree, joint, mixed, rolled
 from tests.support.payloads import (
     BIAS,
     CENTER,
@@ -56,15 +56,6 @@ def placed(sensor: Compensation, share: float = 1.0, swing: np.ndarray = SWING[1
     return wrench[-1], covariance[-1]
 
 
-def joint(*parts: np.ndarray) -> np.ndarray:
-    """One covariance of errors that know nothing of each other."""
-    ends = np.cumsum([0, *map(len, parts)])
-    made = np.zeros((ends[-1], ends[-1]))
-    for part, begin, end in zip(parts, ends[:-1], ends[1:], strict=True):
-        made[begin:end, begin:end] = part
-    return made
-
-
 @pytest.mark.parametrize("share", [1.0, 0.3])
 @pytest.mark.parametrize("misfit", [False, True])
 @pytest.mark.parametrize("gain", [0.0, 0.02])
@@ -90,7 +81,7 @@ def test_a_wrench_on_a_moving_sensor_is_as_sure_as_all_of_its_parts(share: float
 def test_a_tare_leaves_what_differs_from_its_pose() -> None:
     """Biases cancel; of weight and centre remains what they change between the poses; the mean's noise is added."""
     sensor = Compensation(ForceTorque(NOISE, drift=DRIFT), known_payload())
-    zero = load(EXACT, TURNS[0], SWING[0]) + [0.5, -0.2, 0.1, 0.01, 0.02, 0.03]
+    zero = load(EXACT, TURNS[0], SWING[0]) + 0.02 * READING
     sensor.tare(recording(TURNS[0], SWING[0], zero, 0.0, 0.0))
     wrench, covariance = placed(sensor)
 
