@@ -17,16 +17,19 @@ SMALL = 1e-3  # of the deviations: squares of the errors are a thousandth of a t
 
 
 def mixed(scales: np.ndarray, seed: int) -> np.ndarray:
-    """A covariance (n, n) of deviations about `scales`, no two alike: all correlated, and of full rank."""
+    """A covariance (n, n) of deviations about `scales`, no two alike, of which any two correlate by 0.2 to 0.7."""
     rng, count = np.random.default_rng(seed), len(scales)
-    root = np.asarray(scales)[:, None] * rng.uniform(0.5, 2.0, (count, 1)) * rng.normal(size=(count, count))
-    return root @ root.T / count
+    common, size = rng.uniform(0.45, 0.85, count) * rng.choice([-1.0, 1.0], count), rng.uniform(0.5, 2.0, count)
+    root = np.column_stack([common, np.diag(np.sqrt(1.0 - common**2))]) * (scales * size)[:, None]
+    return root @ root.T
 
 
 def even(covariance: np.ndarray, small: float = SMALL) -> np.ndarray:
     """Throws (2n, n) whose covariance is this one (n, n) times `small` squared; it may be singular."""
-    values, vectors = np.linalg.eigh(covariance)
-    root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * small * np.sqrt(len(values))
+    size = np.sqrt(np.diag(covariance))
+    size = np.where(size > 0.0, size, 1.0)  # of errors whose units are far apart
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * size * small * np.sqrt(len(values))
     return np.concatenate([root, -root])
 
 
