@@ -13,10 +13,11 @@ from scipy.spatial.transform import Rotation
 from claims.evidence.logs_written import header, write_mcap
 from claims.evidence.robot import KINDS, TYPES, transform
 from palpate.errors import InputError
-from palpate.files.logs.robot_motion import RobotMotion
+from palpate.files.logs.robot_motion import JointSamples, RobotMotion
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.spatial.pose import rotation_from_quaternion
 from tests.support.arms import joint
+from tests.support.dice import rolled
 
 STEP = 10**7  # ns
 UPPER, FORE = 0.3, 0.2  # m
@@ -109,19 +110,6 @@ def test_two_publishers_may_each_state_some_of_the_joints(tmp_path: Path) -> Non
     assert not motion.warnings()
 
 
-def test_deviations_of_encoders_are_those_of_many_draws(tmp_path: Path) -> None:
-    encoder, rng = np.radians(0.2), np.random.default_rng(2)
-    motion = _motion(tmp_path, SLOW, encoder=encoder)
-    stated = motion.covariance("hand", np.array([1.0]))[0]
-    arm = Kinematics(_urdf(tmp_path), "base", "hand")
-    at = SLOW[100]
-    turn, place = arm.poses(np.vstack([at, at + encoder * rng.normal(size=(20000, 2))]))
-    turns = Rotation.from_quat(turn[:, 0])
-    errors = np.column_stack([(turns[1:] * turns[0].inv()).as_rotvec(), place[1:, 0] - place[0, 0]])
-    sizes = np.sqrt(np.diag(stated)) + 1e-12
-    np.testing.assert_allclose(np.cov(errors.T) / np.outer(sizes, sizes), stated / np.outer(sizes, sizes), atol=0.05)
-
-
 def _random(rng: np.random.Generator) -> str:
     """A tree of 20 links: joints that turn, for ever too, slide, are fixed, or mimic the first."""
     parts = ['<robot name="random">', *(f'<link name="l{k}"/>' for k in range(20))]
@@ -133,6 +121,33 @@ def _random(rng: np.random.Generator) -> str:
         limit = "" if kind in ("continuous", "fixed") else 'lower="-9" upper="9" effort="1" velocity="1"'
         parts.append(joint(f"j{k}", kind, f"l{rng.integers(0, k)}", f"l{k}", more=more, limit=limit))
     return "".join([*parts, "</robot>"])
+
+
+def test_deviations_of_encoders_are_those_of_dice(tmp_path: Path) -> None:
+    """Of every joint that turns between base and link, mimics and all; what slides has no encoder of angles."""
+    rng, encoder = np.random.default_rng(2), np.radians(0.2)
+    urdf = _urdf(tmp_path, _random(rng))
+    arm = Kinematics(urdf, "l0", [f"l{k}" for k in range(1, 20)])
+    sliding = {each.name for each in urdf.joints if each.kind == "prismatic"}
+    turning = np.array([name not in sliding for name in arm.joints])
+    positions = rng.uniform(-2.0, 2.0, (2, len(arm.joints)))
+    samples = JointSamples(arm, np.array([0.0, 1.0]), positions, 2.0)
+    for place in range(0, len(arm.links), 4):
+        stated = samples.covariance(arm.links[place], np.array([1.1, 0.1, 0.9]), encoder)
+        np.testing.assert_array_equal(stated[0], stated[2])
+        for row, at in ((1, positions[0]), (0, positions[1])):
+
+            def moved(off: np.ndarray, at: np.ndarray = at, place: int = place) -> np.ndarray:
+                turns, there = (part[:, place] for part in arm.poses(np.stack([at, at + off])))
+                here, turned = Rotation.from_quat(turns)
+                return np.concatenate([(turned * here.inv()).as_rotvec(), there[1] - there[0]])
+
+            found = rolled(moved, np.diag(encoder**2 * turning))
+            assert np.abs(stated[row] - found).max() < 1e-4 * np.abs(found).max() + 1e-18
+    assert samples.covariance("l3", np.zeros(0), encoder).shape == (0, 6, 6)
+    none = JointSamples(arm, np.zeros(0), np.zeros((0, len(arm.joints))), 2.0)
+    assert np.isnan(none.covariance("l3", np.zeros(2), encoder)).all()
+    assert all(np.isnan(part).all() for part in none.at("l3", np.zeros(2)))
 
 
 @pytest.mark.parametrize("seed", range(4))

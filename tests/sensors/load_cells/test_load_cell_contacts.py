@@ -103,32 +103,6 @@ def test_a_moved_mounting_moves_nothing_on_the_surface() -> None:
     np.testing.assert_allclose(there.covariance, here.covariance, atol=1e-6 * np.abs(here.covariance).max())
 
 
-def test_what_is_unsure_about_the_mounting_is_in_the_covariance() -> None:
-    """A mounting that slides along y by 1 mm leaves y unsure by that; noise is some micrometres at 5 N."""
-    point, normal = np.array([[0.0, 0.0, B]]), np.array([[0.0, 0.0, 1.0]])
-    wrench = contact_wrenches(point, normal, -5.0 * normal, np.zeros(1))
-    spread = np.diag([0.0, 0.0, 0.0, 0.0, 1e-6, 0.0])
-    bare, moved = run(tip(), wrench).covariance[0], run(tip(spread=spread), wrench).covariance[0]
-    assert moved[1, 1] - bare[1, 1] == pytest.approx(1e-6, rel=1e-6)
-    assert moved[0, 0] == pytest.approx(bare[0, 0], rel=1e-6)
-
-
-def test_covariances_are_those_of_the_model() -> None:
-    """`LoadCells.wrenches` in NumPy: noise, drift and calibration of every wrench, with the zero's share."""
-    point, normal, force, torque = touches(50)
-    cells = with_changes(UNSURE, drift=0.7)
-    sensor = LoadCellArray(cells, zero=Zero(np.zeros(12), share=0.1))
-    volts = ARRAY.voltages(contact_wrenches(point, normal, force, torque))
-    wrenches, covariances, statuses = WrenchEstimator(Locator(SURFACE), sensor).contact_wrenches(recording(volts))
-    expected, spread = cells.wrenches(volts)
-    assert np.all(statuses == -1)
-    np.testing.assert_allclose(wrenches, expected, atol=1e-11)
-    spread = spread + 0.1 * cells.inverse()[1]
-    scale = np.sqrt(np.einsum("nii->ni", spread))
-    assert covariances is not None
-    assert np.abs((covariances - spread) / (scale[:, :, None] * scale[:, None, :])).max() < 1e-9
-
-
 @pytest.mark.parametrize("law", [Indentation(3e-4, 0.5), Indentation(4e-4, 0.7)])
 def test_a_force_that_acts_below_the_surface_is_located_above(law: Indentation) -> None:
     point, normal, force, torque = touches()
