@@ -79,7 +79,9 @@ def test_a_pose_is_known_only_near_joint_states(tmp_path: Path) -> None:
     assert np.isfinite(place).all(axis=1).tolist() == [False, True, True, False, True, False]
 
 
-def test_columns_and_transforms_are_joint_states_in_another_form(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rarely", [1, 4])
+def test_columns_and_transforms_are_joint_states_in_another_form(tmp_path: Path, rarely: int) -> None:
+    """Of two edges that move, one may be sent more rarely: both turn evenly, so that nothing is lost in between."""
     time = STEP * np.arange(len(SLOW)) / 1e9
     expected = _motion(tmp_path, SLOW).at("hand", time)
     table = tmp_path / "log.csv"
@@ -91,7 +93,8 @@ def test_columns_and_transforms_are_joint_states_in_another_form(tmp_path: Path)
     rows = list[tuple[int, str, Any]]()
     for k, (one, two) in enumerate(SLOW):
         edges = (("base", "upper", 0.0, one), ("upper", "fore", UPPER, two), ("fore", "hand", FORE, 0.0))
-        moved = [transform(STEP * k, a, b, [x, 0, 0], turns([0, 0, turn]).as_quat()) for a, b, x, turn in edges]
+        sent = [edge for edge in edges if edge[1] != "fore" or k % rarely == 0]
+        moved = [transform(STEP * k, a, b, [x, 0, 0], turns([0, 0, turn]).as_quat()) for a, b, x, turn in sent]
         rows.append((STEP * k, "/tf", tree(moved)))
     found = RobotMotion.read(_log(tmp_path, rows), urdf, "base", ["hand"], joints="/tf").at("hand", time)
     np.testing.assert_allclose(found[1], expected[1], atol=1e-14)
