@@ -33,19 +33,6 @@ def test_moving_the_answer_is_moving_the_question() -> None:
     assert np.nanmax(np.abs(one.covariance - two.covariance)) < 1e-6 * np.nanmax(two.covariance)
 
 
-def test_a_pose_for_every_sample_and_what_it_leaves_alone() -> None:
-    mesh, rng = BODIES["ellipsoid"].mesh, np.random.default_rng(1)
-    points, normals, _ = on_mesh(mesh, 5, rng)
-    answer = Locator(mesh).run(touch_wrenches(points, normals, rng), sequential=False)
-    poses = Pose.from_rotation_vector(rng.normal(size=(5, 3)), rng.normal(size=(5, 3)))
-    moved = answer.in_frame(poses)
-    for i in range(5):
-        assert np.allclose(moved.point[i], poses.rotation[i] @ answer.point[i] + poses.translation[i], atol=1e-15)
-        assert np.allclose(moved.force[i], poses.rotation[i] @ answer.force[i], atol=1e-14)
-    assert np.array_equal(moved.torque, answer.torque)
-    assert np.array_equal(moved.status, answer.status)
-
-
 @pytest.mark.parametrize("samples", [[], [5], [5, 5, 5], [5, 6, 6, 8, 8, 8]])
 def test_contacts_of_one_sample_are_all_in_its_own_pose(samples: list[int]) -> None:
     """On a base that moves, in a block that begins at sample 5; a sample between them has none, and one no pose."""

@@ -15,7 +15,7 @@ from palpate.surfaces import Mesh
 from palpate.surfaces.analytic import Analytic
 from palpate_lab.simulation.contacts import touch_wrenches
 from palpate_lab.simulation.shapes import EllipsoidBody
-from tests.support.bodies import PLACE, R, box, on_mesh, pressing
+from tests.support.bodies import PLACE, R, box, on_mesh
 from tests.support.dice import mixed, rolled
 from tests.support.equations import EQUATIONS
 
@@ -115,21 +115,6 @@ def test_it_is_of_rank_two_symmetric_and_across_the_normal(method: str) -> None:
     values = np.linalg.eigvalsh(answer.covariance / scale)
     assert np.abs(values[:, 0]).max() < 1e-14
     assert values[:, 1].min() > 1e-8
-
-
-def test_closed_forms_of_the_derivation_on_a_plane() -> None:
-    """Noise s of the torque alone: rms sqrt(2) s/(|F| cos) by the soft finger, s/|F| sqrt(1 + 1/cos^2) by the axis."""
-    point, s, size = PLACE + np.array([0.1 * R, 0.2 * R, 0.5 * R]), 1e-4, 5.0
-    for theta in (0.0, 0.4, 0.7):
-        force = size * np.array([np.sin(theta), 0, -np.cos(theta)])
-        wrench = pressing(point, np.array([0, 0, 1.0]), force, 0.0)
-        noise = np.array([0, 0, 0, s, s, s])
-        for method, rms in (
-            ("soft_finger", np.sqrt(2) * s / (size * np.cos(theta))),
-            ("wrench_axis", s / size * np.sqrt(1 + 1 / np.cos(theta) ** 2)),
-        ):
-            answer = Locator(flat(), method=method, noise=noise, friction=2.0, on=0.0).run(wrench[None])
-            assert np.sqrt(np.trace(answer.covariance[0])) == pytest.approx(rms, rel=1e-9)
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.2 * R])

@@ -40,8 +40,8 @@ from palpate.surfaces.bspline import BSplineSurface, open_knots, solve_tangent
 from palpate.viewer.scene import Scene
 from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
 from tests.support.payloads import known_payload
+from tests.support.walked import public
 
-ROOT = Path(__file__).resolve().parents[2]
 RNG = np.random.default_rng(1)
 TURNS = Rotation.random(6, random_state=2)
 QUATERNIONS, ROTATIONS = TURNS.as_quat(), TURNS.as_matrix()
@@ -122,18 +122,10 @@ SHAPES = ((), (0,), (1,), (6,), (2, 3), (3, 0), (1, 1, 4))
 
 def batched() -> Iterator[str]:
     """Every public function and method of `palpate` whose arguments are batches, by its annotations."""
-    for file in sorted((ROOT / "src/palpate").rglob("[a-z]*.py")):
-        yield from _of(ast.parse(file.read_text(encoding="utf-8")), "")
-
-
-def _of(node: ast.Module | ast.ClassDef, prefix: str) -> Iterator[str]:
-    for each in node.body:
-        if isinstance(each, ast.ClassDef) and not each.name.startswith("_"):
-            yield from _of(each, f"{each.name}.")
-        elif isinstance(each, ast.FunctionDef) and not each.name.startswith("_"):
-            given = (argument.annotation for argument in each.args.args if argument.annotation is not None)
-            if any("*batch" in ast.unparse(annotation) for annotation in given):
-                yield prefix + each.name
+    for name, node in public():
+        given = node.args.args if isinstance(node, ast.FunctionDef) else []
+        if any("*batch" in ast.unparse(each.annotation) for each in given if each.annotation is not None):
+            yield name
 
 
 def arrays(answer: Any) -> list[np.ndarray]:

@@ -30,11 +30,12 @@ from tests.support.payloads import (
 
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_payload_is_as_sure_as_its_parameters(moving: bool) -> None:
-    readings, swing = np.tile(READING, (3, 1)), SWING if moving else np.zeros((3, 3))
-    wrench, covariance = known_payload().compensate(readings, TURNS.as_matrix(), swing if moving else None)
-    for k, turn in enumerate(TURNS):
-        np.testing.assert_allclose(wrench[k], READING - load(EXACT, turn, swing[k]), atol=1e-12)
-        agree(covariance[k], rolled(lambda off, k=k, turn=turn: load(off, turn, swing[k]), OWN))
+    readings = np.tile(READING, (3, 1))
+    wrench, covariance = known_payload().compensate(readings, TURNS.as_matrix(), SWING if moving else None)
+    for k in range(3):
+        rest = 0.0 if moving else -SWING[k]
+        np.testing.assert_allclose(wrench[k], READING - load(EXACT, k, rest), atol=1e-12)
+        agree(covariance[k], rolled(lambda off, k=k, rest=rest: load(off, k, rest), OWN))
 
 
 def test_a_payload_with_an_imu_is_as_sure_as_all_parameters_together() -> None:

@@ -84,16 +84,6 @@ def test_filter_and_smoother_are_the_posterior_of_all_windows_at_once(drift: Dri
         np.testing.assert_allclose(state.covariance, covariance, atol=1e-11)
 
 
-def test_ahead_it_grows_as_stated() -> None:
-    drift = Drift([3e-3] * 3, [2e-3] * 3)
-    made, _ = _run(drift, _windows(drift, np.random.default_rng(0)), list(range(30)))
-    p, t = made.covariance, 60.0
-    both = p[:3, 3:] + p[3:, :3]
-    expected = p[:3, :3] + t * both + t**2 * p[3:, 3:] + np.diag(drift.walk**2 * t)
-    np.testing.assert_allclose(made.at(made.time + t).covariance, expected, rtol=1e-12)
-    np.testing.assert_array_equal(made.at(made.time - 5.0).covariance, p[:3, :3])  # time that runs back tells nothing
-
-
 def test_from_both_sides_of_a_gap_a_walk_is_a_bridge() -> None:
     """Half way between two known ends its variance is walk^2 T / 4, against walk^2 T / 2 from one: 1/sqrt 2."""
     drift, sure = Drift([2e-3]), 1e-9 * np.eye(1)

@@ -54,9 +54,3 @@ def test_the_inverse_of_an_uncertain_pose_against_dice() -> None:
         return np.concatenate([moved.rotation_vector(), moved.translation])
 
     agree(inverse_pose_covariance(pose, own), rolled(inverse, own))
-
-
-def test_the_inverse_of_the_inverse_is_as_uncertain_as_the_pose() -> None:
-    pose, root = some_pose(), np.random.default_rng(2).normal(size=(6, 6))
-    there = inverse_pose_covariance(pose, root @ root.T)
-    assert np.allclose(inverse_pose_covariance(pose.inverse(), there), root @ root.T, rtol=0, atol=1e-12)

@@ -44,10 +44,10 @@ def accelerometer(covariance: np.ndarray, noise: float = 0.0) -> Imu:
     return Imu(quaternion_from_rotation(_TURN.as_matrix()), _BIAS, noise, covariance)
 
 
-def load(off: np.ndarray, turn: Rotation, swing: np.ndarray) -> np.ndarray:
-    """What the payload with errors puts on a sensor that is turned and accelerated, biases and all."""
+def load(off: np.ndarray, k: int, swing: np.ndarray | float = 0.0) -> np.ndarray:
+    """What the payload with errors puts on the sensor in pose k, biases and all; it swings by so much more."""
     weight = WEIGHT + off[:3]
-    return _hung(off, turn.inv().apply(weight) - np.linalg.norm(weight) / G * swing)
+    return _hung(off, TURNS[k].inv().apply(weight) - np.linalg.norm(weight) / G * (SWING[k] + swing))
 
 
 def load_by_imu(off: np.ndarray, reading: np.ndarray) -> np.ndarray:

@@ -61,16 +61,6 @@ def test_free_fall_weighs_nothing() -> None:
     np.testing.assert_allclose(a_payload().compensate(bias, rotation, rotation.T @ GRAVITY)[0], 0.0, atol=1e-12)
 
 
-def test_one_sample_is_a_batch_of_one() -> None:
-    payload, turned, reading = a_payload(np.eye(12) * 1e-4), rotations(3), np.ones((3, 6))
-    together = payload.compensate(reading, turned)
-    alone = payload.compensate(reading[1], turned[1])
-    assert alone[0].shape == (6,)
-    assert alone[1].shape == (6, 6)
-    for batch, one in zip(together, alone, strict=True):
-        np.testing.assert_allclose(batch[1], one, rtol=1e-14)
-
-
 def test_a_lost_orientation_loses_its_sample_only() -> None:
     turned = rotations(3)
     turned[1, 0, 2] = np.nan

@@ -7,7 +7,7 @@ import pytest
 
 from palpate import LoadCellArray
 from palpate.sensors.load_cells.model import LoadCells, with_changes
-from palpate.sensors.load_cells.plate import with_gains
+from palpate.sensors.load_cells.plate import plate_cells, with_gains
 from palpate.sensors.load_cells.zero import Zero
 from palpate.signals.recording import VOLTAGE, Recording
 from palpate.signals.wrench_sensor import Placement
@@ -26,19 +26,11 @@ def array(**more: object) -> LoadCells:
     return LoadCells(matrix, mixed(np.full(12, 1e-4), 1), positions=LAYOUTS[4], **more)
 
 
-def plate(along: int, positions: np.ndarray | None = None) -> LoadCells:
-    """Four unequal cells of one axis at a height; C is any whose null space is what they do not feel."""
-    if positions is None:
-        positions = np.insert([[0.03, 0.04], [-0.05, 0.02], [-0.02, -0.06], [0.07, -0.01]], along, HEIGHT, axis=1)
-    gains = np.array([1.0, 1.3, 0.8, 1.1])
-    units = -np.concatenate([np.tile(WAYS[along], (4, 1)), np.cross(positions, WAYS[along])], axis=1)
-    matrix = np.linalg.pinv((units * gains[:, None]).T)
-    felt = np.eye(6)
-    for way in (1, 2):
-        across = WAYS[(along + way) % 3]
-        felt -= np.outer(np.concatenate([across, HEIGHT * np.cross(WAYS[along], across)]), np.r_[across, np.zeros(3)])
-    felt[:, 3 + along] = 0.0
-    return LoadCells(matrix @ felt, mixed(np.full(4, 1e-3), 2), positions=positions, axes=("xyz"[along],))
+def plate(along: int) -> LoadCells:
+    """Four unequal cells of one axis at a height."""
+    places = np.insert([[0.03, 0.04], [-0.05, 0.02], [-0.02, -0.06], [0.07, -0.01]], along, HEIGHT, axis=1)
+    made = plate_cells(places, np.array([1.0, 1.3, 0.8, 1.1]), mixed(np.full(4, 1e-3), 2), "xyz"[along])
+    return with_changes(made, covariance=np.zeros((36, 36)))
 
 
 @pytest.mark.parametrize("sound", [None, [True, True, False, True]])
