@@ -35,7 +35,6 @@ PAYLOAD = Payload(
 CALIBRATED = np.diag([1e-3, 2e-3, 1e-3, 1e-4, 1e-4, 2e-4]) ** 2
 FILTERS = [None, Kalman(1e-3, 2e-3), Butterworth(20.0), Butterworth(20.0, zero_phase=True)]
 FLAT = plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-PARTS = ("weight", "force_bias", "center_of_mass", "torque_bias")
 
 
 def estimator(

@@ -182,13 +182,3 @@ def test_rows_come_back_from_arrays_parts_tables_and_files(tmp_path: Path, sampl
         assert found.to_polars().schema == expected.schema
         assert np.array_equal(found.located, known.located)
     assert expected["px"].null_count() == int((~known.located).sum())
-
-
-@pytest.mark.parametrize("samples", SAMPLES.values(), ids=SAMPLES)
-def test_the_strongest_row_of_each_sample_is_found_one_by_one(samples: list[int]) -> None:
-    known = contacts(samples)
-    force = np.linalg.norm(known.force, axis=1)
-    wanted = [max(np.flatnonzero(known.sample == each), key=lambda k: force[k]) for each in sorted(set(samples))]
-    assert known.strongest().tolist() == wanted
-    assert bool(known) == bool(known.answered.any())
-    assert len(list(known)) == len(known)

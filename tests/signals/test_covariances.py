@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate import Pose
-from palpate.signals.wrench_sensor import Placement, square_root
+from palpate.signals.wrench_sensor import Placement
 from tests.support.dice import agree, mixed, rolled
 from tests.support.payloads import (
     EXACT,
@@ -71,11 +71,3 @@ def test_a_surface_is_as_sure_in_its_sensor_as_its_mounting() -> None:
     agree(placement.factor.T @ placement.factor, rolled(inverse, MOUNTED))
     np.testing.assert_allclose(placement.matrix @ READING, in_surface(READING), atol=1e-14)
     assert Placement(MOUNT).factor.shape == (0, 6)
-
-
-@pytest.mark.parametrize("rank", [0, 1, 2, 5])
-def test_a_root_has_the_rank_of_its_covariance_whatever_the_units(rank: int) -> None:
-    factor = np.random.default_rng(rank).normal(size=(rank, 5)) * [1e6, 1.0, 1e-3, 1e-6, 1.0]
-    root = square_root(factor.T @ factor)
-    assert root.shape == (rank, 5)
-    np.testing.assert_allclose(root.T @ root, factor.T @ factor, rtol=1e-9)

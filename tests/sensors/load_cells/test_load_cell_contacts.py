@@ -28,13 +28,6 @@ SURFACE = EllipticCylinder(a=A, b=B, half_length=HALF, upper=True)
 ARRAY = random_cells(LAYOUTS[4], np.random.default_rng(1))
 NOISE = 1e-4  # V
 CELLS = LoadCells(ARRAY.forward(), np.full(12, NOISE))
-ROOT = (
-    3e-4
-    * np.random.default_rng(4).normal(size=(36, 36))
-    / 6
-    * np.outer([1, 1, 1, 0.01, 0.01, 0.01], [1, 1, 1, 100, 100, 100]).reshape(36, 1)
-)
-UNSURE = with_changes(CELLS, covariance=ROOT @ ROOT.T)
 
 
 def array(cells: LoadCells = CELLS) -> LoadCellArray:

@@ -36,17 +36,6 @@ def test_wrench_comes_back(count: int) -> None:
     np.testing.assert_allclose(found, wrenches, atol=1e-11)  # rounding, times the condition of the layout
 
 
-@pytest.mark.parametrize("cell", range(4))
-def test_any_three_cells_give_the_same_wrench_less_surely(cell: int) -> None:
-    cells, wrenches, sound = made(), some_wrenches(), np.arange(4) != cell
-    readings = array().voltages(wrenches)
-    readings[:, 3 * cell : 3 * cell + 3] = 0.0  # a dead cell still carries its load
-    found, spread = cells.wrenches(readings, sound)
-    np.testing.assert_allclose(found, wrenches, atol=1e-11)
-    wider = spread[0] - cells.wrenches(readings)[1][0]
-    assert np.linalg.eigvalsh(wider).min() > -1e-12 * np.abs(wider).max()
-
-
 def test_what_no_wrench_explains_is_chi_square() -> None:
     rng, cells = np.random.default_rng(11), made()
     readings = array().voltages(some_wrenches(20_000)) + NOISE * rng.normal(size=(20_000, 12))
