@@ -17,7 +17,9 @@ from palpate.signals.recording import AVERAGED, FORCE, ORIENTATION, TORQUE
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate.surfaces import Sphere
 from palpate_lab.simulation.contacts import touch_wrenches
+from tests.support import payloads as known
 from tests.support.bodies import BODIES, R, on_mesh
+from tests.support.dice import agree, joint, rolled
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
 MESH = BODIES["ellipsoid"].mesh
@@ -162,32 +164,16 @@ def test_an_empty_block_gives_an_empty_answer() -> None:
 
 
 def test_payload_and_mounting_add_to_the_covariance_what_dice_say() -> None:
-    """Sensor noise, a payload drawn from its covariance and a mounting from its own, located 4000 times.
+    read = _parts(known.READING[None]) | {ORIENTATION: known.TURNS[1].as_quat()[None]}
+    sensor = Compensation(ForceTorque(NOISE), known.known_payload())
+    made = WrenchEstimator(Locator(MESH), sensor, mount=known.MOUNT, mount_covariance=known.MOUNTED)
+    _, stated, _ = made.contact_wrenches(Recording(np.zeros(1), read))
 
-    4000 draws tell an entry of a covariance to 2 % of its scale: four of that, and 2 for the surface's curvature.
-    """
-    rng, made = np.random.default_rng(1), session(1)
-    spread = np.diag(np.r_[[0.02] * 3, [0.02] * 3, [5e-4] * 3, [1e-3] * 3] ** 2)
-    mount_spread = np.diag(np.r_[[2e-3] * 3, [1e-4] * 3] ** 2)
-    known = Payload(PAYLOAD.weight, PAYLOAD.force_bias, PAYLOAD.center_of_mass, PAYLOAD.torque_bias, spread)
-    stated = estimator(ForceTorque(NOISE), payload=known, mount_covariance=mount_spread).run(made.recording())
-    points = []
-    readings = made.readings + rng.normal(size=(4000, 6)) * NOISE
-    locator = Locator(MESH, friction=2.0, torsion=0.05)
-    for reading, off, xi in zip(
-        readings,
-        rng.multivariate_normal(np.zeros(12), spread, 4000),
-        rng.multivariate_normal(np.zeros(6), mount_spread, 4000),
-        strict=True,
-    ):
-        weight = rotation_from_quaternion(made.quaternions[0]).T @ (PAYLOAD.weight + off[:3])
-        force = reading[:3] - weight - PAYLOAD.force_bias - off[3:6]
-        torque = reading[3:] - np.cross(PAYLOAD.center_of_mass + off[6:9], weight) - PAYLOAD.torque_bias - off[9:]
-        inverse = (Pose.from_rotation_vector(xi[:3], xi[3:]) @ MOUNT).inverse()
-        points.append(inverse.wrench_matrix() @ np.concatenate([force, torque]))
-    located = locator.run(np.array(points), sequential=False)
-    sample = np.cov(located.point[located.answered].T)
-    assert np.abs(sample - stated.covariance[0]).max() < 0.1 * np.trace(stated.covariance[0])
+    def true(off: np.ndarray) -> np.ndarray:
+        return known.in_surface(known.READING - off[12:18] - known.load(off[:12], 1, -known.SWING[1]), off[18:])
+
+    assert stated is not None
+    agree(stated[0], rolled(true, joint(known.OWN, np.diag(NOISE**2), known.MOUNTED)))
 
 
 def test_what_a_tare_is_unsure_of_is_in_every_covariance() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from palpate.contact import ContactEstimate, Contacts, Locator
+from palpate.contact import ContactEstimate, Contacts, Locator, Status
 from palpate.contact.frames import placed
 from palpate.errors import InputError
 from palpate.signals import Recording
+from palpate.signals.recording import ORIENTATION, POSITION
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.contacts import touch_wrenches
 from tests.support.bodies import BODIES, R, on_mesh
@@ -31,17 +33,29 @@ def test_moving_the_answer_is_moving_the_question() -> None:
     assert np.nanmax(np.abs(one.covariance - two.covariance)) < 1e-6 * np.nanmax(two.covariance)
 
 
-def test_a_pose_for_every_sample_and_what_it_leaves_alone() -> None:
-    mesh, rng = BODIES["ellipsoid"].mesh, np.random.default_rng(1)
-    points, normals, _ = on_mesh(mesh, 5, rng)
-    answer = Locator(mesh).run(touch_wrenches(points, normals, rng), sequential=False)
-    poses = Pose.from_rotation_vector(rng.normal(size=(5, 3)), rng.normal(size=(5, 3)))
-    moved = answer.in_frame(poses)
-    for i in range(5):
-        assert np.allclose(moved.point[i], poses.rotation[i] @ answer.point[i] + poses.translation[i], atol=1e-15)
-        assert np.allclose(moved.force[i], poses.rotation[i] @ answer.force[i], atol=1e-14)
-    assert np.array_equal(moved.torque, answer.torque)
-    assert np.array_equal(moved.status, answer.status)
+@pytest.mark.parametrize("samples", [[], [5], [5, 5, 5], [5, 6, 6, 8, 8, 8]])
+def test_contacts_of_one_sample_are_all_in_its_own_pose(samples: list[int]) -> None:
+    """On a base that moves, in a block that begins at sample 5; a sample between them has none, and one no pose."""
+    rng, count = np.random.default_rng(2), len(samples)
+    mesh, mount = BODIES["ellipsoid"].mesh, Pose.from_rotation_vector((0.3, 0.2, -0.4), (0.01, 0.02, 0.03))
+    points, normals, _ = on_mesh(mesh, max(count, 1), rng)
+    estimate = Locator(mesh).run(touch_wrenches(points, normals, rng)[:count], sequential=False)
+    turns, places = Rotation.random(4, random_state=3), rng.normal(size=(4, 3))
+    quaternions = turns.as_quat()
+    quaternions[1] = np.nan
+    block = Recording(np.arange(4.0), {ORIENTATION: quaternions, POSITION: places})
+    contacts = Contacts(np.array(samples, dtype=np.int64), np.array(samples, float), np.zeros(count, int), estimate)
+    found = placed(contacts, block, "base", mount)
+    assert found.sample.tolist() == samples
+    assert found.point.shape == (count, 3)
+    for k, sample in enumerate(samples):
+        if sample == 6:
+            assert found.status[k] == Status.NO_POSE
+            assert np.isnan(found.point[k]).all()
+        else:
+            there = turns[sample - 5].apply(mount.apply(estimate.point[k])) + places[sample - 5]
+            np.testing.assert_allclose(found.point[k], there, atol=1e-12)
+            np.testing.assert_allclose(found.force[k], turns[sample - 5].apply(mount.rotate(estimate.force[k])))
 
 
 def test_a_frame_that_is_none_is_refused_and_nothing_cannot_be_joined() -> None:

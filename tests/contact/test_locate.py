@@ -18,7 +18,7 @@ from palpate.contact.locate import in_space, locate
 from palpate.errors import InputError
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
-from palpate.surfaces import Mesh
+from palpate.surfaces import Mesh, plane
 from palpate.surfaces._jit import ENTRIES
 from palpate_lab.simulation.contacts import touch_wrenches
 from tests.support.bodies import BODIES, PLACE, R, box, on_mesh, pressing
@@ -618,3 +618,30 @@ def test_of_two_facets_at_one_edge_the_one_faced_more_squarely_comes_first(tilt:
     found = ContactEstimate.from_rows(row)
     np.testing.assert_allclose(found.point, point, atol=1e-9)
     np.testing.assert_allclose(found.normal, [1, 0, 0] if tilt[0] < tilt[1] else [0, 0, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 16, 17, 40])
+def test_of_more_places_than_are_kept_the_nearest_to_the_force_stay(count: int) -> None:
+    """A tower of small plates, each tilted otherwise, so that none covers another, on the axis of the force."""
+    rng, tilts = np.random.default_rng(count), np.linspace(0.2, 1.1, max(count, 1))
+    rng.shuffle(tilts)
+    ways, heights = rng.uniform(0, 2 * np.pi, len(tilts)), 10.0 * R * np.arange(len(tilts))
+    normals = np.stack([np.sin(tilts) * np.cos(ways), np.sin(tilts) * np.sin(ways), np.cos(tilts)], axis=1)
+    plates = [plane((0.0, 0.0, z), normal, R) for z, normal in zip(heights, normals, strict=True)]
+    faces = [plate.faces + 4 * k for k, plate in enumerate(plates)]
+    body = Mesh.from_arrays(np.concatenate([plate.vertices for plate in plates]), np.concatenate(faces), smooth=False)
+    away = np.array([0.0, 0.0, 0.0] if count else [3.0 * R, 0.0, 0.0])  # m: of the axis from the tower
+    force = np.array([0.0, 0.0, -5.0])
+    wrench, kept = np.concatenate([force, np.cross(away, force)]), np.sort(tilts)[: min(count, 16)]
+    locator = Locator(body, "wrench_axis", friction=0.8, noise=[1e-6] * 3 + [1e-9] * 3)
+    found = locator.candidates(wrench)
+    np.testing.assert_allclose(np.sort(found.friction), np.tan(kept), atol=1e-9)
+    assert found.plausible.tolist() == sorted(np.tan(kept) <= 0.8, reverse=True)
+    for plausible in (True, False):  # in order along the force, which presses from above
+        along = -found.point[found.plausible == plausible, 2]
+        assert (np.diff(along) > 0.0).all()
+    answer = locator.run(wrench)
+    within = int(np.sum(np.tan(kept) <= 0.8))
+    assert int(answer.candidates) == within
+    status = Status.OFF_SURFACE if not count else Status.CONTACT if within == 1 else Status.AMBIGUOUS
+    assert answer.status == status

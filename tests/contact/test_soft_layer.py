@@ -78,3 +78,9 @@ def test_a_layer_of_no_depth_changes_no_bit() -> None:
 def test_a_wanted_accuracy_must_be_one() -> None:
     with pytest.raises(InputError, match="accuracy"):
         Locator(TUBE, accuracy=-1.0)
+
+
+def test_a_layer_gives_way_as_a_power_of_what_presses() -> None:
+    """Its depth at 1 N, by twice that at 4 N if the exponent is a half; whichever way the force has its sign."""
+    np.testing.assert_allclose(LAW(np.array([0.0, 1.0, 4.0, -4.0])), [0.0, 6e-4, 12e-4, 12e-4])
+    assert LAW(np.zeros((2, 0))).shape == (2, 0)

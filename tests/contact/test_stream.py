@@ -35,7 +35,6 @@ PAYLOAD = Payload(
 CALIBRATED = np.diag([1e-3, 2e-3, 1e-3, 1e-4, 1e-4, 2e-4]) ** 2
 FILTERS = [None, Kalman(1e-3, 2e-3), Butterworth(20.0), Butterworth(20.0, zero_phase=True)]
 FLAT = plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-PARTS = ("weight", "force_bias", "center_of_mass", "torque_bias")
 
 
 def estimator(
@@ -275,35 +274,6 @@ def test_a_tare_takes_off_what_the_sensor_read_at_rest() -> None:
     chain.tare(at_rest(0.0 * DRIFT))  # in its place, not on top
     wrenches, _, _ = chain.contact_wrenches(at_rest(0.0 * DRIFT, seed=1))
     assert np.abs(MOUNT.wrench_matrix() @ wrenches.mean(axis=0) / NOISE).max() < 5 * (2 / 400) ** 0.5
-
-
-def load(off: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """What payloads, wrong by (k, 12), put on the sensor at rotations (n, 3, 3): (k, n, 6)."""
-    weight, force_bias, center, torque_bias = (
-        getattr(PAYLOAD, name) + part for name, part in zip(PARTS, np.split(off, 4, axis=1), strict=True)
-    )
-    hanging = np.einsum("nji,kj->kni", turn, weight)
-    torque = np.cross(center[:, None], hanging) + torque_bias[:, None]
-    return np.concatenate([hanging + force_bias[:, None], torque], axis=2)
-
-
-def test_after_a_tare_the_covariance_is_what_dice_over_payloads_say() -> None:
-    """The window read with one payload error, a later pose with the same; 3000 draws tell a variance to 3 %: four."""
-    rng = np.random.default_rng(4)
-    chain = WrenchEstimator(estimator().locator, Compensation(ForceTorque(NOISE), PAYLOAD))
-    chain.tare(at_rest(DRIFT, count=40, still=False))
-    later = Recording(
-        np.zeros(1), {FORCE: np.zeros((1, 3)), TORQUE: np.zeros((1, 3)), ORIENTATION: np.array([[0.6, 0.5, -0.4, 0.2]])}
-    )
-    _, stated, _ = chain.contact_wrenches(later)
-    assert stated is not None
-    off = rng.multivariate_normal(np.zeros(12), PAYLOAD.covariance, 3000)
-    window = load(off, rotation_from_quaternion(at_rest(DRIFT, count=40, still=False).channels[ORIENTATION]))
-    after = load(off, rotation_from_quaternion(later.channels[ORIENTATION]))[:, 0]
-    noise = NOISE * (rng.normal(size=(3000, 6)) - rng.normal(size=(3000, 6)) / 40**0.5)
-    drawn = after - window.mean(axis=1) + noise
-    found, scale = np.cov(drawn.T), np.sqrt(np.diag(stated[0]))
-    assert np.abs((found - stated[0]) / np.outer(scale, scale)).max() < 0.12
 
 
 def test_a_tare_forgets_the_filter_and_reset_keeps_the_tare() -> None:

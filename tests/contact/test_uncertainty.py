@@ -6,14 +6,18 @@ import functools
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from claims.evidence.covariance import CHI2_95, squared_distance
 from palpate.contact import Locator
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
+from palpate.surfaces.analytic import Analytic
 from palpate_lab.simulation.contacts import touch_wrenches
 from palpate_lab.simulation.shapes import EllipsoidBody
-from tests.support.bodies import PLACE, R, box, pressing
+from tests.support.bodies import PLACE, R, box, on_mesh
+from tests.support.dice import mixed, rolled
+from tests.support.equations import EQUATIONS
 
 BODY = EllipsoidBody((R, 0.7 * R, 0.5 * R))
 UNITS = np.array([np.outer(e, e) for e in np.eye(6)])
@@ -43,35 +47,33 @@ def covariances(locator: Locator, wrench: np.ndarray) -> np.ndarray:
     return locator.run(np.tile(wrench, (6, 1)), 1e-12 * UNITS, sequential=False).covariance * 1e12  # no edge is near
 
 
-@pytest.mark.parametrize("method", ["soft_finger", "wrench_axis"])
-def test_on_a_facet_a_unit_covariance_is_the_slope_squared(method: str) -> None:
-    """Cov(e_i e_i^T) = dp_i dp_i^T: to 1e-5, as differences of 1e-16 over steps of 1e-7 allow."""
-    rng = np.random.default_rng(0)
-    locator = Locator(flat(), method=method, friction=2.0, torsion=0.1)
-    for _ in range(20):
-        point = PLACE + np.append(rng.uniform(-0.5, 0.5, 2) * R, 0.5 * R)
-        force = np.append(rng.uniform(-2, 2, 2), -rng.uniform(2, 8))
-        wrench = pressing(point, np.array([0, 0, 1.0]), force, 0.1 * R)
-        steps, found = slopes(locator, wrench), covariances(locator, wrench)
-        expected = np.einsum("ni,nj->nij", steps, steps)
-        assert np.abs(found - expected).max(axis=(1, 2)) == pytest.approx(0, abs=1e-5 * np.abs(expected).max())
+@functools.cache
+def surface(name: str) -> Mesh | Analytic:
+    """A surface with an equation, or a box whose facets lie at 45 degrees to all axes."""
+    turned = Pose.from_rotation_vector(Rotation.from_euler("zx", [45, 45], degrees=True).as_rotvec(), PLACE)
+    return flat().transformed(turned) if name == "box" else EQUATIONS[name].surface
 
 
 @pytest.mark.parametrize("method", ["soft_finger", "wrench_axis"])
-def test_noises_that_correlate_are_carried_with_their_signs(method: str) -> None:
-    """J' S J with J the differences of the point by each component: every cross term of S counts."""
-    rng = np.random.default_rng(4)
-    pose = Pose.from_rotation_vector((0.4, -0.7, 0.3), PLACE)
-    locator = Locator(flat().transformed(pose), method=method, friction=2.0, torsion=0.1)
-    for _ in range(20):
-        point = PLACE + np.append(rng.uniform(-0.5, 0.5, 2) * R, 0.5 * R)
-        force = np.append(rng.uniform(-2, 2, 2), -rng.uniform(2, 8))
-        wrench = pose.wrench_matrix() @ pressing(point, np.array([0, 0, 1.0]), force, 0.1 * R)
-        root = rng.normal(size=(6, 6)) * np.array([0.02] * 3 + [5e-4] * 3)
-        steps = slopes(locator, wrench)
-        expected = steps.T @ root.T @ root @ steps
-        found = locator.run(wrench, 1e-8 * root.T @ root, sequential=False).covariance * 1e8  # no edge is near
-        assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
+@pytest.mark.parametrize("name", ["box", "ellipsoid", "fingertip", "paraboloid"])
+def test_a_place_is_as_sure_as_a_wrench_whose_noises_belong_together(name: str, method: str) -> None:
+    """The answer itself, for wrenches that are off a little: its derivative is under test, not the place."""
+    body, rng = surface(name), np.random.default_rng(4)
+    if isinstance(body, Mesh):
+        points, normals, _ = on_mesh(body, 12, rng)
+    else:
+        points, normals = EQUATIONS[name].points(12, 4)
+    wrenches = touch_wrenches(points, normals, rng, force=(2.0, 8.0), tan_theta=0.4, pitch=0.05 * R)
+    locator, own = Locator(body, method=method, friction=2.0, torsion=1.0), mixed(np.repeat([2e-3, 5e-5], 3), 5)
+    answer = locator.run(wrenches, 1e-6 * own, sequential=False)  # so small that no edge is near
+    assert answer.answered.all()
+
+    def place(off: np.ndarray, near: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+        return locator.run((wrench + off)[None], sequential=False, previous=near).point[0]
+
+    for wrench, near, stated in zip(wrenches, answer.point, answer.covariance, strict=True):
+        found = rolled(lambda off, near=near, wrench=wrench: place(off, near, wrench), own)
+        assert np.abs(1e6 * stated - found).max() < 1e-4 * np.abs(found).max()
 
 
 @pytest.mark.parametrize("method", ["soft_finger", "wrench_axis"])
@@ -113,21 +115,6 @@ def test_it_is_of_rank_two_symmetric_and_across_the_normal(method: str) -> None:
     values = np.linalg.eigvalsh(answer.covariance / scale)
     assert np.abs(values[:, 0]).max() < 1e-14
     assert values[:, 1].min() > 1e-8
-
-
-def test_closed_forms_of_the_derivation_on_a_plane() -> None:
-    """Noise s of the torque alone: rms sqrt(2) s/(|F| cos) by the soft finger, s/|F| sqrt(1 + 1/cos^2) by the axis."""
-    point, s, size = PLACE + np.array([0.1 * R, 0.2 * R, 0.5 * R]), 1e-4, 5.0
-    for theta in (0.0, 0.4, 0.7):
-        force = size * np.array([np.sin(theta), 0, -np.cos(theta)])
-        wrench = pressing(point, np.array([0, 0, 1.0]), force, 0.0)
-        noise = np.array([0, 0, 0, s, s, s])
-        for method, rms in (
-            ("soft_finger", np.sqrt(2) * s / (size * np.cos(theta))),
-            ("wrench_axis", s / size * np.sqrt(1 + 1 / np.cos(theta) ** 2)),
-        ):
-            answer = Locator(flat(), method=method, noise=noise, friction=2.0, on=0.0).run(wrench[None])
-            assert np.sqrt(np.trace(answer.covariance[0])) == pytest.approx(rms, rel=1e-9)
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.2 * R])

@@ -230,27 +230,6 @@ def test_a_followed_payload_is_compensated_as_the_true_one() -> None:
     np.testing.assert_allclose(sensor.measure(log).wrench, expected, rtol=0, atol=1e-12)
 
 
-def test_the_covariance_is_that_of_bias_and_payload() -> None:
-    """Payloads that err as assumed, walking zeros, an arm that turns: the squared distance of all ten numbers is 10."""
-    time, square = np.arange(0.0, 10.0, 1.0 / 40.0), np.zeros((2, 24))
-    turn = np.stack([0.5 * np.sin(time), 0.4 * np.sin(0.7 * time), 0 * time, np.ones(len(time))], axis=1)
-    turn[: round(2.5 * 40)] = [0.0, 0.0, 0.0, 1.0]
-    drift, prior = drift_of(1e-3), Compensation(ForceTorque(NOISE), PAYLOAD).coefficients
-    for seed in range(24):
-        rng = np.random.default_rng([11, seed])
-        error = prior * rng.standard_normal(4)
-        weight = np.array([0.0, 0.0, -5.0 - error[0]])
-        hung = np.einsum("nji,j->ni", rotation_from_quaternion(turn), weight)
-        moment = np.cross(PAYLOAD.center_of_mass + error[1:] / -weight[2], hung)
-        zero = simulate_drift(time, drift, rng)
-        seen = np.concatenate([hung, moment], axis=1) + zero + NOISE * rng.standard_normal(zero.shape)
-        found = follow(time, seen, drift, smooth=True, payload=PAYLOAD, orientation=turn)
-        for row, at in enumerate((-1, -40)):  # the last is the filter's own
-            off = np.r_[found.zero[at] - zero[np.searchsorted(time, found.time[at])], found.coefficient[at] - error]
-            square[row, seed] = off @ np.linalg.solve(found.covariance[at], off)
-    assert np.all(np.abs(square.mean(axis=1) - 10.0) < 3.0)  # 3.3 deviations of a mean of 24
-
-
 def test_time_without_touch_in_which_the_zero_is_kept_is_named() -> None:
     """0.05 N that a contact could make are too little for one, and stay for most of a minute."""
     time, push = np.arange(0.0, 70.0, 1.0 / 40.0), np.array([-0.05, 0.0, 0.0])

@@ -235,3 +235,22 @@ def test_tracks_are_watched(driven: tuple[float, float], touched: bool, side: st
         heading = float(pose[2]) + 0.5 * turn * FRAME
         pose = pose + np.array([forward * math.cos(heading), forward * math.sin(heading), turn]) * FRAME
     assert (said, ever) == (side, held)
+
+
+@pytest.mark.parametrize("ground", [1, 2, 5])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_robot_is_doubted_by_the_times_of_its_new_places(ground: int, seed: int) -> None:
+    """Against all places so far, counted at each step: enough new ones of late, or nearer of late."""
+    rng, watch, been, doubtful = np.random.default_rng(seed), ProgressWatch(8.0, ground), dict[object, float](), False
+    nearest, since, x, y = np.inf, 0.0, 0.0, 0.0
+    for step in range(400):
+        time = 0.5 * step
+        x, y = x + rng.normal(0.0, 0.08), y + rng.normal(0.0, 0.08)
+        far = float(np.hypot(x - 2.0, y))
+        if far < nearest - 0.05:
+            nearest, since, doubtful = far, time, False
+        been.setdefault((round(x / 0.1), round(y / 0.1)), time)
+        fresh = sum(time - first <= 8.0 for first in been.values())
+        doubtful = doubtful or (time - since > 8.0 and fresh < ground)
+        assert watch.update(time, x, y, far) == pytest.approx(time - since)
+        assert watch.doubtful == doubtful

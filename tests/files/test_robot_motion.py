@@ -13,10 +13,11 @@ from scipy.spatial.transform import Rotation
 from claims.evidence.logs_written import header, write_mcap
 from claims.evidence.robot import KINDS, TYPES, transform
 from palpate.errors import InputError
-from palpate.files.logs.robot_motion import RobotMotion
+from palpate.files.logs.robot_motion import JointSamples, RobotMotion
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.spatial.pose import rotation_from_quaternion
 from tests.support.arms import joint
+from tests.support.dice import rolled
 
 STEP = 10**7  # ns
 UPPER, FORE = 0.3, 0.2  # m
@@ -78,7 +79,9 @@ def test_a_pose_is_known_only_near_joint_states(tmp_path: Path) -> None:
     assert np.isfinite(place).all(axis=1).tolist() == [False, True, True, False, True, False]
 
 
-def test_columns_and_transforms_are_joint_states_in_another_form(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rarely", [1, 4])
+def test_columns_and_transforms_are_joint_states_in_another_form(tmp_path: Path, rarely: int) -> None:
+    """Of two edges that move, one may be sent more rarely: both turn evenly, so that nothing is lost in between."""
     time = STEP * np.arange(len(SLOW)) / 1e9
     expected = _motion(tmp_path, SLOW).at("hand", time)
     table = tmp_path / "log.csv"
@@ -90,7 +93,8 @@ def test_columns_and_transforms_are_joint_states_in_another_form(tmp_path: Path)
     rows = list[tuple[int, str, Any]]()
     for k, (one, two) in enumerate(SLOW):
         edges = (("base", "upper", 0.0, one), ("upper", "fore", UPPER, two), ("fore", "hand", FORE, 0.0))
-        moved = [transform(STEP * k, a, b, [x, 0, 0], turns([0, 0, turn]).as_quat()) for a, b, x, turn in edges]
+        sent = [edge for edge in edges if edge[1] != "fore" or k % rarely == 0]
+        moved = [transform(STEP * k, a, b, [x, 0, 0], turns([0, 0, turn]).as_quat()) for a, b, x, turn in sent]
         rows.append((STEP * k, "/tf", tree(moved)))
     found = RobotMotion.read(_log(tmp_path, rows), urdf, "base", ["hand"], joints="/tf").at("hand", time)
     np.testing.assert_allclose(found[1], expected[1], atol=1e-14)
@@ -109,19 +113,6 @@ def test_two_publishers_may_each_state_some_of_the_joints(tmp_path: Path) -> Non
     assert not motion.warnings()
 
 
-def test_deviations_of_encoders_are_those_of_many_draws(tmp_path: Path) -> None:
-    encoder, rng = np.radians(0.2), np.random.default_rng(2)
-    motion = _motion(tmp_path, SLOW, encoder=encoder)
-    stated = motion.covariance("hand", np.array([1.0]))[0]
-    arm = Kinematics(_urdf(tmp_path), "base", "hand")
-    at = SLOW[100]
-    turn, place = arm.poses(np.vstack([at, at + encoder * rng.normal(size=(20000, 2))]))
-    turns = Rotation.from_quat(turn[:, 0])
-    errors = np.column_stack([(turns[1:] * turns[0].inv()).as_rotvec(), place[1:, 0] - place[0, 0]])
-    sizes = np.sqrt(np.diag(stated)) + 1e-12
-    np.testing.assert_allclose(np.cov(errors.T) / np.outer(sizes, sizes), stated / np.outer(sizes, sizes), atol=0.05)
-
-
 def _random(rng: np.random.Generator) -> str:
     """A tree of 20 links: joints that turn, for ever too, slide, are fixed, or mimic the first."""
     parts = ['<robot name="random">', *(f'<link name="l{k}"/>' for k in range(20))]
@@ -133,6 +124,33 @@ def _random(rng: np.random.Generator) -> str:
         limit = "" if kind in ("continuous", "fixed") else 'lower="-9" upper="9" effort="1" velocity="1"'
         parts.append(joint(f"j{k}", kind, f"l{rng.integers(0, k)}", f"l{k}", more=more, limit=limit))
     return "".join([*parts, "</robot>"])
+
+
+def test_deviations_of_encoders_are_those_of_dice(tmp_path: Path) -> None:
+    """Of every joint that turns between base and link, mimics and all; what slides has no encoder of angles."""
+    rng, encoder = np.random.default_rng(2), np.radians(0.2)
+    urdf = _urdf(tmp_path, _random(rng))
+    arm = Kinematics(urdf, "l0", [f"l{k}" for k in range(1, 20)])
+    sliding = {each.name for each in urdf.joints if each.kind == "prismatic"}
+    turning = np.array([name not in sliding for name in arm.joints])
+    positions = rng.uniform(-2.0, 2.0, (2, len(arm.joints)))
+    samples = JointSamples(arm, np.array([0.0, 1.0]), positions, 2.0)
+    for place in range(0, len(arm.links), 4):
+        stated = samples.covariance(arm.links[place], np.array([1.1, 0.1, 0.9]), encoder)
+        np.testing.assert_array_equal(stated[0], stated[2])
+        for row, at in ((1, positions[0]), (0, positions[1])):
+
+            def moved(off: np.ndarray, at: np.ndarray = at, place: int = place) -> np.ndarray:
+                turns, there = (part[:, place] for part in arm.poses(np.stack([at, at + off])))
+                here, turned = Rotation.from_quat(turns)
+                return np.concatenate([(turned * here.inv()).as_rotvec(), there[1] - there[0]])
+
+            found = rolled(moved, np.diag(encoder**2 * turning))
+            assert np.abs(stated[row] - found).max() < 1e-4 * np.abs(found).max() + 1e-18
+    assert samples.covariance("l3", np.zeros(0), encoder).shape == (0, 6, 6)
+    none = JointSamples(arm, np.zeros(0), np.zeros((0, len(arm.joints))), 2.0)
+    assert np.isnan(none.covariance("l3", np.zeros(2), encoder)).all()
+    assert all(np.isnan(part).all() for part in none.at("l3", np.zeros(2)))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -167,21 +167,6 @@ def test_rigid_motion_moves_the_answer(row: Equation) -> None:
     assert np.abs(turned - two.covariance).max() < 1e-6 * np.abs(one.covariance).max()
 
 
-def test_covariance_is_that_of_small_errors_of_the_wrench(row: Equation) -> None:
-    """J C J^T with J by central differences of the answer itself: the derivative, not the point, is under test."""
-    _, _, wrenches = touches(row, 0.05 * R, 30, 10)
-    covariance = np.diag(NOISE**2)
-    for method in ("soft_finger", "wrench_axis"):
-        locator = Locator(row.surface, method, noise=NOISE, torsion=1.0)
-        answer = locator.run(wrenches, sequential=False)
-        for wrench, point, spread in zip(wrenches, answer.point, answer.covariance, strict=True):
-            steps = 1e-6 * np.r_[np.full(3, np.linalg.norm(wrench[:3])), np.full(3, R * np.linalg.norm(wrench[:3]))]
-            rows = np.concatenate([wrench + np.diag(steps), wrench - np.diag(steps)])
-            near = locator.run(rows, sequential=False, previous=point).point
-            jacobian = ((near[:6] - near[6:]) / (2 * steps[:, None])).T
-            assert np.abs(jacobian @ covariance @ jacobian.T - spread).max() < 1e-4 * np.abs(spread).max()
-
-
 def test_a_mesh_converges_to_its_equation_at_second_order() -> None:
     """Soft finger on triangles of a quarter of the area errs by a quarter, but for the stretched ones at the poles."""
     assert np.abs(orders(1000)[0] - 2.0).max() < 0.25

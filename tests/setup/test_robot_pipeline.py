@@ -16,6 +16,7 @@ from palpate.contact.estimate import ContactEstimate
 from palpate.contact.origins import Origin, Origins
 from palpate.errors import InputError
 from palpate.setup.robot_pipeline import merged, widened
+from tests.support.dice import agree, joint, mixed, rolled
 
 TIMES = st.sampled_from([0.0, 0.1, 0.1, 0.25, 0.5, 1.0, 2.0, np.nan])
 
@@ -89,19 +90,20 @@ def _placed(rng: np.random.Generator, count: int) -> ContactEstimate:
     return replace(blank, point=rng.normal(size=(count, 3)), covariance=half @ half.transpose(0, 2, 1))
 
 
-def test_widened_covariances_are_those_of_many_draws() -> None:
+def test_widened_covariances_are_those_of_dice() -> None:
     """The link's pose is off by a small rotation about its origin and a shift, and the point in it is off too."""
-    rng, count = np.random.default_rng(1), 200_000
-    estimate, origin = _placed(rng, 1), np.array([[0.3, -0.2, 0.5]])
-    half = rng.normal(size=(6, 6)) * np.array([1e-3] * 3 + [5e-4] * 3)[:, None]
-    pose = half @ half.T
-    error = rng.multivariate_normal(np.zeros(6), pose, count)
-    own = rng.multivariate_normal(np.zeros(3), estimate.covariance[0], count)
-    lever = estimate.point[0] + own - origin[0]
-    found = origin[0] + error[:, 3:] + Rotation.from_rotvec(error[:, :3]).apply(lever)
-    spread = np.cov(found.T)
-    got = widened(estimate, origin, pose[None]).covariance[0]
-    np.testing.assert_allclose(got, spread, atol=0.015 * np.trace(spread))  # of 200,000 draws
+    rng = np.random.default_rng(1)
+    estimate, origins = _placed(rng, 2), np.array([[0.3, -0.2, 0.5], [-0.4, 0.1, 0.2]])
+    poses = np.stack([mixed(np.repeat([1e-3, 5e-4], 3), seed) for seed in (1, 2)])
+    stated = widened(estimate, origins, poses).covariance
+    for point, own, origin, pose, found in zip(
+        estimate.point, estimate.covariance, origins, poses, stated, strict=True
+    ):
+
+        def moved(off: np.ndarray, point: np.ndarray = point, origin: np.ndarray = origin) -> np.ndarray:
+            return origin + off[3:6] + Rotation.from_rotvec(off[:3]).apply(point + off[6:] - origin)
+
+        agree(found, rolled(moved, joint(pose, own)))
 
 
 def test_a_pose_without_error_widens_nothing() -> None:

@@ -6,9 +6,10 @@ import pytest
 from palpate.errors import InputError
 from palpate.signals.drift import Drift
 from palpate.signals.zero_filter import FilterStep, ZeroFilter, ZeroWindow, smoothed
+from tests.support.dice import mixed, rolled
 
 CHANNELS = 3
-START, ZERO, KNOWN = 10.0, np.array([0.3, -0.1, 0.2]), np.diag([4e-4, 1e-4, 9e-4])
+START, ZERO, KNOWN = 10.0, np.array([0.3, -0.1, 0.2]), mixed(np.array([0.02, 0.01, 0.03]), 1)
 
 
 def _drift(warm: bool, settling: float = np.inf) -> Drift:
@@ -83,16 +84,6 @@ def test_filter_and_smoother_are_the_posterior_of_all_windows_at_once(drift: Dri
         np.testing.assert_allclose(state.covariance, covariance, atol=1e-11)
 
 
-def test_ahead_it_grows_as_stated() -> None:
-    drift = Drift([3e-3] * 3, [2e-3] * 3)
-    made, _ = _run(drift, _windows(drift, np.random.default_rng(0)), list(range(30)))
-    p, t = made.covariance, 60.0
-    both = p[:3, 3:] + p[3:, :3]
-    expected = p[:3, :3] + t * both + t**2 * p[3:, 3:] + np.diag(drift.walk**2 * t)
-    np.testing.assert_allclose(made.at(made.time + t).covariance, expected, rtol=1e-12)
-    np.testing.assert_array_equal(made.at(made.time - 5.0).covariance, p[:3, :3])  # time that runs back tells nothing
-
-
 def test_from_both_sides_of_a_gap_a_walk_is_a_bridge() -> None:
     """Half way between two known ends its variance is walk^2 T / 4, against walk^2 T / 2 from one: 1/sqrt 2."""
     drift, sure = Drift([2e-3]), 1e-9 * np.eye(1)
@@ -120,6 +111,17 @@ def test_a_tare_tells_the_sum_of_zero_and_payload_in_its_pose() -> None:
     seen, covariance = made.expected(0.0, h)
     np.testing.assert_allclose(seen, ZERO)
     np.testing.assert_allclose(covariance, KNOWN, atol=1e-15)
+
+
+def test_regressors_act_as_the_coefficients_are_known() -> None:
+    """Of two coefficients that windows have made to belong together."""
+    drift = Drift([1e-3] * 3)
+    made, act = ZeroFilter(drift, np.array([0.1, 0.3])), np.random.default_rng(1).normal(size=(2, 3, 2))
+    made.start(0.0, ZERO, KNOWN)
+    made.update(ZeroWindow(1.0, ZERO, act[0], 1e-6 * np.eye(3), np.zeros((3, 3))))
+    own = made.at(1.0).covariance[3:, 3:]
+    assert abs(own[0, 1]) > 0.01 * np.sqrt(own[0, 0] * own[1, 1])
+    np.testing.assert_allclose(made.spread_by(act[1]), rolled(lambda off: act[1] @ off, own), atol=1e-12 * own.max())
 
 
 def test_regressors_must_fit() -> None:

@@ -66,18 +66,23 @@ def test_one_frame_in_another_is_as_pytransform3d_composes_it(base: str, sensor:
 
 
 def test_each_edge_is_interpolated_between_its_own_stamps() -> None:
-    """Slerp and straight lines by scipy and numpy, each edge on its own clock, then composed as matrices."""
+    """Slerp and straight lines by scipy and numpy, each edge on its own clock and at its own rate, as matrices."""
     delays = {"elbow": 0.03, "tool": -0.04}
     tree, poses = _tree(1, delays)
+    kept = {"shoulder": np.r_[0:20], "elbow": np.r_[0:20:3, 19], "tool": np.r_[0:20:2, 19], "sensor": np.r_[0:20]}
+    for parent, child in (("shoulder", "elbow"), ("elbow", "tool")):  # three times and twice as rarely
+        track, rows = PoseTrack(max_gap=1.0), kept[child]
+        track.add(STAMPS[rows] + delays[child], poses[child][0][rows], poses[child][1][rows])
+        tree.add(parent, child, track)
     time = np.random.default_rng(2).uniform(0.1, 1.8, 200)
     wanted = np.tile(np.eye(4), (len(time), 1, 1))
     for child in ("shoulder", "elbow", "tool", "sensor"):
-        quaternion, position = poses[child]
+        quaternion, position = (part[kept[child]] for part in poses[child])
         at, edge = time - delays.get(child, 0.0), np.tile(np.eye(4), (len(time), 1, 1))
         if child not in MOVING:
             at = np.zeros(len(time))
-        edge[:, :3, :3] = Slerp(STAMPS, Rotation.from_quat(quaternion))(at).as_matrix()
-        edge[:, :3, 3] = np.stack([np.interp(at, STAMPS, column) for column in position.T], axis=1)
+        edge[:, :3, :3] = Slerp(STAMPS[kept[child]], Rotation.from_quat(quaternion))(at).as_matrix()
+        edge[:, :3, 3] = np.stack([np.interp(at, STAMPS[kept[child]], column) for column in position.T], axis=1)
         wanted = wanted @ edge
     assert np.abs(_matrices(tree.path("base", "sensor"), time) - wanted).max() < 1e-12
 

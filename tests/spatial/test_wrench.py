@@ -8,6 +8,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
+from tests.support.dice import agree, mixed, rolled
 
 
 def some(count: int = 40) -> tuple[Wrench, Pose, np.random.Generator]:
@@ -55,13 +56,17 @@ def test_there_and_back_and_step_by_step() -> None:
 
 
 def test_covariance_goes_with_the_wrench() -> None:
-    """Against the transformed square roots of it: what moves with W = sqrt(S) e_i moves so."""
-    _, pose, rng = some()
-    root = rng.normal(size=(6, 6))
-    there = Wrench(np.ones(3), np.ones(3), root @ root.T).transformed(pose).covariance
-    moved = Wrench(root.T[:, :3], root.T[:, 3:]).transformed(pose).vector()
-    assert there is not None
-    assert np.allclose(there, moved.T @ moved, rtol=0, atol=1e-12)
+    """Of each of a batch, and of one for all."""
+    wrench, pose, _ = some()
+    vectors, each = (
+        wrench.vector().reshape(-1, 6)[:3],
+        np.stack([mixed(np.repeat([1.0, 0.05], 3), k) for k in range(3)]),
+    )
+    for own in (each, each[:1]):
+        there = Wrench.from_vector(vectors, own if len(own) > 1 else own[0]).transformed(pose).covariance
+        assert there is not None
+        for stated, known in zip(there.reshape(-1, 6, 6), own, strict=True):
+            agree(stated, rolled(lambda off: Wrench.from_vector(off).transformed(pose).vector(), known))
 
 
 def test_shapes_are_checked_and_values_frozen() -> None:

@@ -12,9 +12,11 @@ import pytest
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
+from palpate.contact.events import Events
+from palpate.contact.touch_finder import find_touches
 from palpate.errors import InputError
 from palpate.surfaces.mesh import plane
-from palpate.viewer.captions import comparison
+from palpate.viewer.captions import LISTED, comparison, touch_list
 from palpate.viewer.marker import Marker, fade
 from palpate.viewer.scene import LARGE, SMALL, Scene, prepare, rim
 from palpate.viewer.server import Page
@@ -255,3 +257,18 @@ def test_the_page_of_an_arena_says_what_robots_feel_and_pauses(browser: object) 
         until(lambda: fed.paused, "the button does not pause")
         assert opened.evaluate("document.documentElement.scrollWidth") <= 390
         opened.close()
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, LISTED, LISTED + 1, LISTED + 1234])
+def test_a_list_has_a_line_for_each_touch_and_says_how_many_more_there_are(count: int) -> None:
+    one = find_touches(session())
+    touches = Events.joined([one] * count) if count else find_touches(session()[:0])
+    scene = prepare(ellipsoid(), session())
+    vars(scene)["touches"] = touches
+    text = touch_list(scene, float(one.start[0]))
+    assert text.count("<tr data-asks") == min(count, LISTED)
+    assert text.count("font-weight:600") == min(count, 1)
+    assert ("no touches" in text) == (count == 0)
+    more = f"and {count - LISTED:,} more" if count > LISTED else None
+    assert ("more</div>" in text) == (more is not None)
+    assert more is None or more in text

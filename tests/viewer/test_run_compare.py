@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.contact.contacts import Contacts
+from palpate.contact.events import Events
 from palpate.contact.touch_finder import find_touches
 from palpate.errors import InputError
 from palpate.viewer.drawing import FACETS, Drawing, simpler
@@ -48,6 +49,17 @@ def test_a_touch_without_a_partner_has_none() -> None:
     ours, theirs = find_touches(session()), find_touches(_moved(0.0, 3.0))
     assert partners(ours, theirs).tolist() == [-1]
     assert partners(ours, ours).tolist() == [0]
+
+
+@pytest.mark.parametrize("off", [[], [3e-3], [3e-3, 1e-3], [-2e-3, 1e-3, 4e-3, 1e-3]])
+def test_of_touches_at_the_same_time_the_nearest_is_the_partner(off: list[float]) -> None:
+    """As of two contacts in a sample; of none it is none, and of equally near ones the first."""
+    ours, one = find_touches(session()), find_touches(_moved(0.0))
+    moved = [replace(one, point=one.point + np.array([0.0, 0.0, by])) for by in off]
+    theirs = Events.joined(moved) if moved else find_touches(_moved(0.0)[:0])
+    nearest = [int(np.argmin(np.abs(off)))] if off else [-1]
+    assert partners(ours, theirs).tolist() == nearest
+    assert partners(theirs, ours).tolist() == [0] * len(off)
 
 
 def test_a_drawing_holds_the_body_and_the_touches() -> None:

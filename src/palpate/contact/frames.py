@@ -63,6 +63,7 @@ def in_base(
     located = np.isfinite(estimate.point).all(axis=1)
     return replace(
         moved,
+        point=_blank(moved.point, lost),
         normal=_blank(moved.normal, lost),
         force=_blank(moved.force, lost),
         torque=_blank(moved.torque, lost),

@@ -15,9 +15,7 @@ import palpate
 from claims.evidence.payload_imu import BALL, MASS, NOISE, PLACE, G, Rests, mistakes, squared_distance, touches
 from palpate.cli import main
 from palpate.contact.estimate import ROW
-from palpate.signals import Imu, Payload
-from palpate.signals.wrench_sensor import Placement
-from palpate.spatial.pose import quaternion_from_rotation
+from palpate.signals import Payload
 from palpate.surfaces import Sphere
 from palpate_lab.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
 
@@ -112,25 +110,6 @@ def test_the_file_keeps_every_bit_and_has_no_imu_without_one(tmp_path: Path, fou
     assert "imu" not in (tmp_path / "plain.toml").read_text(encoding="utf-8")
 
 
-def test_the_covariance_is_that_of_the_parameters(found: Payload) -> None:
-    """The load's derivative by each of the sixteen, by differences: their error is the square of steps of 1e-6."""
-    rests, imu = Rests.of(0), found.imu
-    assert imu is not None
-    wrenches, felt = rests.readings[:, :6], rests.readings[:, 6:]
-
-    def moved(step: np.ndarray) -> np.ndarray:
-        turn = imu.rotation @ Rotation.from_rotvec(step[10:13]).as_matrix()
-        other = Imu(quaternion_from_rotation(turn), imu.bias + step[13:])
-        weight = np.array([0.0, 0.0, found.weight[2] + step[0]])
-        parts = found.force_bias + step[1:4], found.center_of_mass + step[4:7], found.torque_bias + step[7:10]
-        return Payload(weight, *parts, magnitude=found.magnitude, imu=other).compensate(wrenches, None, felt)[0]
-
-    steps = 1e-6 * np.eye(16)
-    jacobian = np.stack([(moved(step) - moved(-step)) / 2e-6 for step in steps], axis=2)
-    expected = jacobian @ found.joint_covariance[2:, 2:] @ jacobian.swapaxes(1, 2)
-    np.testing.assert_allclose(found.compensate(wrenches, None, felt)[1], expected, rtol=1e-5, atol=1e-12)
-
-
 # --- compensation
 
 
@@ -152,24 +131,6 @@ def test_live_samples_and_blocks_are_as_the_payload_alone_compensates(found: Pay
     off = together.point - places
     squares = np.einsum("ni,nij,nj->n", off, np.linalg.pinv(together.covariance, rcond=1e-6, hermitian=True), off)
     assert 0.5 < squares.mean() / 2 < 1.7  # on the ball's surface: two degrees of freedom in each of 20 touches
-
-
-def test_a_tare_takes_the_error_of_the_payload_off_in_its_orientation(found: Payload) -> None:
-    """There the covariance is that of an exact payload's; in the others the payload's error is back."""
-    assert found.imu is not None
-    imu = Imu(found.imu.quaternion, found.imu.bias, found.imu.noise)
-    spreads = list[np.ndarray]()
-    for payload in (found, replace(found, covariance=np.zeros((12, 12)), imu=imu)):
-        compensation, rests = palpate.Compensation(SENSOR, payload), Rests.of(0, noise=0.0)
-        compensation.tare(recording(np.repeat(rests.readings[:1], 50, axis=0)))
-        measured = compensation.measure(recording(rests.readings))
-        spread = compensation.place(measured, measured.wrench, np.ones(1), Placement(palpate.Pose.identity()))[1]
-        assert spread is not None
-        spreads.append(spread)
-    more = spreads[0] - spreads[1]
-    np.testing.assert_allclose(more[0], 0.0, atol=1e-15)
-    assert np.linalg.eigvalsh(more[1:]).min() > -1e-15
-    assert more[1:, 0, 0].min() > 1e-6
 
 
 def test_what_lacks_the_imu_is_refused(found: Payload) -> None:

@@ -36,30 +36,6 @@ def test_wrench_comes_back(count: int) -> None:
     np.testing.assert_allclose(found, wrenches, atol=1e-11)  # rounding, times the condition of the layout
 
 
-@pytest.mark.parametrize("cell", range(4))
-def test_any_three_cells_give_the_same_wrench_less_surely(cell: int) -> None:
-    cells, wrenches, sound = made(), some_wrenches(), np.arange(4) != cell
-    readings = array().voltages(wrenches)
-    readings[:, 3 * cell : 3 * cell + 3] = 0.0  # a dead cell still carries its load
-    found, spread = cells.wrenches(readings, sound)
-    np.testing.assert_allclose(found, wrenches, atol=1e-11)
-    wider = spread[0] - cells.wrenches(readings)[1][0]
-    assert np.linalg.eigvalsh(wider).min() > -1e-12 * np.abs(wider).max()
-
-
-def test_covariance_is_the_scatter_of_noise_and_of_the_calibration() -> None:
-    rng, wrench = np.random.default_rng(7), some_wrenches(1)[0]
-    doubt = 1e-3 * rng.normal(size=(36, 36))
-    cells = with_changes(made(), covariance=doubt @ doubt.T)
-    trials = 20_000
-    errors = (rng.normal(size=(trials, 36)) @ doubt.T).reshape(-1, 6, 6)
-    truth = wrench + errors @ wrench  # the true matrix is C (I + E)
-    readings = truth @ cells.matrix.T + NOISE * rng.normal(size=(trials, 12))
-    _, spread = cells.wrenches(wrench @ cells.matrix.T)
-    ratio = np.diag(np.cov((cells.wrenches(readings)[0] - wrench).T)) / np.diag(spread)
-    np.testing.assert_allclose(ratio, 1.0, atol=5 * np.sqrt(2 / trials))
-
-
 def test_what_no_wrench_explains_is_chi_square() -> None:
     rng, cells = np.random.default_rng(11), made()
     readings = array().voltages(some_wrenches(20_000)) + NOISE * rng.normal(size=(20_000, 12))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ from scipy.optimize import least_squares
 from palpate.errors import InputError
 from palpate.optical.markers import MarkerColour
 from palpate.optical.ring_response import RingResponse, ring_basis
+from palpate.sensors.marker_ring.estimator import RingEstimator
 from palpate.sensors.marker_ring.locator import RingFound, RingLocator, RingSettings, turned
 from palpate.sensors.marker_ring.model import MarkerRing
 
 pytest.importorskip("skfem")
 
+from tests.support.dice import agree, rolled
 from tests.support.drawn_markers import nominal_view
 from tests.support.ring_presses import MARKERS, NOISE, barrel, calibrated, moved, presses, tip
 
@@ -345,3 +348,21 @@ def test_settings_that_mean_nothing_are_refused() -> None:
     for wrong in ({"on": 3.0, "off": 4.0}, {"apart": 0.0}, {"friction": 0.0}, {"patience": -1.0}):
         with pytest.raises(InputError, match=next(iter(wrong)) if "on" not in wrong else "off"):
             RingSettings(**wrong)
+
+
+def test_a_contact_is_as_sure_as_its_angle_and_its_height() -> None:
+    """At any angle: round the ring by the angle's deviation, along its axis by that of the height."""
+    ring = SimpleNamespace(radius=0.03, response=SimpleNamespace(shears=True))
+    for angle in (0.0, np.pi / 4, 2.0, -2.5):
+        state = [angle, 3.0, 0.2, 0.1, 0.05, 0.2, 1e-4, 0.1, 0.02]
+        row = RingEstimator._row(
+            SimpleNamespace(ring=ring), state, (np.cos(angle), np.sin(angle), 1e-3, 2e-3), 0.5, 9.0
+        )
+
+        def place(off: np.ndarray, angle: float = angle) -> np.ndarray:
+            return np.array([0.03 * np.cos(angle + off[0]), 0.03 * np.sin(angle + off[0]), off[1]])
+
+        np.testing.assert_allclose(row[:3], place(np.zeros(2)))
+        agree(np.reshape(row[10:19], (3, 3)), rolled(place, np.diag([0.05, 2e-3]) ** 2))
+        across = np.array([-np.sin(angle), np.cos(angle), 0.0])
+        np.testing.assert_allclose(row[6:9], -3.0 * np.array(row[3:6]) + 0.3 * across)

@@ -9,6 +9,8 @@ import pytest
 
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.calibrate import identify_intensity, identify_resistive, tells
+from palpate.sensors.taxels.intensity import Curve
+from tests.support.dice import agree, rolled
 
 
 def _pressed(force: np.ndarray, noise: float = 1.0, seed: int = 1) -> np.ndarray:
@@ -178,3 +180,20 @@ def test_halves_of_a_log_agree_within_their_deviations_where_the_gain_varies(sca
         spread = float(first.covariance[0, 0] + second.covariance[0, 0])
         squares.append(float(first.parameters[0] - second.parameters[0]) ** 2 / spread)
     assert 0.5 < np.mean(squares) < 2.0
+
+
+def test_a_divider_is_as_sure_as_its_readings() -> None:
+    """Of two layers, the contact that they share and the resistance in series belong together."""
+    rng, layer = np.random.default_rng(9), np.arange(60) % 2
+    force, reference = rng.uniform(0.2, 5.0, 60), np.where(layer == 0, 4.0, 6.0)
+    exact = 1000.0 * (1 - reference * force / (2 * 20.0 + np.array([0.5, 0.8])[layer] * force))
+    reading = exact + rng.standard_normal(60)
+
+    def fitted(off: np.ndarray) -> tuple[Curve, ...]:
+        return identify_resistive(force, reading + off, scale=1000.0, reference=reference, layer=layer)
+
+    curves = fitted(np.zeros(60))
+    variance = sum(30 * curve.residual**2 for curve in curves) / 57
+    for k, curve in enumerate(curves):
+        found = rolled(lambda off, k=k: fitted(off)[k].parameters, variance * np.eye(60), 0.1)
+        agree(curve.covariance, found, 0.02)

@@ -51,20 +51,6 @@ def test_a_curve_that_falls_back_is_refused_with_the_place() -> None:
         Curve("polynomial", np.array([10.0, -1.0]), np.zeros((2, 2)), largest=9.0)
 
 
-def test_deviation_is_the_spread_of_curves_drawn_from_the_covariance() -> None:
-    """4,000 draws: the deviation of a deviation is 1.1 %, four of them 5 %."""
-    rng = np.random.default_rng(0)
-    mean, covariance = np.array([40.0, -0.5]), np.array([[1.0, -0.05], [-0.05, 0.01]])
-    curve = Curve("polynomial", mean, covariance, largest=10.0)
-    force = np.array([4.0])
-    reading = float(curve.intensity(force)[0])
-    drawn = rng.multivariate_normal(mean, covariance, 4000)
-    roots = (-drawn[:, 0] + np.sqrt(drawn[:, 0] ** 2 + 4 * drawn[:, 1] * reading)) / (2 * drawn[:, 1])
-    assert float(curve.deviation(force)[0]) == pytest.approx(float(roots.std()), rel=0.06)
-    noisy = curve.deviation(force, noise=2.0) ** 2 - curve.deviation(force) ** 2
-    assert float(noisy[0]) == pytest.approx((2.0 / float(curve.slope(force)[0])) ** 2, rel=1e-9)
-
-
 def test_curves_of_a_sheet_of_another_size_are_refused() -> None:
     two = Intensity((CURVES["polynomial"], CURVES["polynomial"]), np.array([[0, 1], [1, 0]]))
     with pytest.raises(InputError, match="2 x 2 cells, not 6 x 22"):

@@ -120,27 +120,6 @@ def test_covariances_hold_with_patches_torques_and_noise_drawn() -> None:
         assert np.mean(squares) == pytest.approx(freedom, rel=0.35)
 
 
-def test_covariances_of_sums_hold_with_noise_drawn() -> None:
-    """Where forces are sums of loads, noise alone makes their errors; the centroid leaves out loads below 0."""
-    rng, noise = np.random.default_rng(6), 0.004
-    body = body_of(replace(TaxelResponse.guessed(30, PITCH), sums=True))
-    estimator = TaxelEstimator(body, health=still(body, noise))
-    place, force = list[float](), list[float]()
-    for _ in range(150):
-        size = rng.uniform(1.0, 3.0)
-        touch = np.array([*rng.uniform(1.5, 2.5, 2), -0.1, *rng.uniform(-0.5, 0.5, 2) * size, size, 0.0])
-        clean = readings(body, touch[None])
-        estimator.reset()
-        found = estimator.update(0.0, clean + noise * rng.normal(size=(30, 3)))
-        off = found.point[0, :2] - clean[:, 2] @ body.positions[:, :2] / clean[:, 2].sum()
-        place.append(off @ np.linalg.solve(found.covariance[0, :2, :2], off))
-        six = np.array([found.features[f"force_{name}"][0] for name in SIX])
-        miss = found.force[0] - clean.sum(axis=0) * [1, 1, -1]
-        force.append(miss @ np.linalg.solve(six[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3), miss))
-    assert np.mean(force) == pytest.approx(3, rel=0.35)
-    assert 1.0 < np.mean(place) < 2.3
-
-
 def test_what_follows_late_of_a_heavy_touch_is_taken_off_a_light_one() -> None:
     span, share = 0.5, 0.04
     touches = {

@@ -83,25 +83,6 @@ def test_a_contact_carries_what_is_not_known_of_its_taxels_places() -> None:
     np.testing.assert_array_equal(found.point, plain.point)
 
 
-def test_the_mean_covariance_of_places_is_what_errors_that_are_alike_make() -> None:
-    """All taxels off by one draw: contacts err by it, and their stated variances add to the places'."""
-    rng, truth = np.random.default_rng(3), RADIUS * TAXELS[60]
-    deviation = 1.5e-3
-    known = np.tile(deviation**2 * np.eye(3), (COUNT, 1, 1))
-    none, loads = np.zeros(COUNT, dtype=bool), _pressed(TAXELS[60], 3.0)[0]
-    away, said = list[np.ndarray](), np.zeros((3, 3))
-    for off in deviation * rng.standard_normal((200, 3)):
-        body = TaxelBody.placed(RADIUS * TAXELS + off, TAXELS, covariance=known)
-        health = Health(np.zeros(COUNT), np.full(COUNT, NOISE), none, none)
-        found = TaxelEstimator(body, None, health).update(0.0, loads)
-        away.append(found.point[0] - truth)
-        said = found.covariance[0]
-    flat = np.linalg.eigh(said)[1][:, 1:]
-    square = np.einsum("nc,ca->na", np.array(away), flat) ** 2
-    np.testing.assert_allclose(square.mean(axis=0), [deviation**2] * 2, rtol=0.3)  # four deviations of 200 draws
-    np.testing.assert_allclose(np.linalg.eigvalsh(said)[1:], [deviation**2] * 2, rtol=0.3)
-
-
 def test_places_without_a_covariance_answer_as_before_to_the_last_bit() -> None:
     loads = _pressed(TAXELS[37], 3.0)[0] + _pressed(-TAXELS[90], 2.0)[0]
     unknown = np.full((COUNT, 3, 3), np.nan)

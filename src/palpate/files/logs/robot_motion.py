@@ -82,6 +82,8 @@ class JointSamples:
     def covariance(self, link: str, time: Float[np.ndarray, " n"], encoder: float) -> Float[np.ndarray, "n 6 6"]:
         """Return covariances (n, 6, 6) of the rotation vector [rad] and translation [m] of a link's poses, in the base.
 
+        They are those at the nearest joint sample, NaN where there is none.
+
         Args:
             link: name of the link.
             time: (n,) [s].
@@ -90,7 +92,9 @@ class JointSamples:
         Raises:
             InputError: time has another shape.
         """
-        nearest = np.searchsorted(self.time, time).clip(0, len(self.time) - 1)
+        if not len(self.time):
+            return np.full((len(time), 6, 6), np.nan)
+        nearest = np.searchsorted((self.time[1:] + self.time[:-1]) / 2.0, time)
         rows, row_of = np.unique(nearest, return_inverse=True)
         slope = self.kinematics.jacobians(self.positions[rows], link)[..., self.kinematics.turning]
         return (encoder**2 * slope @ np.swapaxes(slope, 1, 2))[row_of]

@@ -1,0 +1,28 @@
+"""What is public in `palpate`, walked from its source: fields of classes, functions and methods."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+__all__ = ["ROOT", "public"]
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def public() -> Iterator[tuple[str, ast.FunctionDef | ast.AnnAssign]]:
+    """Each name, as Class.name where it is of a class, and what it names."""
+    for file in sorted((ROOT / "src/palpate").rglob("[a-z]*.py")):
+        yield from _of(ast.parse(file.read_text(encoding="utf-8")), "")
+
+
+def _of(node: ast.Module | ast.ClassDef, prefix: str) -> Iterator[tuple[str, ast.FunctionDef | ast.AnnAssign]]:
+    for each in node.body:
+        name = getattr(each, "name", "") or getattr(getattr(each, "target", None), "id", "")
+        if not name or name.startswith("_"):
+            continue
+        if isinstance(each, ast.ClassDef):
+            yield from _of(each, f"{name}.")
+        elif isinstance(each, ast.FunctionDef) or (prefix and isinstance(each, ast.AnnAssign)):
+            yield prefix + name, each
