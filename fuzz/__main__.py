@@ -59,11 +59,18 @@ def main() -> int:
 def _fuzz(name: str, words: list[str]) -> None:
     import atheris
 
+    from fuzz.mutated import changed
+
     with atheris.instrument_imports(include=["palpate"]):
         from fuzz.targets import FOLDER, TARGETS
     shutil.copytree(CACHE / "seeds" / "files", FOLDER, dirs_exist_ok=True)
     warnings.filterwarnings("error", module="palpate")
-    atheris.Setup([sys.argv[0], *words], _sparing(TARGETS[name]))
+
+    def mutated(data: bytes, most: int, seed: int) -> bytes:
+        text = seed % 2 and b"\0" not in data
+        return changed(data, seed)[:most] if text else atheris.Mutate(data, most)
+
+    atheris.Setup([sys.argv[0], *words], _sparing(TARGETS[name]), custom_mutator=mutated)
     atheris.Fuzz()
 
 

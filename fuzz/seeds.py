@@ -80,7 +80,8 @@ RIGS = (
     '[skin]\ntaxels = "taxels.toml"\n\n[surface]\nmesh = "probe.stl"\nunit = "mm"\n',
     '[load_cells]\nmodel = "load_cells.toml"\n\n[surface]\nmesh = "probe.stl"\nunit = "mm"\n',
     '[marker_ring]\nmodel = "marker_ring.toml"\n',
-    '[force_torque]\nnoise = { force = 0.1, torque = 0.01 }\n[skin]\nmap = "skin_map.toml"\n[surface]\nmesh = "probe.stl"\nunit = "mm"\n',
+    '[force_torque]\nnoise = { force = 0.1, torque = 0.01 }\n[skin]\nmap = "skin_map.toml"\n'
+    '[surface]\nmesh = "probe.stl"\nunit = "mm"\n',
 )
 LENS = """image_width: 640
 image_height: 480
