@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-import cv2
 import numpy as np
 
 from palpate.errors import PalpateError
@@ -20,6 +19,7 @@ from palpate.files.logs.message_fields import field_of, paths_of
 from palpate.files.logs.transforms import TREES
 from palpate.files.messages import MessageBlock, Topic
 from palpate.live.poses import LivePoses
+from palpate.opencv import opencv
 
 DEFINED = "own_msgs/Own"
 KINDS = (*FIXED, *ARRAYS, *TREES, JOINTS, *IMAGES, DEFINED)
@@ -72,7 +72,7 @@ def _read(block: MessageBlock, topic: Topic) -> None:
         joint_positions(block, topic, joint_names(block, topic))
     elif kind in IMAGES:
         for message in image_messages(block, topic):
-            message.size(cv2)
+            message.size(opencv())
     elif kind == DEFINED:
         for path in paths_of(topic):
             if (field := field_of(topic, path)) is not None:
