@@ -8,9 +8,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 from fuzz.messages import messages
 from fuzz.packets import door, frames, net_ft, net_ft_page, page, ring
 from palpate.errors import PalpateError
+from palpate.files.arm import load_arm
 from palpate.files.ati import AtiCalibration
 from palpate.files.contacts import read_contacts
 from palpate.files.ground_truth import read_ground_truth
@@ -19,7 +22,7 @@ from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.logs.opening import frames_named, topic_fields, topic_shapes
 from palpate.files.mcap.regain import regained
 from palpate.files.models import read_model
-from palpate.files.urdf import Urdf
+from palpate.files.urdf import Kinematics, Urdf
 from palpate.live.cobs import CobsFrames
 from palpate.live.lines import LineFrames
 from palpate.sensors.marker_ring.lens_file import read_lens
@@ -71,6 +74,12 @@ def _urdf(path: Path) -> None:
         with suppress(PalpateError):
             urdf.root(link)
             urdf.body(link)
+    for link in urdf.links[:8]:
+        with suppress(PalpateError):
+            moved = Kinematics(urdf, urdf.links[0], link)
+            moved.poses(np.ones((2, len(moved.joints))))
+        with suppress(PalpateError):
+            load_arm(path, urdf.links[0], link)
 
 
 def _robot(path: Path) -> None:

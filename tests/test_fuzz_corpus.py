@@ -1,4 +1,4 @@
-"""Inputs that fuzzing found once end in an answer or a `PalpateError`, without a warning; `make fuzz` looks for more."""
+"""Inputs that fuzzing found end in an answer or a `PalpateError`, without a warning; `make fuzz` looks for more."""
 
 from __future__ import annotations
 

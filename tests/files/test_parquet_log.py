@@ -76,9 +76,9 @@ def test_a_file_that_was_cut_is_refused_wherever(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kept", ["run_length", "panic"])
 def test_pages_that_abort_the_reader_are_a_sentence_of_their_own(kept: str, capfd: pytest.CaptureFixture[str]) -> None:
-    """polars ends the process on the first, and writes of a panic on the second."""
+    """The first ends the process of polars, the second makes it panic."""
     path = Path(__file__).parents[2] / "fuzz/corpus/parquet" / kept
-    with pytest.raises(InputError, match="cannot be read as Parquet.*its pages are damaged"):
+    with pytest.raises(InputError, match=r"cannot be read as Parquet.*its pages are damaged"):
         contents(path)
     assert capfd.readouterr().err == ""
 
