@@ -118,7 +118,8 @@ def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
         start, length = cursor.text()
         ends = zip(start.tolist(), (start + length).tolist(), strict=True)
         cursor.sound &= [messages.data[first:end].rstrip(b"\0") in _DEPTHS for first, end in ends]
-        cursor.numbers("u1", 1), cursor.number()
+        cursor.numbers("u1", 1)
+        cursor.number()
         cursor.sound &= sizes[:, 0] <= cursor.length() // np.maximum(sizes[:, 1], 1)
     else:
         stated = cursor.dimensions()
