@@ -2,23 +2,26 @@
 
 Each target runs in a process of its own. It begins with good files, and with the inputs in fuzz/corpus/NAME, which
 crashed once. What finds new code is kept in .cache/fuzz/NAME for the next run. An exception that is no `PalpateError`,
-a hang over 10 s or more than 1 GB of memory is a crash, whose input is kept in .cache/fuzz/crashes. It needs atheris.
+a warning, a hang over 10 s or more than 1 GB of memory is a crash, kept in .cache/fuzz/crashes. It needs atheris.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import re
 import shutil
 import subprocess
 import sys
+import warnings
+from collections.abc import Callable
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
 
 ROOT = Path(__file__).parent
 CACHE = ROOT.parent / ".cache" / "fuzz"
-LIMITS = ("-timeout=10", "-rss_limit_mb=1024", "-max_len=1048576", "-print_final_stats=1")
+LIMITS = ("-timeout=10", "-rss_limit_mb=4096", "-max_len=1048576", "-print_final_stats=1")
+
+MOST = 1 << 20  # KiB
 
 
 def main() -> int:
@@ -31,25 +34,21 @@ def main() -> int:
     if options.in_process:
         _fuzz(options.names[0], more)
         return 0
-    from claims.evidence.good_files import write_good
-    from fuzz.targets import SEEDS, TARGETS
+    from fuzz.targets import TARGETS
 
     seeds = CACHE / "seeds"
     if not seeds.exists():
-        seeds.mkdir(parents=True)
-        with contextlib.redirect_stdout(io.StringIO()):
-            write_good(seeds)
-    shutil.copy(ROOT.parent / "claims" / "evidence" / "robots" / "wrist.urdf", seeds)
+        from fuzz.seeds import write_seeds
+
+        write_seeds(seeds)
     failed = list[str]()
     for name in options.names or TARGETS:
         grown, crashes = CACHE / name, CACHE / "crashes"
         for folder in (grown, crashes):
             folder.mkdir(parents=True, exist_ok=True)
-        for seed in SEEDS.get(name, ()):
-            shutil.copy(seeds / seed, grown)
-        kept = ROOT / "corpus" / name
+        begun = seeds / name, ROOT / "corpus" / name
         words = [name, "--in-process", f"-max_total_time={60 * options.minutes:.0f}", *LIMITS]
-        words += [f"-artifact_prefix={crashes}/{name}-", str(grown), *([str(kept)] if kept.exists() else [])]
+        words += [f"-artifact_prefix={crashes}/{name}-", str(grown), *(str(each) for each in begun if each.exists())]
         done = subprocess.run([sys.executable, "-m", "fuzz", *words], stderr=subprocess.PIPE, text=True)
         said = [line for line in done.stderr.splitlines() if re.search(r"DONE|Error|ERROR|stat::|crash-", line)]
         print(f"{name}: {'crashed' if done.returncode else 'no crash'}", *said[-8:], sep="\n  ", flush=True)
@@ -60,10 +59,31 @@ def main() -> int:
 def _fuzz(name: str, words: list[str]) -> None:
     import atheris
 
+    from fuzz.mutated import changed
+
     with atheris.instrument_imports(include=["palpate"]):
-        from fuzz.targets import TARGETS
-    atheris.Setup([sys.argv[0], *words], TARGETS[name])
+        from fuzz.targets import FOLDER, TARGETS
+    shutil.copytree(CACHE / "seeds" / "files", FOLDER, dirs_exist_ok=True)
+    warnings.filterwarnings("error", category=RuntimeWarning)
+
+    def mutated(data: bytes, most: int, seed: int) -> bytes:
+        text = seed % 2 and b"\0" not in data
+        return changed(data, seed)[:most] if text else atheris.Mutate(data, most)
+
+    atheris.Setup([sys.argv[0], *words], _sparing(TARGETS[name]), custom_mutator=mutated)
     atheris.Fuzz()
+
+
+def _sparing(target: Callable[[bytes], None]) -> Callable[[bytes], None]:
+    """Return the target, which raises a MemoryError where one input takes 1 GB: all of a run may, as atheris grows."""
+
+    def measured(data: bytes) -> None:
+        before = getrusage(RUSAGE_SELF).ru_maxrss
+        target(data)
+        if (grown := getrusage(RUSAGE_SELF).ru_maxrss - before) > MOST:
+            raise MemoryError(f"{grown >> 10} MB for one input")
+
+    return measured
 
 
 if __name__ == "__main__":

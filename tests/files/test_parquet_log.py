@@ -10,7 +10,7 @@ import pytest
 
 from claims.evidence.logs_written import session, write_parquet
 from palpate.errors import InputError
-from palpate.files.logs import open_log, read_recording
+from palpate.files.logs import contents, open_log, read_recording
 from palpate.files.logs.layout import LogLayout
 
 NAMES = ("time", "fx", "fy", "fz", "tx", "ty", "tz")
@@ -72,6 +72,15 @@ def test_a_file_that_was_cut_is_refused_wherever(tmp_path: Path) -> None:
         (tmp_path / "log.parquet").write_bytes(whole[:kept])
         with pytest.raises(InputError, match="cannot be read as Parquet"):
             list(open_log(tmp_path / "log.parquet").blocks())
+
+
+@pytest.mark.parametrize("kept", ["run_length", "panic"])
+def test_pages_that_abort_the_reader_are_a_sentence_of_their_own(kept: str, capfd: pytest.CaptureFixture[str]) -> None:
+    """The first ends the process of polars, the second makes it panic."""
+    path = Path(__file__).parents[2] / "fuzz/corpus/parquet" / kept
+    with pytest.raises(InputError, match=r"cannot be read as Parquet.*its pages are damaged"):
+        contents(path)
+    assert capfd.readouterr().err == ""
 
 
 def test_a_file_whose_bytes_were_changed_is_no_traceback(tmp_path: Path) -> None:

@@ -752,6 +752,20 @@ def test_touches_and_impacts_are_no_damage() -> None:
     assert frames.faults() == []
 
 
+@pytest.mark.parametrize("number", [b"nan", b"inf", b"1e400", b"-1e308", b"1." + b"9" * 60_000 + b"e9"])
+def test_any_number_is_read_as_it_is_written(number: bytes) -> None:
+    """In every line or once after sound ones; the last took a minute."""
+    said = _said(_steady(60, 5))
+    always, once = LineFrames(6), LineFrames(6)
+    always.feed(b"\n" + b"\n".join(number + line[line.index(b",") :] for line in said) + b"\n")
+    got, _ = _taken(always, 6)
+    np.testing.assert_array_equal(got[:, 0], float(number))
+    once.feed(b"\n" + b"\n".join([*said[:40], number + said[40][said[40].index(b",") :], *said[41:]]) + b"\n")
+    got, _ = _taken(once, 6)
+    assert len(got) == 60
+    np.testing.assert_allclose(np.delete(got, 40, axis=0), np.delete(_steady(60, 5), 40, axis=0), atol=6e-5)
+
+
 def test_a_jump_waits_for_the_next_line_only() -> None:
     values = _steady(100, 4)
     values[50:, 2] += 40.0

@@ -73,6 +73,10 @@ def irregular(status: os.stat_result) -> str:
     return kinds.get(stat.S_IFMT(status.st_mode), "a device")
 
 
+NO_XML = (OSError, ElementTree.ParseError, ValueError, LookupError)
+"""What reading an XML file raises; the last of an unknown encoding."""
+
+
 def read_xml(path: Path, called: str) -> ElementTree.Element:
     """Return the root of an XML file; `called` is what it should be, in a message.
 
@@ -82,7 +86,7 @@ def read_xml(path: Path, called: str) -> ElementTree.Element:
     try:
         with open_input(path) as file:
             return ElementTree.parse(file).getroot()
-    except (OSError, ElementTree.ParseError, UnicodeError, ValueError) as problem:
+    except NO_XML as problem:
         raise InputError(f"is not {called} that can be read ({problem}).", where=str(path)) from problem
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import GeometryError, InputError, importing_extra
-from palpate.files.inputs import read_xml
+from palpate.files.inputs import NO_XML, read_xml
 from palpate.files.units import near
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.frames import FrameTree
@@ -494,7 +494,7 @@ def _shapes(link: Any, geometry: str) -> list[Any]:
 def _declares(file: Path, package: str) -> bool:
     try:
         return file.is_file() and ElementTree.parse(file).getroot().findtext("name", "").strip() == package
-    except (OSError, ElementTree.ParseError):
+    except NO_XML:
         return False
 
 

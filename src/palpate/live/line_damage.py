@@ -33,6 +33,7 @@ _MOST = 6  # lines that wait
 _AFTERMATH = 6  # lines after a jump of another cause, such as an impact, in which a number may ring
 _LEARN = 16  # lines from which the first usual step comes
 _FORGET = 1 / 64  # weight of a new step
+_LONGEST = 40  # characters of a number that may be mended: every one is tried
 _CHARACTERS = "0123456789.-+"
 
 
@@ -83,6 +84,7 @@ class DamageWatch:
     def __len__(self) -> int:
         return len(self._waiting)
 
+    @np.errstate(over="ignore", invalid="ignore")  # a line may hold any number
     def add(self, line: Line) -> list[tuple[Line, int]]:
         """Add the next line, and return those that are settled, each with the index of its damaged number, or -1."""
         if len(self._usual) == 0:
@@ -99,6 +101,7 @@ class DamageWatch:
         self._pass(line.values)
         return [*settled, (line, -1)]
 
+    @np.errstate(over="ignore", invalid="ignore")
     def flush(self) -> list[tuple[Line, int]]:
         """Return the lines that wait, as sound ones."""
         waiting, self._waiting = self._waiting, []
@@ -142,8 +145,10 @@ class DamageWatch:
 
     def _mends(self, line: Line, column: int, values: Float[np.ndarray, " k"], steps: float) -> bool:
         """Return whether a line's number agrees with its value, within usual steps, if one character is another."""
-        near = steps * self._usual[column]
-        return column >= 0 and any(abs(each - values[column]) <= near for each in _changed(line.texts[column]))
+        near, text = steps * self._usual[column], line.texts[column]
+        if column < 0 or len(text) > _LONGEST:
+            return False
+        return any(abs(each - values[column]) <= near for each in _changed(text))
 
     def _pass(self, values: Float[np.ndarray, " k"]) -> None:
         step, far = np.nan_to_num(np.abs(values - self._last)), _FAR * self._usual
@@ -160,13 +165,16 @@ class DamageWatch:
         values = np.array([each.values for each in self._first])
         self._finest = np.min([[_finest(text) for text in each.texts] for each in self._first], axis=0)
         self._last, self._since = values[-1], np.full(len(line.values), _AFTERMATH)
-        self._usual = np.maximum(np.nanmedian(np.abs(np.diff(values, axis=0)), axis=0), self._finest)
+        steps = np.abs(np.diff(values, axis=0))
+        known = np.isfinite(steps)
+        steps = np.where(known, steps, np.where(known.any(axis=0), np.nan, 0.0))
+        self._usual = np.maximum(np.nanmedian(steps, axis=0), self._finest)
 
 
 def _finest(text: str) -> float:
     """Return the place value of a number's last digit."""
     number, _, exponent = text.lower().partition("e")
-    return 10.0 ** (int(exponent or 0) - len(number.partition(".")[2]))
+    return 10.0 ** (min(float(exponent or 0), 308.0) - len(number.partition(".")[2]))
 
 
 def _changed(text: str) -> Iterator[float]:

@@ -42,7 +42,7 @@ class ColladaAsset:
             return cls()
         try:
             unit, up = _stated(path)
-        except (OSError, ElementTree.ParseError, UnicodeError, ValueError):
+        except (OSError, ElementTree.ParseError, ValueError, LookupError):
             return cls()  # the reader of the mesh reports it
         if up and up not in _UPRIGHT:
             raise InputError(f"states <up_axis> {up!r}.", where=str(path), hint=f"Write {', '.join(_UPRIGHT)}.")

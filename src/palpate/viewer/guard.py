@@ -189,7 +189,7 @@ def judged(raw: object, widget: Callable[[str], Widget | None]) -> Verdict:
         return Verdict.CLOSE
     try:
         message = _DECODER.decode(raw)
-    except (ValidationError, DecodeError, RecursionError):
+    except (ValidationError, DecodeError, UnicodeDecodeError, RecursionError):
         return Verdict.CLOSE
     if isinstance(message, _Picture):
         return _picture(message.payload)

@@ -16,6 +16,7 @@ from palpate.files.atomic import PART
 from palpate.files.contacts.csv import csv_blocks, noted, require_columns
 from palpate.files.contacts.mcap import KIND, from_messages
 from palpate.files.inputs import open_input, read_some
+from palpate.files.logs.parquet import require_pages
 from palpate.files.mcap.reader import MAGIC, McapFile
 from palpate.files.messages import MessageBlock
 from palpate.processes import require_polars_threads
@@ -52,6 +53,7 @@ def contact_blocks(path: Path) -> Iterator[Contacts]:
 
 
 def _parquet(path: Path) -> Iterator[Contacts]:
+    require_pages(path)
     try:
         rows = pl.scan_parquet(path, glob=False)
         names = rows.collect_schema().names()

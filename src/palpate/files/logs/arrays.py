@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from lzma import LZMAError
 from math import prod
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, Protocol, runtime_checkable
 from zipfile import BadZipFile, ZipFile
 from zlib import error as ZlibError
@@ -31,6 +33,8 @@ _DAMAGED = (
     RuntimeError,
     BadZipFile,
     ZlibError,
+    LZMAError,
+    TokenError,
 )
 
 

@@ -118,10 +118,14 @@ def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
         start, length = cursor.text()
         ends = zip(start.tolist(), (start + length).tolist(), strict=True)
         cursor.sound &= [messages.data[first:end].rstrip(b"\0") in _DEPTHS for first, end in ends]
+        cursor.numbers("u1", 1)
+        cursor.number()
+        cursor.sound &= sizes[:, 0] <= cursor.length() // np.maximum(sizes[:, 1], 1)
     else:
         stated = cursor.dimensions()
-        offset = cursor.number()
-        sizes = (cursor.number() - offset)[:, None]
+        offset, held = cursor.number(), cursor.number()
+        cursor.skip(int(ARRAYS[topic.kind][1]), held)
+        sizes = (held - offset)[:, None]
         sides = np.stack([*stated, np.zeros_like(offset)], axis=1)[cursor.sound & (sizes > 0).all(axis=1)][:1]
         shape = tuple(side for side in sides.ravel().tolist() if side)
         if shape and prod(shape) == sizes[cursor.sound & (sizes > 0).all(axis=1)][0, 0]:

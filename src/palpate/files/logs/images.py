@@ -19,6 +19,7 @@ from palpate.signals.recording import IMAGE, Recording
 ROWS = 32  # frames of a block, or fewer if they are large
 BYTES = 1 << 26  # of a block
 _NAMED = 3  # frames that a note names
+_PNG = b"\x89PNG\r\n\x1a\n"
 
 Frame = tuple[float, np.ndarray | None, str]  # time [s], image (None: it could not be decoded), what a note calls it
 
@@ -50,13 +51,21 @@ def decoded(cv2: Any, raw: bytes, *, as_stored: bool = False) -> np.ndarray | No
 
     `as_stored` keeps the type and the number of channels. `cv2` is OpenCV.
     """
-    if not raw:
+    if not raw or (raw.startswith(_PNG) and not _complete(raw)):
         return None
     try:
         flag = cv2.IMREAD_UNCHANGED if as_stored else cv2.IMREAD_COLOR
         return cv2.imdecode(np.frombuffer(raw, dtype=np.uint8), flag)
     except cv2.error:  # such as a head that says billions of pixels
         return None
+
+
+def _complete(png: bytes) -> bool:
+    """Return whether all chunks of a PNG are in it; OpenCV reserves the 4 GB that a damaged one may state."""
+    at = len(_PNG)
+    while at < len(png) and png[at + 4 : at + 8] != b"IEND":
+        at += 12 + int.from_bytes(png[at : at + 4])
+    return at < len(png)
 
 
 class ImageLog(Log):

@@ -43,7 +43,10 @@ _Types = Mapping[str, Sequence[_Member]]
 
 @lru_cache(maxsize=64)
 def _types(definition: str, kind: str) -> _Types:
-    """Return the members of each type in a definition, in which the topic's own type `kind` comes first."""
+    """Return the members of each type in a definition, in which the topic's own type `kind` comes first.
+
+    A type that contains itself, or has two members of one name, is left out, and so is what contains it.
+    """
     found: dict[str, list[_Member]] = {}
     for k, text in enumerate(re.split(r"^=+\s*$", definition, flags=re.MULTILINE)):
         name, body = kind, text
@@ -52,7 +55,13 @@ def _types(definition: str, kind: str) -> _Types:
             name = head.removeprefix("MSG:").strip()
         matches = [_MEMBER.fullmatch(line.strip()) for line in body.splitlines()]
         found[name.replace("/msg/", "/")] = [_member(match, name) for match in matches if match]
-    return found
+    unread = {name: own for name, own in found.items() if len({each.name for each in own}) == len(own)}
+    sound = dict[str, list[_Member]]()
+    while more := [
+        name for name in unread if all(each.kind in sound or each.kind not in found for each in unread[name])
+    ]:
+        sound |= {name: unread.pop(name) for name in more}
+    return sound
 
 
 def _member(match: re.Match[str], inside: str) -> _Member:

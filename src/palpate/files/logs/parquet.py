@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from functools import reduce
+from functools import lru_cache, reduce
 from math import prod
 from pathlib import Path
 
@@ -23,6 +26,17 @@ from palpate.signals.recording import Recording
 
 PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so few
 EPISODE = "episode_index"  # column of LeRobot's data sets
+_PANIC = 3  # exit code
+_PROBE = f"""
+import sys, polars
+try:
+    rows = polars.scan_parquet(sys.argv[1], glob=False)
+    rows.select(polars.exclude(polars.Binary, polars.Struct)).sink_ipc("/dev/null")
+except polars.exceptions.PanicException:
+    sys.exit({_PANIC})
+except Exception:
+    pass  # an error that the caller meets, too
+"""
 
 
 class ParquetLog(ColumnLog):
@@ -82,14 +96,39 @@ def reading_parquet(path: Path) -> Generator[None]:
         InputError: the file does not exist or is damaged, or the process was forked after polars had started its
             threads.
     """
-    open_input(path).close()
     require_polars_threads()
+    require_pages(path)
     try:
         yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as problem:
-        what = f"cannot be read as Parquet ({str(problem).splitlines()[0]})."
-        hint = "Copy it again: a Parquet file that was cut cannot be repaired, as its index is at its end."
-        raise InputError(what, where=str(path), hint=hint) from problem
+        raise _refusal(path, str(problem).splitlines()[0]) from problem
+
+
+def require_pages(path: Path) -> None:
+    """Check in a process of its own that polars can decode a Parquet file, as damaged pages abort it without an error.
+
+    A file is checked once, as long as it does not change: 0.2 s, and as long as it takes to read it.
+
+    Raises:
+        InputError: the file does not exist, or its pages are damaged.
+    """
+    with open_input(path) as file:
+        seen = os.fstat(file.fileno())
+    if not _decodable(str(path.absolute()), seen.st_mtime_ns, seen.st_size):
+        raise _refusal(path, "its pages are damaged")
+
+
+@lru_cache(maxsize=1 << 12)
+def _decodable(path: str, *_: int) -> bool:
+    if not sys.executable:  # Python in another program
+        return True
+    done = subprocess.run([sys.executable, "-c", _PROBE, path], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return 0 <= done.returncode != _PANIC
+
+
+def _refusal(path: Path, why: str) -> InputError:
+    hint = "Copy it again: a damaged Parquet file cannot be repaired, and one that was cut lost the index at its end."
+    return InputError(f"cannot be read as Parquet ({why}).", where=str(path), hint=hint)
 
 
 def scan_rows(path: Path, episode: int | None = None) -> pl.LazyFrame:

@@ -147,7 +147,7 @@ def _read_icub(content: bytes, path: Path) -> TaxelPlaces:
     else:
         try:
             groups = np.array([int(part) for part in match[1].split()], dtype=np.int64)
-        except ValueError as problem:
+        except (ValueError, OverflowError) as problem:
             raise InputError("taxel2Repr must be whole numbers.", where=str(path)) from problem
         if len(groups) < len(rows) or (groups[len(rows) :] >= 0).any():  # it may go on with numbers of no taxel
             what = f"has {len(rows)} rows of taxels, but taxel2Repr has {len(groups)} numbers."
@@ -193,8 +193,9 @@ def _unit_normals(
     positions: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, "k 3"], tuple[str, ...]]:
     """Return unit normals and notes; NaN where a normal is 0, or where all are equal on a skin that is not flat."""
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    unit = np.divide(normals, length, out=np.full_like(normals, np.nan), where=length > 0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+    unit = np.divide(normals, length, out=np.full_like(normals, np.nan), where=(length > 0) & np.isfinite(length))
     known = np.isfinite(unit).all(axis=1)
     if np.count_nonzero(known) > 1:
         one = unit[known][0]
@@ -232,9 +233,9 @@ def _read_table(path: Path) -> TaxelPlaces:
     module = np.full(len(positions), -1)
     if "module" in columns:
         given = np.nan_to_num(table.numbers([columns["module"]], strict=True)[0][:, 0], nan=-1.0)
-        odd = (given != np.round(given)) | (given < -1)
+        odd = (given != np.round(given)) | (given < -1) | (given > _MOST)
         if odd.any():
-            table.refuse(int(np.argmax(odd)), "module must be a whole number, -1: none")
+            table.refuse(int(np.argmax(odd)), f"module must be a whole number up to {_MOST:,}, -1: none")
         module = given.astype(np.int64)
     named = next((columns[name] for name in _IDS if name in columns), None)
     index, ids = (np.arange(len(positions)), None) if named is None else _ordered(table, named)
@@ -270,8 +271,10 @@ def _ids(table: TextTable, name: str) -> Int[np.ndarray, " n"]:
     if len(groups) == 1 and groups[0].pattern != "*" and len(groups[0].names) == len(texts):
         ordered = groups[0].ordered()
         single = dict(zip(groups[0].names, groups[0].numbers, strict=True))
-        return np.array([single[text][0] if len(single[text]) == 1 else ordered.index(text) for text in texts])
-    ids = table.numbers([name], strict=True)[0][:, 0]
+        numbers = (single[text][0] if len(single[text]) == 1 else ordered.index(text) for text in texts)
+        ids = np.array([min(number, _MOST + 1) for number in numbers], dtype=np.float64)
+    else:
+        ids = table.numbers([name], strict=True)[0][:, 0]
     odd = ~(ids == np.round(ids)) | (ids < 0) | (ids > _MOST)  # NaN too
     if odd.any():
         table.refuse(int(np.argmax(odd)), f"{name} must be a whole number from 0 to {_MOST:,}")
@@ -290,8 +293,13 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
         match = re.fullmatch(r".*?(?:_module_(\d+))?_taxel_(\d+)", "" if child is None else child.get("link", ""))
         if joint.get("type") != "fixed" or match is None or origin is None:
             continue
+        if max(float(digits or 0) for digits in match.groups()) > _MOST:
+            what = f"link {match[0]!r} has a number beyond {_MOST:,}."
+            raise InputError(what, where=str(path), hint="Number modules and taxels from 0.")
         try:
             six = [float(part) for key in ("xyz", "rpy") for part in origin.get(key, "0 0 0").split()]
+            if not np.isfinite(six).all():
+                raise ValueError("not finite")
             numbered[int(match[2])] = np.array(six).reshape(2, 3), int(match[1] or -1)
         except ValueError as problem:
             raise InputError(

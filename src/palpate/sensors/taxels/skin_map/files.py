@@ -65,8 +65,9 @@ def _read_csv(path: Path) -> SkinMap:
 
     table = read_table(path)
     values, _ = table.numbers(_COLUMNS, strict=True)
-    if not np.isfinite(values).all():
-        table.refuse(int(np.argmin(np.isfinite(values).all(axis=1))), "every cell needs all of its numbers")
+    known = (np.abs(values) < 1e9).all(axis=1)
+    if not known.all():
+        table.refuse(int(np.argmin(known)), "every cell needs all of its numbers, below 1e9")
     place = values[:, :2].astype(np.int64)
     if (place != values[:, :2]).any() or (place < 0).any():
         raise InputError("row and column must be whole numbers from 0.", where=str(path))
