@@ -84,7 +84,15 @@ def test_each_edge_is_interpolated_between_its_own_stamps() -> None:
         edge[:, :3, :3] = Slerp(STAMPS[kept[child]], Rotation.from_quat(quaternion))(at).as_matrix()
         edge[:, :3, 3] = np.stack([np.interp(at, STAMPS[kept[child]], column) for column in position.T], axis=1)
         wanted = wanted @ edge
-    assert np.abs(_matrices(tree.path("base", "sensor"), time) - wanted).max() < 1e-12
+    path = tree.path("base", "sensor")
+    assert np.abs(_matrices(path, time) - wanted).max() < 1e-12
+    np.testing.assert_array_equal(path.stamps, STAMPS)  # of the one with the most
+    asked = np.array([1.5, 1.85, 1.87, 1.95])  # the tool's last pose is at 1.86 s, that of the others later
+    assert [each.answerable(asked) for each in (path, tree.path("tool", "sensor"))] == [2, 4]
+    path.forget(1.8)
+    found = np.isfinite(path.at(np.array([1.0, 1.85]))[1]).all(axis=1)
+    assert found.tolist() == [False, True]
+    assert all(track.stamps[0] > 1.0 for track in path.tracks)
 
 
 def test_there_and_back_is_nothing() -> None:
