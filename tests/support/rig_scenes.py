@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -71,7 +71,7 @@ class Scene:
 
 def rig_of(scene: str) -> Table:
     """Return the table of a scene's rig."""
-    own = TOLD["rig"].get(scene)
+    own = TOLD["rig"].get("robot" if scene == "wrist" else scene)
     return tomllib.loads((V03 / SCENES[scene].home / "rig.toml").read_text()) if own is None else own
 
 
@@ -304,13 +304,13 @@ def sourced(rig: Rig, folder: Path) -> Any:
     """The source of live samples; of a serial port also how it is opened."""
     source = source_of(rig.stream(), rig.resolve())
     opened = captured("serial", "Serial", source.open) if rig.stream().kind == "serial" else []
-    return [source, opened]
+    return [{name: each for name, each in vars(source).items() if name != "_stated"}, opened]
 
 
-def robot(table: Table, folder: Path) -> Any:
-    """Contacts of the sensors of a robot, in its base."""
+def robot(table: Table, folder: Path, frame: str = "base") -> Any:
+    """Contacts of the sensors of a robot."""
     (folder / "robot.toml").write_text("\n".join(f"{key} = {_inline(value)}" for key, value in table.items()))
-    return palpate.estimate(folder / "log.mcap", folder / "robot.toml", frame="base").to_polars()
+    return palpate.estimate(folder / "log.mcap", folder / "robot.toml", frame=frame).to_polars()
 
 
 def _inline(value: Any) -> str:
@@ -345,6 +345,7 @@ SCENES = {
     "frames": Scene(read("log.mcap")),
     "images": Scene(read("log.mcap")),
     "robot": Scene(robot),
+    "wrist": Scene(partial(robot, frame="sensor")),
     "pokes": Scene(calibrated(CalibrateTaxels, "find_pokes", "pokes_log.csv")),
     "poke messages": Scene(calibrated(CalibrateTaxels, "find_pokes", "log.mcap")),
     "poked": Scene(calibrated(CalibrateTaxels, "calibrate_taxels", "pokes.csv")),
