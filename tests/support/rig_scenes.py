@@ -71,7 +71,7 @@ class Scene:
 
 def rig_of(scene: str) -> Table:
     """Return the table of a scene's rig."""
-    own = TOLD["rig"].get("robot" if scene == "wrist" else scene)
+    own = TOLD["rig"].get({"wrist": "robot", "live sheet": "flat"}.get(scene, scene))
     return tomllib.loads((V03 / SCENES[scene].home / "rig.toml").read_text()) if own is None else own
 
 
@@ -196,6 +196,15 @@ def plate() -> Log:
     share = np.array([0.4, 0.3, 0.2, 0.1])
     loads = 6.0 * share * ((time > 1.2) & (time < 1.8))[:, None] + rng.normal(0.0, 0.005, (200, 4))
     return {"time": time} | {f"u{k + 1}": loads[:, k] for k in range(4)}
+
+
+def lived(rig: Rig, folder: Path) -> Any:
+    """Contacts of the sheet by an estimator that has not seen a log."""
+    with palpate.open_log(sheet(), rig) as opened:
+        recording = join(list(opened))
+    estimator = rig.estimator()
+    estimator.tare(recording.picked(slice(0, 40)))
+    return estimator.run(recording).to_polars()
 
 
 def untimed(log: Callable[[], Log]) -> Callable[[], Log]:
@@ -331,6 +340,7 @@ SCENES = {
     "design": Scene(section("load_cells", "nominal")),
     "bench": Scene(calibrated(CalibrateLoadCells, "identify_load_cells", "bench.csv")),
     "flat": Scene(estimated(sheet)),
+    "live sheet": Scene(lived),
     "untimed skin": Scene(estimated(untimed(sheet))),
     "skin": Scene(estimated(lambda: _logged("skin", 110)), "skin"),
     "axes": Scene(estimated(axes)),
