@@ -13,7 +13,6 @@ from palpate.cli import main
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.files.contacts import open_contacts, write_contacts
-from palpate.files.ground_truth import read_touches
 
 
 def _session(touches: int) -> Contacts:
@@ -29,22 +28,6 @@ def _session(touches: int) -> Contacts:
     torque = np.where(there, 0.0, np.nan)
     estimate = ContactEstimate(point, normal, force, torque, covariance, np.zeros(count), ones, status)
     return Contacts.single(np.arange(count) / 100, estimate)
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
-def test_touches_are_printed_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str) -> None:
-    contacts, output = tmp_path / f"contacts{suffix}", tmp_path / "touches.csv"
-    write_contacts(contacts, _session(3))
-    assert main(["events", str(contacts), "-o", str(output)]) == 0
-    printed = capsys.readouterr().out.splitlines()
-    assert printed[0].endswith("3 touches in 300 rows")
-    shown = ["2", "1.000", "1.490", "0.490", "3.00", "1.00", "-2.00", "3.00", "0.50", "0.00", "0.0"]
-    assert printed[3].split() == shown
-    found = read_touches(output)
-    assert found.start.tolist() == [0.0, 1.0, 2.0]
-    np.testing.assert_allclose(found.point, [[0.001, -0.002, 0.003]] * 3)
-    assert found.label == ("1", "2", "3")
-    assert main(["evaluate", str(contacts), str(output)]) == 0
 
 
 def test_what_was_not_finished_is_read_and_many_touches_are_not_all_printed(

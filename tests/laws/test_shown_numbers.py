@@ -180,7 +180,7 @@ def test_a_page_says_of_a_moment_what_the_sample_has(touch: object) -> None:
     scene, k = prepare(ellipsoid(), felt()), touch.number
     scene = replace(scene, other=prepare(ellipsoid(), replace(_other(), time=felt().time), title="there"))
     row = touch.first + 20
-    said = caption(scene.at(row), 3, [("layer", "8.125 V")])
+    said = caption(scene.at(row), 3, [("a < b", "8.125 V")])
     assert_told(said.partition("<table>")[0], touch.force)
     rows = dict(tables(said)[0])
     place = np.column_stack([1e3 * touch.at, 1e3 * _deviations(touch)])
@@ -188,7 +188,7 @@ def test_a_page_says_of_a_moment_what_the_sample_has(touch: object) -> None:
     assert_told(rows.pop("95 % half-axes"), *(1e3 * np.sqrt(CHI2_95) * touch.deviations), 3)
     assert_told(rows.pop("torque"), 1e3 * touch.torque)
     assert_told(rows.pop("time"), touch.time(row), row)
-    assert rows.pop("layer") == "8.125 V"
+    assert rows.pop("a < b") == "8.125 V"
     for words, values in VALUES.items():
         name, _, unit = words.removesuffix("]").partition(" [")
         shown = rows.pop(name)

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -71,7 +71,7 @@ class Scene:
 
 def rig_of(scene: str) -> Table:
     """Return the table of a scene's rig."""
-    own = TOLD["rig"].get(scene)
+    own = TOLD["rig"].get({"wrist": "robot", "live sheet": "flat"}.get(scene, scene))
     return tomllib.loads((V03 / SCENES[scene].home / "rig.toml").read_text()) if own is None else own
 
 
@@ -198,6 +198,15 @@ def plate() -> Log:
     return {"time": time} | {f"u{k + 1}": loads[:, k] for k in range(4)}
 
 
+def lived(rig: Rig, folder: Path) -> Any:
+    """Contacts of the sheet by an estimator that has not seen a log."""
+    with palpate.open_log(sheet(), rig) as opened:
+        recording = join(list(opened))
+    estimator = rig.estimator()
+    estimator.tare(recording.picked(slice(0, 40)))
+    return estimator.run(recording).to_polars()
+
+
 def untimed(log: Callable[[], Log]) -> Callable[[], Log]:
     return lambda: {name: values for name, values in log().items() if name != "time"}
 
@@ -304,13 +313,13 @@ def sourced(rig: Rig, folder: Path) -> Any:
     """The source of live samples; of a serial port also how it is opened."""
     source = source_of(rig.stream(), rig.resolve())
     opened = captured("serial", "Serial", source.open) if rig.stream().kind == "serial" else []
-    return [source, opened]
+    return [{name: each for name, each in vars(source).items() if name != "_stated"}, opened]
 
 
-def robot(table: Table, folder: Path) -> Any:
-    """Contacts of the sensors of a robot, in its base."""
+def robot(table: Table, folder: Path, frame: str = "base") -> Any:
+    """Contacts of the sensors of a robot."""
     (folder / "robot.toml").write_text("\n".join(f"{key} = {_inline(value)}" for key, value in table.items()))
-    return palpate.estimate(folder / "log.mcap", folder / "robot.toml", frame="base").to_polars()
+    return palpate.estimate(folder / "log.mcap", folder / "robot.toml", frame=frame).to_polars()
 
 
 def _inline(value: Any) -> str:
@@ -331,6 +340,7 @@ SCENES = {
     "design": Scene(section("load_cells", "nominal")),
     "bench": Scene(calibrated(CalibrateLoadCells, "identify_load_cells", "bench.csv")),
     "flat": Scene(estimated(sheet)),
+    "live sheet": Scene(lived),
     "untimed skin": Scene(estimated(untimed(sheet))),
     "skin": Scene(estimated(lambda: _logged("skin", 110)), "skin"),
     "axes": Scene(estimated(axes)),
@@ -345,6 +355,7 @@ SCENES = {
     "frames": Scene(read("log.mcap")),
     "images": Scene(read("log.mcap")),
     "robot": Scene(robot),
+    "wrist": Scene(partial(robot, frame="sensor")),
     "pokes": Scene(calibrated(CalibrateTaxels, "find_pokes", "pokes_log.csv")),
     "poke messages": Scene(calibrated(CalibrateTaxels, "find_pokes", "log.mcap")),
     "poked": Scene(calibrated(CalibrateTaxels, "calibrate_taxels", "pokes.csv")),

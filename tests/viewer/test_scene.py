@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.errors import InputError
-from palpate.spatial.shown import uncertain
 from palpate.surfaces.mesh import plane
 from palpate.viewer.captions import MEANING, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
@@ -234,16 +233,6 @@ def test_a_log_without_a_touch_or_a_noise_is_shown_all_the_same() -> None:
 
 def test_every_status_has_its_words() -> None:
     assert set(MEANING) == set(Status)
-
-
-def test_a_caption_holds_units_and_standard_deviations(scene: Scene) -> None:
-    said = caption(scene.at(200), 5, [("a < b", "1 N")]).replace("&nbsp;", " ").replace("±", "+-")
-    moment = scene.at(200).contacts[0]
-    assert f"{np.linalg.norm(moment.force):.2f} N" in said
-    assert f"x {uncertain(1e3 * moment.point[0], 1e3 * moment.deviation[0])}".replace("±", "+-") in said
-    assert "0.98 &times; 0.49 mm, drawn &times; 5" in said  # sqrt(5.991) times 0.4 and 0.2 mm
-    assert "1.0 mN m" in said
-    assert "a &lt; b" in said
 
 
 @given(st.floats(1e-6, 1e6))
