@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 import palpate
+from palpate.viewer.live import LivePage, StreamFigures
 from tests.support.resets import SCENES, Scene
 from tests.support.state import differences, parts
 
@@ -165,3 +166,23 @@ def test_each_step_of_a_reset_is_missed_where_it_is_left_out(kind: type, method:
         first = next((k for k, way in enumerate(ways) if _noticed(*way, kind, method, mutant)), None)
         assert first is not None, said
         ways.insert(0, ways.pop(first))  # what noticed one may notice the next
+
+
+def test_a_page_says_nothing_of_before() -> None:
+    """Its alarm, figures and sentences are those of the last call alone."""
+    pytest.importorskip("viser")
+
+    def shown(*told: StreamFigures) -> list[str]:
+        page = LivePage(None, (), "page", lambda _: None, port=0)
+        try:
+            for figures in told:
+                page.tell(None, figures)
+            words = (page._alarm, page._now, page._figures, page._sentences, page._legend)
+            return [*(each.content for each in words), page._tare.label, str(page._tare.disabled)]
+        finally:
+            page.stop()
+
+    busy = StreamFigures(900.0, (1e-4, 2e-4, 3e-4), 3, 4, 2.0, 5, True, "a tare", (("12:00", "it hangs"),))
+    quiet = StreamFigures(silent=0.1, samples=7)
+    assert sum(one != other for one, other in zip(shown(busy), shown(quiet), strict=True)) == 5
+    assert shown(busy, quiet) == shown(quiet)

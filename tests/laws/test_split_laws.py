@@ -1,4 +1,4 @@
-"""Law 5: how a stream is split into blocks changes no bit of what is answered, and a clock that goes back begins anew."""
+"""Law 5: how a stream is split into blocks changes no bit of its answers, and a clock that goes back begins anew."""
 
 from __future__ import annotations
 
@@ -66,7 +66,9 @@ def _fed(stream: Stream, ways: Iterator[str]) -> tuple[np.ndarray, list[int], An
         if done == len(log):
             break
         if way == "update":
-            rows.append(made.update(*single[done]).rows()[:, : made.empty(1).shape[1]])
+            found = made.update(*single[done])
+            assert (found.sample == done).all()
+            rows.append(found.rows()[:, : made.empty(1).shape[1]])
             counts.append(len(rows[-1]))
         elif way == "into":
             time, reading, *beside = single[done]
@@ -225,12 +227,14 @@ def test_samples_of_a_clock_that_goes_back_are_filtered_as_by_a_new_filter(made:
             np.concatenate([each.time for each in twice]),
             {name: np.concatenate([values] * 2) for name, values in log.channels.items()},
         )
-        _same(_filtered(made, list(pieces(joined, *sizes))), [np.concatenate(each) for each in zip(*alone, strict=True)])
+        _same(
+            _filtered(made, list(pieces(joined, *sizes))), [np.concatenate(each) for each in zip(*alone, strict=True)]
+        )
 
 
 def test_a_page_shows_a_clock_that_went_back_as_a_new_stream() -> None:
     stream = next(each for each in STREAMS if each.name == "sheet")
-    contacts, window = stream.make().run(stream.log.picked(slice(120))), None
+    contacts = stream.make().run(stream.log.picked(slice(120)))
     later = recent(None, replace(contacts, time=contacts.time + 100.0))
     assert np.nanmax(recent(later, contacts).time) <= np.nanmax(contacts.time)
     _same(recent(later, contacts), recent(None, contacts))

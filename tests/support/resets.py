@@ -139,7 +139,7 @@ def _presses(made: AlignController, count: int = 260, begins: float = 0.0, ends:
     for k in range(count):
         (wrench, joints), last, now = plant.read(k / 200.0), count - k, begins + k / 200.0
         if (ends == "strong" and last < 8) or (ends == "odd" and last == 1):
-            wrench = wrench + [0.0, 0.0, -40.0 if ends == "strong" else -6.0, 0.0, 0.0, 0.0]
+            wrench += [0.0, 0.0, -40.0 if ends == "strong" else -6.0, 0.0, 0.0, 0.0]
         joints = joints + 0.2 * (ends == "feedback" and last == 1)
         command = made.update(now + 100.0 * (ends == "jump" and last == 1), wrench, joints).copy()
         if not np.array_equal(command, sent):
@@ -190,7 +190,7 @@ def _drives(kind: str, made: TouchNavigator) -> list[tuple[Any, ...]]:
         moves = kind != "stands" and not (kind == "ahead" and len(touches))
         ran = (0.0 if kind == "stuck" else left) * moves, right * moves
         step, turn = sum(ran) / 60.0, (ran[1] - ran[0]) / made.drive.track / 30.0
-        pose = pose + [step * np.cos(pose[2]), step * np.sin(pose[2]), turn]
+        pose += [step * np.cos(pose[2]), step * np.sin(pose[2]), turn]
         found.append((left, right, made.state, made.why, made.arrived))
     return found
 
@@ -219,7 +219,13 @@ DRIVES = ("ahead", "flanks", "stuck", "stands")
 SHY = TouchNavigatorSettings(doubt=2.0, ground=40, still=(0.06, 3.0), patience=1e3)
 SCENES = (
     *map(_of_stream, STREAMS),
-    Scene("zero of a log", _smoother, (partial(_begun, ended=True), partial(_begun, ended=False)), lambda made: made.reset(), _zero),
+    Scene(
+        "zero of a log",
+        _smoother,
+        (partial(_begun, ended=True), partial(_begun, ended=False)),
+        lambda made: made.reset(),
+        _zero,
+    ),
     Scene("vibration", lambda: Vibration(np.eye(6) * 1e-4), (_shakes,), lambda made: made.reset(), _shakes),
     Scene(
         "controller",

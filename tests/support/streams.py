@@ -33,7 +33,17 @@ from palpate.signals.drift import Drift
 from palpate.signals.filters import Butterworth, Filter, Kalman
 from palpate.signals.motion import Motion
 from palpate.signals.payload import Payload
-from palpate.signals.recording import AVERAGED, CELLS, FORCE, IMAGE, ORIENTATION, POSITION, TEMPERATURE, TORQUE, Recording
+from palpate.signals.recording import (
+    AVERAGED,
+    CELLS,
+    FORCE,
+    IMAGE,
+    ORIENTATION,
+    POSITION,
+    TEMPERATURE,
+    TORQUE,
+    Recording,
+)
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces import Cylinder, EllipticCylinder
 from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
@@ -199,7 +209,10 @@ def _frames(shape: int, count: int = 220) -> Recording:
 def _skin(kind: str, filter: Filter | None = None, settings: TaxelSettings | None = None) -> Any:
     body, curve = _skins()[kind]
     bad, noise = np.zeros(48, dtype=bool), np.full(48, 0.7 if curve else 0.004)
-    rest, aside = np.full(48, 5.0 if curve else 0.0), None if curve else np.stack([np.full((2, 48), 0.01), [noise, noise]])
+    rest, aside = (
+        np.full(48, 5.0 if curve else 0.0),
+        None if curve else np.stack([np.full((2, 48), 0.01), [noise, noise]]),
+    )
     health = Health(rest, noise, bad, bad, sideways=aside)
     return TaxelEstimator(body, curve, health, settings=settings, filter=filter, rate=RATE)
 
@@ -224,9 +237,7 @@ _LINK = TaxelBody.sheet(Rolled(rows=6, columns=8, radius=0.04).layout())
 
 def _fused(filter: Filter | None = None, drift: Drift | None = None, live: bool = True) -> Any:
     bad = np.zeros(48, dtype=bool)
-    skin = TaxelEstimator(
-        _LINK, CURVE, Health(np.full(48, 5.0), np.full(48, 0.7), bad, bad), filter=filter, rate=RATE
-    )
+    skin = TaxelEstimator(_LINK, CURVE, Health(np.full(48, 5.0), np.full(48, 0.7), bad, bad), filter=filter, rate=RATE)
     sensor = ForceTorque(np.repeat([0.06, 4e-3], 3)).unloaded()
     sensor.tare(_both().picked(slice(REST)))
     return FusedEstimator(skin, sensor, FusedLocator(Cylinder(0.04, 0.2)), drift=drift, covered=True, live=live)
@@ -243,7 +254,12 @@ def _ring() -> MarkerRing:
     coefficients[0, 0, :, 0], coefficients[1, 0, :, 0] = -1e-3 * shapes[0], -1e-4 * shapes[0]
     coefficients[0, 1, :, 0], coefficients[3, 1, :, 0] = 2e-4 * shapes[1], 5e-4 * shapes[0]
     response = RingResponse(
-        coefficients, np.array([1e-3, 1e-4]), np.full((2, 6), 2e-5), np.array([0.01, 0.05]), np.array([0.01, 8.0]), grip=0.5
+        coefficients,
+        np.array([1e-3, 1e-4]),
+        np.full((2, 6), 2e-5),
+        np.array([0.01, 0.05]),
+        np.array([0.01, 8.0]),
+        grip=0.5,
     )
     view = nominal_view()
     rest = view.from_plane(view.rest)

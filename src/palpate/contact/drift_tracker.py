@@ -83,7 +83,8 @@ class DriftTracker:
         """Begin anew from the sensor's tared bias, without windows, jumps and history."""
         self.filter = ZeroFilter(self.drift, self._priors)
         self.gate = DriftGate(self.filter, self.sensor, *self._shape)
-        self._record, self.count = ZeroRecord(self.sensor), 0
+        self._record: ZeroRecord = ZeroRecord(self.sensor)
+        self.count: int = 0
         self._window: int | None = None
         self._parts, self._times = list[np.ndarray](), list[np.ndarray]()
         self._touched: bool | None = None
