@@ -36,11 +36,7 @@ def main() -> int:
         return 0
     from fuzz.targets import TARGETS
 
-    seeds = CACHE / "seeds"
-    if not seeds.exists():
-        from fuzz.seeds import write_seeds
-
-        write_seeds(seeds)
+    seeds = _seeds()
     failed = list[str]()
     for name in options.names or TARGETS:
         grown, crashes = CACHE / name, CACHE / "crashes"
@@ -56,6 +52,18 @@ def main() -> int:
     return len(failed)
 
 
+def _seeds() -> Path:
+    """Return the folder of good inputs, written if it is not there."""
+    seeds, begun = CACHE / "good", CACHE / "good.part"
+    if not seeds.exists():
+        from fuzz.seeds import write_seeds
+
+        shutil.rmtree(begun, ignore_errors=True)
+        write_seeds(begun)
+        begun.rename(seeds)
+    return seeds
+
+
 def _fuzz(name: str, words: list[str]) -> None:
     import atheris
 
@@ -63,7 +71,7 @@ def _fuzz(name: str, words: list[str]) -> None:
 
     with atheris.instrument_imports(include=["palpate"]):
         from fuzz.targets import FOLDER, TARGETS
-    shutil.copytree(CACHE / "seeds" / "files", FOLDER, dirs_exist_ok=True)
+    shutil.copytree(_seeds() / "files", FOLDER, dirs_exist_ok=True)
     warnings.filterwarnings("error", category=RuntimeWarning)
 
     def mutated(data: bytes, most: int, seed: int) -> bytes:

@@ -77,4 +77,5 @@ def _read(block: MessageBlock, topic: Topic) -> None:
         for path in paths_of(topic):
             if (field := field_of(topic, path)) is not None:
                 counts = field.count(Cursor(block, topic.encoding))
-                decode(block, topic, (int(counts.max(initial=0)) % 1000,), field)
+                decode(block, topic, (1 + int(counts.max(initial=0)) % 1000,), field)
+                decode(block, topic, (max(1, int(counts.min(initial=1000))),), field)

@@ -162,6 +162,10 @@ class _Expanded:
     def _add_kind(self, own: dict[str, Any]) -> None:
         """Add the table of the sensor's kind."""
         named = [key for key in self._tables if key in KINDS]
+        for key in named:
+            if not isinstance(self._tables[key], dict):
+                what = f"{key} must be a table, not {self._tables[key]!r}."
+                raise InputError(what, where=self._where, hint=f"Write [sensors.{self._name}.{key}] above its keys.")
         if self._kind is None and not named:
             hint = f"Write kind = one of {', '.join(KINDS)}."
             raise InputError("kind, of the sensor, is missing.", where=self._where, hint=hint)

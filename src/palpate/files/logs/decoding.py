@@ -117,7 +117,8 @@ def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
         sizes = np.stack([cursor.number(), cursor.number()], axis=1)
         start, length = cursor.text()
         ends = zip(start.tolist(), (start + length).tolist(), strict=True)
-        cursor.sound &= [messages.data[first:end].rstrip(b"\0") in _DEPTHS for first, end in ends]
+        known = [messages.data[first:end].rstrip(b"\0") in _DEPTHS for first, end in ends]
+        cursor.sound &= np.array(known, dtype=bool)  # of no message, too
         cursor.numbers("u1", 1)
         cursor.number()
         cursor.sound &= sizes[:, 0] <= cursor.length() // np.maximum(sizes[:, 1], 1)
@@ -130,8 +131,8 @@ def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
         shape = tuple(side for side in sides.ravel().tolist() if side)
         if shape and prod(shape) == sizes[cursor.sound & (sizes > 0).all(axis=1)][0, 0]:
             return shape
-    known = sizes[cursor.sound & (sizes > 0).all(axis=1)]
-    return tuple(known[0].tolist()) if len(known) else None
+    found = sizes[cursor.sound & (sizes > 0).all(axis=1)]
+    return tuple(found[0].tolist()) if len(found) else None
 
 
 @takes_arrays

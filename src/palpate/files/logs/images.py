@@ -62,10 +62,11 @@ def decoded(cv2: Any, raw: bytes, *, as_stored: bool = False) -> np.ndarray | No
 
 def _complete(png: bytes) -> bool:
     """Return whether all chunks of a PNG are in it; OpenCV reserves the 4 GB that a damaged one may state."""
-    at = len(_PNG)
-    while at < len(png) and png[at + 4 : at + 8] != b"IEND":
+    at, kind = len(_PNG), b""
+    while at < len(png) and kind != b"IEND":
+        kind = png[at + 4 : at + 8]
         at += 12 + int.from_bytes(png[at : at + 4])
-    return at < len(png)
+    return at <= len(png) and kind == b"IEND"
 
 
 class ImageLog(Log):
