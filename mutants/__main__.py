@@ -1,8 +1,9 @@
 """`python -m mutants [--count N] [--seed N] [--only TEXT] [--jobs N] [--trust] [--list]`: turn faults on, run tests.
 
 Faults are made from what stands in the package, by chance. Everything is compiled once; each fault is turned on in a
-forked process of its own, which runs the tests of the fault's room until one fails. Processes that a test starts have
-the fault, too. Those of `equivalent.txt` change nothing that can be noticed, and do not count.
+forked process of its own, which runs the tests of the fault's room until one fails; where none does, those of the laws.
+Processes that a test starts have the fault, too. Those of `equivalent.txt` change nothing that can be noticed, and do
+not count.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pathlib import Path
 from mutants.build import ROOT, import_with_faults
 from mutants.fault import Fault, chosen
 
+LAWS = "tests/laws"
 LIMIT = 900.0  # s: beyond it a fault has made something endless, which is noticed
 WALL = 90 * 60.0  # s: no other fault is tried then
 WANTED, EQUIVALENT = 0.88, 0.05  # of faults by chance
@@ -46,7 +48,8 @@ def main() -> int:
     import_with_faults(faults)
     if not options.trust and not _sound(sorted({fault.tests for fault in meant.values()})):
         return 2
-    found = _run([(k, [fault.tests]) for k, fault in meant.items()], faults, options.jobs)
+    end = time.monotonic() + WALL
+    found = _run([(k, [fault.tests]) for k, fault in meant.items()], faults, options.jobs, end)
     tried = [(fault, code) for fault, (code, _, _) in zip(meant.values(), found, strict=True) if code is not None]
     unseen = [fault for fault, code in tried if code == 0]
     known = (Path(__file__).parent / "equivalent.txt").read_text(encoding="utf-8")
@@ -55,15 +58,18 @@ def main() -> int:
     counted = len(tried) - len(same)
     share = 1.0 - len(missed) / max(1, counted)
     print(f"\n{counted - len(missed)} of {counted} faults noticed, {share:.1%}; {len(meant) - len(tried)} not tried")
-    for words, faults in (("equivalent", same), ("not noticed", missed)):
-        for fault in faults:
-            print(f"      {words}: {fault.what}  ({fault.tests}; law: {fault.law})")
+    for words, some in (("equivalent", same), ("not noticed", missed)):
+        for fault in some:
+            print(f"      {words}: {fault.what}  ({fault.tests})")
+    if missed:
+        print("\nwhat is not noticed, by the tests of the laws:")
+        _run([(faults.index(fault) + 1, [LAWS]) for fault in missed], faults, options.jobs, end)
     return int(share < WANTED or len(same) > EQUIVALENT * len(tried))
 
 
 def _sound(tests: list[str]) -> bool:
     """Do the tests pass without any fault? Else nothing is learnt from them."""
-    [(code, took, output)] = _run([(0, tests)], [], 1)
+    [(code, took, output)] = _run([(0, tests)], [], 1, float("inf"))
     print(
         output if code else "", f"without a fault the tests {'fail' if code else 'pass'}, in {took:.0f} s", flush=True
     )
@@ -74,9 +80,11 @@ def _meant(number: int, fault: Fault, text: str) -> bool:
     return text == str(number) or (not text.isdigit() and text in fault.what)
 
 
-def _run(work: Sequence[tuple[int, list[str]]], faults: list[Fault], jobs: int) -> list[tuple[int | None, float, str]]:
-    """Of each fault and its tests: exit code of pytest (0: not noticed, None: not tried), seconds, what was said."""
-    waiting, running, end = list(enumerate(work)), dict[int, tuple[int, float, Path]](), time.monotonic() + WALL
+def _run(
+    work: Sequence[tuple[int, list[str]]], faults: list[Fault], jobs: int, end: float
+) -> list[tuple[int | None, float, str]]:
+    """Of each fault and its tests: exit code of pytest (0: not noticed, None: not tried by `end`), seconds, output."""
+    waiting, running = list(enumerate(work)), dict[int, tuple[int, float, Path]]()
     results: list[tuple[int | None, float, str]] = [(None, 0.0, "")] * len(work)
     while running or (waiting and time.monotonic() < end):
         while waiting and len(running) < jobs and time.monotonic() < end:

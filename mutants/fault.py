@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import copy
 import hashlib
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +25,6 @@ _STATEMENTS = ast.Expr, ast.Assign, ast.AugAssign
 _COMPILED = "surfaces._jit"  # whoever imports it has compiled functions, whose types a fault must not change
 DROPPED = "pass"
 MOST = 3  # faults of a file
-_SHOWN = ("cli", "console", "viewer")  # rooms of what people read
 _TESTED = {"console": "cli"}  # rooms whose tests are another's
 _NAMES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "sin": "cos", "cos": "sin"}
 
@@ -53,22 +51,6 @@ class Fault:
     def tests(self) -> str:
         """The folder of the room's own tests."""
         return tests_of(self.file)
-
-    @property
-    def law(self) -> str:
-        """The law of `tests/laws` that sees faults of this kind, if none of the room's own tests does."""
-        room = self.file.split("/")[1]
-        if room in _SHOWN:
-            return "what is shown is the value it comes from"
-        if room == "setup":
-            return "every key of a rig changes an answer"
-        if "self._" in self.original and (self.faulty == DROPPED or "=" in self.original):
-            return "a reset makes a new object; any split into blocks gives the same"
-        if self.file.rpartition("/")[2].startswith("_"):
-            return "a compiled loop is its twin in NumPy"
-        if "covariance" in self.file or re.search(r"covarian|spread|variance|deviation|noise", self.original):
-            return "covariances hold by Monte Carlo"
-        return "none, one and many"
 
     @property
     def diff(self) -> str:
