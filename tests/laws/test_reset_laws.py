@@ -182,7 +182,7 @@ def test_a_page_says_nothing_of_before() -> None:
         finally:
             page.stop()
 
-    busy = StreamFigures(900.0, (1e-4, 2e-4, 3e-4), 3, 4, 2.0, 5, True, "a tare", (("12:00", "it hangs"),))
+    busy = StreamFigures(900.0, (1e-4, 2e-4, 3e-4), 3, 4, 2.0, 5, True, "a tare", ((1, "it hangs"),))
     quiet = StreamFigures(silent=0.1, samples=7)
     assert sum(one != other for one, other in zip(shown(busy), shown(quiet), strict=True)) == 5
     assert shown(busy, quiet) == shown(quiet)
