@@ -45,6 +45,7 @@ BESIDE = ("examples",)  # what a clone has, and pages name
 def main() -> int:
     """Each page, and what of it failed."""
     words = sys.argv[1:]
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # started in the background, it is ignored, here and below
     cloned = "--clone" in words
     usual, named = _usual(), [word for word in words if word not in ("--clone", "today")]
     if "today" in words:

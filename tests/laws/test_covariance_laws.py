@@ -16,11 +16,11 @@ from tests.support.dice import agree, even, mixed
 from tests.support.walked import ROOT, public
 
 HELD = {
-    "calibration/test_covariances.py": "mean_touches TouchError.carried Mounting.position_covariance courses_of "
+    "calibration/test_fit_covariances.py": "mean_touches TouchError.carried Mounting.position_covariance courses_of "
     "WalkFit.covariance pseudo_inverse",
     "calibration/test_mounting.py": "Mounting.covariance",
     "calibration/test_servo.py": "ServoMotion.spread",
-    "contact/test_covariances.py": "ellipse largest_deviation ContactShape.explains",
+    "contact/test_contact_covariances.py": "ellipse largest_deviation ContactShape.explains",
     "contact/test_events.py": "Events.covariance",
     "contact/test_uncertainty.py": "ContactEstimate.covariance Contacts.covariance locate",
     "contact/test_estimator.py": "WrenchEstimator.contact_wrenches Wrenches.covariance",
@@ -42,7 +42,7 @@ HELD = {
     "sensors/taxels/test_poked_taxels.py": "PlacesSolution.covariance Before.covariance after_calibration known_after",
     "sensors/taxels/test_registration.py": "Registration.covariance Registration.spread",
     "setup/test_robot_pipeline.py": "widened",
-    "signals/test_covariances.py": "Payload.compensate Payload.load_jacobian Payload.load_covariance Imu.covariance "
+    "signals/test_signal_covariances.py": "Payload.compensate Payload.load_jacobian Payload.load_covariance Imu.covariance "
     "Payload.joint_covariance square_root",
     "signals/test_vibration.py": "Vibration.stream",
     "signals/test_zero_filter.py": "ZeroState.covariance smoothed FilterStep.covariance ZeroFilter.predicted "

@@ -176,7 +176,7 @@ class Follower:
             code = main(shlex.split(words)[1:])
         if file:
             (self.folder / file.strip()).write_text(out.getvalue(), encoding="utf-8")
-        assert code == wanted, f"{block}: {line}: exit code {code}: {err.getvalue()}"
+        assert code == wanted, f"{block}: {line}: exit code {code}: {err.getvalue()}{out.getvalue()}"
 
 
 def unseen(shown: str, printed: Iterable[str]) -> list[str]:
