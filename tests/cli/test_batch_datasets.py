@@ -243,6 +243,20 @@ def test_a_data_set_is_labelled_alone_and_elsewhere(tmp_path: Path, capsys: pyte
     assert "is labelled alone" in capsys.readouterr().err
 
 
+def test_workers_that_were_started_elsewhere_find_a_data_set(
+    made: tuple[Path, np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are kept for the next batch, and stay in the folder in which they were started."""
+    folder, _ = made
+    for place, data_set, rig in (
+        (tmp_path, folder / "data_set", folder / "rig.toml"),
+        (folder, "data_set", "rig.toml"),
+    ):
+        monkeypatch.chdir(place)
+        output = tmp_path / f"from_{place.name}"
+        assert main(["batch", str(data_set), "--rig", str(rig), "-o", str(output), "--workers", "2"]) == 0
+
+
 def test_files_of_another_system_are_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(self: Path, target: Path) -> None:
         raise OSError

@@ -42,8 +42,8 @@ HELD = {
     "sensors/taxels/test_poked_taxels.py": "PlacesSolution.covariance Before.covariance after_calibration known_after",
     "sensors/taxels/test_registration.py": "Registration.covariance Registration.spread",
     "setup/test_robot_pipeline.py": "widened",
-    "signals/test_signal_covariances.py": "Payload.compensate Payload.load_jacobian Payload.load_covariance Imu.covariance "
-    "Payload.joint_covariance square_root",
+    "signals/test_signal_covariances.py": "Payload.compensate Payload.load_jacobian Payload.load_covariance "
+    "Imu.covariance Payload.joint_covariance square_root",
     "signals/test_vibration.py": "Vibration.stream",
     "signals/test_zero_filter.py": "ZeroState.covariance smoothed FilterStep.covariance ZeroFilter.predicted "
     "ZeroFilter.known_of ZeroFilter.expected ZeroFilter.spread ZeroFilter.spread_by",

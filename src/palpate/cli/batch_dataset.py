@@ -25,7 +25,7 @@ class EpisodeLog:
     @property
     def path(self) -> Path:
         """Absolute path of the file with its rows."""
-        return self.data.root.absolute() / self.episode.file
+        return self.data.root / self.episode.file
 
     @property
     def name(self) -> str:
@@ -64,7 +64,8 @@ def episodes_of(given: Sequence[Path], output: Path) -> list[EpisodeLog]:
         what = "is the data set or in it, and a copy is written."
         raise InputError(what, where=str(output), hint="Name another folder with -o FOLDER.")
     data = read_dataset(root)
-    return [EpisodeLog(replace(data, episodes=()), each) for each in data.episodes]
+    alone = replace(data, root=root.absolute(), episodes=())  # another process may be in another folder
+    return [EpisodeLog(alone, each) for each in data.episodes]
 
 
 def label(logs: Sequence[EpisodeLog], contacts: Mapping[int, Path], output: Path, frame: str) -> None:
