@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 import palpate
 from palpate.cli import main
+from palpate.cli.estimate_log import TORN
 from palpate.files.contacts import read_contacts
 from palpate.files.logs.robot_motion import RobotMotion
 from palpate.setup.load import load_robot
@@ -138,6 +140,24 @@ def test_a_batch_writes_what_estimate_writes(
     rig = hand / "lost.toml"
     rig.write_text((hand / "robot.toml").read_text().replace('"/ring/skin"', '"/nowhere"'))
     assert main(["batch", str(logs), "--rig", str(rig), "-o", str(tmp_path / "lost"), "--workers", "1"]) == 4
+
+
+def test_a_log_that_is_cut_off_is_answered_up_to_there_and_said(
+    hand: Path, words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the exit code, in the record beside the contacts, and by a batch."""
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    whole = Path(words[0]).read_bytes()
+    (logs / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    output = tmp_path / "cut.parquet"
+    assert main(["estimate", str(logs / "cut.mcap"), *words[1:], *THREE, "-o", str(output)]) == TORN
+    assert "complete messages were read" in capsys.readouterr().out
+    assert tomllib.loads(output.with_name("cut.parquet.toml").read_text())["ended"] == "torn"
+    found = read_contacts(output)
+    assert all(len(found.of(name)) > 0.3 * count for name, count in SAMPLES.items())
+    call = ["batch", str(logs), *words[1:], *THREE, "-o", str(tmp_path / "out"), "--workers", "1"]
+    assert main(call) == TORN
 
 
 @pytest.mark.parametrize("option", OPTIONS)

@@ -17,7 +17,7 @@ from tyro.conf import Positional, arg
 
 from palpate.cli.batch_dataset import CONTACTS, EpisodeLog, episodes_of, label
 from palpate.cli.batch_logs import logs_of, names_of
-from palpate.cli.estimate_log import estimate_log, record_of
+from palpate.cli.estimate_log import TORN, estimate_log, record_of
 from palpate.cli.estimate_robot import require_robot_options, write_robot
 from palpate.cli.rig_options import RigOptions
 from palpate.console.console import Quantity, announce, lines, note, overwrite, title
@@ -39,7 +39,7 @@ from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["batch"]
 
-TORN, UNBELIEVABLE, SOME_FAILED = 3, 4, 5
+UNBELIEVABLE, SOME_FAILED = 4, 5
 PAGE, KEPT = "batch.html", "batch.jsonl"
 PATHS = ("rig", "mesh", "payload")  # of a set-up
 SHOWN = 5  # failures that are printed
@@ -211,9 +211,9 @@ def _robot_contacts(job: _Job, robot: Robot, digest: str) -> _Kept:
     """Estimate the log of a robot; one without the contacts of some sensor is not believed."""
     watch = partial(_watch, job.parent)
     done = write_robot(job.log, robot, job.output, job.frame, job.setup.sensor, watch, keep_short=False)
-    summaries, torn = list(done.summary.summaries.values()), any(run.pipeline.log.torn for run in done.pipeline.runs)
-    result = _result(job, summaries, done.summary.touches(), tuple(done.pipeline.warnings()))
-    return _done(job, digest, replace(result, ended="torn" if torn else "whole", believed=not done.pipeline.failed))
+    summaries, warnings = list(done.summary.summaries.values()), tuple(done.pipeline.warnings())
+    result = _result(job, summaries, done.summary.touches(), warnings)
+    return _done(job, digest, replace(result, ended=done.record["ended"], believed=not done.pipeline.failed))
 
 
 def _result(job: _Job, summaries: Sequence[RunSummary], touches: Events, warnings: tuple[str, ...]) -> LogResult:

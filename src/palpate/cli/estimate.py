@@ -12,7 +12,7 @@ from jaxtyping import Int
 from tyro.conf import arg
 
 from palpate.cli.contact_files import compared_blocks
-from palpate.cli.estimate_log import Estimated, estimate_log, record_of
+from palpate.cli.estimate_log import INTERRUPTED, TORN, Estimated, estimate_log, record_of
 from palpate.cli.estimate_robot import estimate_robot, require_robot_options
 from palpate.cli.events import say_touches
 from palpate.cli.report import judged, require_page, run_of
@@ -33,7 +33,7 @@ from palpate.viewer.run_compare import compared
 from palpate.viewer.run_report import compose
 from palpate.viewer.run_summary import RunSummary
 
-TORN, UNBELIEVABLE, INTERRUPTED = 3, 4, 130
+UNBELIEVABLE = 4
 LONG = 100_000_000  # bytes of a log from which other processes are worth their start
 
 

@@ -20,6 +20,7 @@ from palpate.setup.pipeline import OpenedLog, Pipeline
 from palpate.setup.prefetch import LogReader
 from palpate.viewer.run_summary import RunSummary
 
+TORN, INTERRUPTED = 3, 130  # exit codes: what was requested is done of a log that was cut off, or up to Ctrl-C
 Watch = Callable[[int, float], None]
 """Called with the number of samples done, and the share (0 to 1) of the file that was read."""
 

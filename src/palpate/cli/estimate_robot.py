@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.cli.estimate_log import Watch, record_of, write_blocks
+from palpate.cli.estimate_log import INTERRUPTED, TORN, Watch, record_of, write_blocks
 from palpate.cli.events import say_touches
 from palpate.cli.report import require_page, status_advice
 from palpate.cli.rig_options import RigOptions
@@ -30,7 +30,7 @@ from palpate.viewer.report import ReportTable, percent, render
 from palpate.viewer.robot_report import EstimatedRobot, compose_robot
 from palpate.viewer.run_summary import RunSummary
 
-LEFT_OUT, INTERRUPTED = 4, 130
+LEFT_OUT = 4
 _KEPT = 4_000  # samples of each sensor, for the report
 
 
@@ -62,7 +62,7 @@ def estimate_robot(
 
     Raises:
         InputError: the log or the rig cannot be used, no sensor can be estimated, or the output cannot be written.
-        SystemExit: 130: interrupted; 4: a sensor was left out.
+        SystemExit: 130: interrupted; 3: the log was cut off; 4: a sensor was left out.
         KeyboardInterrupt: Ctrl-C before the first row.
     """
     if output is not None:
@@ -96,10 +96,11 @@ def estimate_robot(
             advice=summary.advice(),
         )
         write_text(report, render(compose_robot(_drawn(run, robot, log))))
-    interrupted = record["ended"] == "interrupted"
-    note(["interrupted: this covers the samples done until then"] if interrupted else [], kind="warning")
-    if interrupted or pipeline.failed:
-        raise SystemExit(INTERRUPTED if interrupted else LEFT_OUT)
+    ended = record["ended"]
+    interrupted = ["interrupted: this covers the samples done until then"] if ended == "interrupted" else []
+    note(interrupted, kind="warning")
+    if ended != "whole" or pipeline.failed:
+        raise SystemExit({"interrupted": INTERRUPTED, "torn": TORN}.get(ended, LEFT_OUT))
 
 
 class WrittenRobot(NamedTuple):
@@ -130,7 +131,8 @@ def write_robot(
 
     def made_from(*, interrupted: bool) -> dict[str, str]:
         names = ",".join(run.sensor.name for run in pipeline.runs)
-        options = {"frame": frame, "sensors": names, "ended": "interrupted" if interrupted else "whole"}
+        ended = "interrupted" if interrupted else "torn" if pipeline.torn else "whole"
+        options = {"frame": frame, "sensors": names, "ended": ended}
         return provenance({"log": log, "rig": robot.path, **robot.files()}, options)
 
     blocks = ((rows, rows, rows) for rows in pipeline.stream())

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.cli.estimate_log import TORN
 from palpate.cli.inspect_log import inspect_contacts, inspect_log, say_contents
 from palpate.cli.inspect_robot import inspect_robot, inspect_robot_log
 from palpate.console.console import Quantity, in_full, lines, note, span, title
@@ -27,7 +28,6 @@ from palpate.signals.recording import CELLS
 from palpate.surfaces.collada import ColladaAsset
 from palpate.surfaces.mesh import UNITS, Mesh, unit_named
 
-TORN = 3  # what was requested is done, but the log was torn
 _TAXELS = (".txt", ".csv", ".urdf")
 _MESHES = (".stl", ".obj", ".ply", ".dae")
 

@@ -12,10 +12,10 @@ from palpate.cli.live_page_stream import SENTENCES, Stream
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.contact.frames import in_base
-from palpate.errors import InputError
 from palpate.files.urdf import Kinematics
 from palpate.live.stream_buffer import StreamBuffer
-from palpate.setup.robot import Robot, RobotSensor
+from palpate.setup.robot import Robot
+from palpate.setup.robot_view import drawn_links
 from palpate.spatial.pose import Pose
 from palpate.spatial.shown import three_digits
 from palpate.viewer.live import SECONDS, SILENT, StreamFigures
@@ -47,15 +47,11 @@ class RobotStream:
         sensors = [robot.sensors[name] for name in self._streams]
         mounts = [each.rig.mount() for each in sensors]
         self._mounts = np.stack([each.rotation for each in mounts]), np.stack([each.translation for each in mounts])
-        self._frames = [_frame(each) for each in sensors]
-        urdf = robot.urdf
-        if urdf is None:
-            raise InputError("a robot is drawn from its URDF, and the rig names none.", where=str(robot.path))
-        bodies = {name: urdf.body(name) for name in urdf.shaped()}
-        names = dict.fromkeys([*bodies, *self._frames])
+        self._frames = [each.require_frame() for each in sensors]
+        urdf, links = drawn_links(robot)
+        names = dict.fromkeys([*links, *self._frames])
         states = next((ring for ring in rings if ring.form.joints), None)
         self._motion = _Motion(Kinematics(urdf, robot.base, list(names)), states, robot.table.max_gap)
-        links = {name: (body.vertices, body.faces) for name, body in bodies.items()}
         self.layer = LiveRobotLayer(links, *self._motion.of(list(links)))
         self._drawn, self._read = list(links), 0
         self.next_one = 0
@@ -94,7 +90,7 @@ class RobotStream:
         each = {name: stream.figures() for name, stream in self._streams.items()}
         self._list(each)
         known = [of.latency for of in each.values() if of.latency is not None]
-        events = sorted((at, f"{name}: {said}") for name, of in each.items() for at, said in of.events)
+        events = sorted((at, f"{name}: {sentence}") for name, of in each.items() for at, sentence in of.events)
         return StreamFigures(
             rate=sum(of.rate for of in each.values()),
             latency=tuple(np.max(known, axis=0).tolist()) if known else None,
@@ -103,7 +99,7 @@ class RobotStream:
             silent=min(of.silent for of in each.values()),
             samples=sum(of.samples for of in each.values()),
             taring=any(of.taring for of in each.values()),
-            tare=next((said for _, said in reversed(events) if "tare" in said), ""),
+            tare=next((sentence for _, sentence in reversed(events) if "tare" in sentence), ""),
             events=tuple(events[-SENTENCES:]),
         )
 
@@ -129,7 +125,7 @@ class RobotStream:
     def _list(self, figures: Mapping[str, StreamFigures]) -> None:
         """List the sensors and the joint states in the layer."""
         rows = [(name, self._described(name, of)) for name, of in figures.items()]
-        self.layer.list([*rows, *self._motion.rows()])
+        self.layer.describe([*rows, *self._motion.rows()])
 
     def _described(self, name: str, figures: StreamFigures) -> str:
         """Return text on a sensor: the force of its contacts or its status, and its rate."""
@@ -142,7 +138,7 @@ class RobotStream:
 
 
 class _Motion:
-    """Where the links of a robot are in its base, by the newest joint states; without any, all joints are at 0.
+    """Follow where the links of a robot are in its base, by the newest joint states; without any, joints are at 0.
 
     Args:
         kinematics: of the links.
@@ -182,14 +178,6 @@ class _Motion:
             words = "none yet: drawn at 0" if self._count < 0 else f"none for {since:.0f} s: drawn as they were"
             rows.append(("joint states", words))
         return rows
-
-
-def _frame(sensor: RobotSensor) -> str:
-    """Return the link in whose frame a sensor reports."""
-    if sensor.frame is None:
-        hint = "Name it as link in the rig."
-        raise InputError("the link of the sensor is not known, so it cannot be drawn.", where=sensor.name, hint=hint)
-    return sensor.frame
 
 
 def _nothing(slots: np.ndarray, watched: bool) -> None:

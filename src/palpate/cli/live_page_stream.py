@@ -110,7 +110,7 @@ class Stream:
         ring, now = self.ring, time.monotonic()
         events, self._sentence = ring.events(self._sentence)
         self._events.extend(events)
-        self._tare = next((said for _, said in reversed(events) if "tare" in said), self._tare)
+        self._tare = next((text for _, text in reversed(events) if "tare" in text), self._tare)
         (begun, before), (end, count) = self._counts[0], self._counts[-1]
         return StreamFigures(
             rate=(count - before) / (end - begun) if end > begun else 0.0,

@@ -74,7 +74,7 @@ def irregular(status: os.stat_result) -> str:
 
 
 NO_XML = (OSError, ElementTree.ParseError, ValueError, LookupError)
-"""What reading an XML file raises; the last of an unknown encoding."""
+"""Exceptions that reading an XML file raises; LookupError: the encoding is not known."""
 
 
 def read_xml(path: Path, called: str) -> ElementTree.Element:

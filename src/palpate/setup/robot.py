@@ -85,6 +85,17 @@ class RobotSensor:
         """Kind of the sensor."""
         return self.rig.kind()
 
+    def require_frame(self) -> str:
+        """Return the link in whose frame it reports.
+
+        Raises:
+            InputError: it is not stated.
+        """
+        if self.frame is None:
+            what = f"the link of the sensor {self.name!r} is not known, so its contacts have no base frame."
+            raise InputError(what, hint="Name it as link in the rig.")
+        return self.frame
+
     @property
     def origin(self) -> Origin:
         """Names of the sensor and of its link, as contacts have them."""

@@ -102,6 +102,11 @@ class RobotPipeline:
         """Share (0 to 1) of the log that was read for all sensors."""
         return min(run.pipeline.log.share for run in self.runs)
 
+    @property
+    def torn(self) -> bool:
+        """True if the log is cut off."""
+        return any(run.pipeline.log.torn for run in self.runs)
+
     def notes(self) -> list[str]:
         """Return notes on the log and on the estimates so far, one sentence each, after the names of the sensors."""
         motion = [] if self._motion is None else list(self._motion.notes())
@@ -175,14 +180,12 @@ class RobotPipeline:
         """Return contacts in the base frame, their covariances with the error of the joints' positions."""
         if self._motion is None or not len(found):
             return found
-        if run.sensor.frame is None:
-            hint = "Name it as link in the rig."
-            raise InputError("the link of the sensor is not known, so its contacts have no base frame.", hint=hint)
+        frame = run.sensor.require_frame()
         rows = found.sample - found.sample[0]
         time = block.time[rows]
-        quaternion, position = self._motion.at(run.sensor.frame, time)
+        quaternion, position = self._motion.at(frame, time)
         placed = in_base(found.estimate, quaternion, position, run.pipeline.estimator.mount)
-        error = self._motion.covariance(run.sensor.frame, time)
+        error = self._motion.covariance(frame, time)
         return found.with_estimate(widened(placed, position, error) if error.any() else placed)
 
 

@@ -13,6 +13,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.events import Events
 from palpate.errors import InputError
 from palpate.files.logs.robot_motion import RobotMotion
+from palpate.files.urdf import Urdf
 from palpate.setup.robot import Robot
 from palpate.setup.robot_pipeline import RobotPipeline
 from palpate.spatial.pose import rotation_from_quaternion
@@ -140,13 +141,22 @@ def touched_robot(robot: Robot, log: Path, touches: Events) -> tuple[RobotLayer,
 
 def _motion(robot: Robot, log: Path, others: Sequence[str] = ()) -> tuple[RobotMotion, dict[str, Triangles]]:
     """Return the motion of all links that have a geometry, and of others, and the triangles of these links."""
-    urdf, table = robot.urdf, robot.table
+    urdf, links = drawn_links(robot)
+    names, table = list(dict.fromkeys([*links, *others])), robot.table
+    return RobotMotion.read(log, urdf, robot.base, names, joints=table.joints, max_gap=table.max_gap), links
+
+
+def drawn_links(robot: Robot) -> tuple[Urdf, dict[str, Triangles]]:
+    """Return the URDF of a robot, and link -> triangles of the links that have a geometry.
+
+    Raises:
+        InputError: the rig names no URDF, or a mesh cannot be read.
+    """
+    urdf = robot.urdf
     if urdf is None:
         raise InputError("a robot is drawn from its URDF, and the rig names none.", where=str(robot.path))
     bodies = {name: urdf.body(name) for name in urdf.shaped()}
-    names = list(dict.fromkeys([*bodies, *others]))
-    motion = RobotMotion.read(log, urdf, robot.base, names, joints=table.joints, max_gap=table.max_gap)
-    return motion, {name: (body.vertices, body.faces) for name, body in bodies.items()}
+    return urdf, {name: (body.vertices, body.faces) for name, body in bodies.items()}
 
 
 def _poses(

@@ -154,7 +154,7 @@ class LiveRobotLayer(RobotLayer):
         """Set where the links are now, as in the constructor."""
         self._turned, self._moved = quaternions[None], positions[None]
 
-    def list(self, rows: Sequence[tuple[str, str]]) -> None:
+    def describe(self, rows: Sequence[tuple[str, str]]) -> None:
         """Set what is listed, (name, text) pairs."""
         self._listed = tuple(rows)
 

@@ -66,7 +66,7 @@ def of_marker_ring(ring: MarkerRing) -> Lines:
         ("camera", f"{1e3 * view.pose.translation[2]:.1f} mm above the markers, tilted by {tilt:.1f} deg"),
         ("noise", f"{ring.jitter:.2g} px: {outward:.0f} um outwards, {along:.0f} um along"),
         ("calibrated", f"to {1e3 * depth:.3g} mm, {force:.3g} N{'; shear, too' if response.shears else ''}"),
-        ("deviation", f"{angle:.2g} deg and {share:.2g} % of the force beside the noise, on presses left out"),
+        ("deviation", f"{angle:.2g} deg and {share:.2g} % of the force in addition to noise, on presses left out"),
         *([("left out", judged)] if np.isfinite(off) else []),
     ]
 
