@@ -45,7 +45,7 @@ def rows(small: bool) -> Iterator[Row]:
     with TemporaryDirectory() as scratch:
         for name in ("hand", "humanoid"):
             length = SHORT if small else ("--free", "100")
-            made = [_session(Path(scratch), name, seed, *length) for seed in range(1 if small else 3)]
+            made = [simulated(Path(scratch), name, seed, *length) for seed in range(1 if small else 3)]
             yield from _placed(name, [_matches(each) for each in made], small)
             if small and name == "humanoid":
                 continue
@@ -54,13 +54,13 @@ def rows(small: bool) -> Iterator[Row]:
             if small:
                 continue
             off = (*SHORT[:-1], "0", "--encoder", f"{ENCODER}")
-            bent = [_session(Path(scratch), name, seed, *off) for seed in range(9, 17)]
+            bent = [simulated(Path(scratch), name, seed, *off) for seed in range(9, 17)]
             yield from _placed(f"{name}, joints {ENCODER} degrees off", list(map(_matches, bent)), small, bent=True)
         yield _speed(Path(scratch) / "humanoid0", small)
-        yield _cost(Path(scratch) / "humanoid0" if small else _session(Path(scratch), "humanoid", 60, *MINUTE), small)
+        yield _cost(Path(scratch) / "humanoid0" if small else simulated(Path(scratch), "humanoid", 60, *MINUTE), small)
 
 
-def _session(scratch: Path, name: str, seed: int, *options: str) -> Path:
+def simulated(scratch: Path, name: str, seed: int, *options: str) -> Path:
     """Make a session, and return its folder."""
     folder = scratch / f"{name}{seed}"
     with contextlib.redirect_stdout(io.StringIO()):
@@ -162,19 +162,24 @@ def _speed(session: Path, small: bool) -> Row:
 
 
 def _cost(session: Path, small: bool) -> Row:
-    """CPU time of a log in which eight of the patches and both wrists are there twice, as sensors of their own."""
+    """CPU time of a log of `doubled` sensors."""
+    robot = load_robot(doubled(session))
+    begin = time.process_time()
+    rows = sum(map(len, RobotPipeline(robot, session / "twice.mcap", "base").stream()))
+    took = time.process_time() - begin
+    what = f"log with {len(robot.sensors)} sensors, {rows:,} rows, in the base: CPU time"
+    return Row(what, "<= 8 s for 60 s", f"{took:.1f} s", None if small else took <= 8.0)
+
+
+def doubled(session: Path) -> Path:
+    """Write twice.mcap, in which eight of the patches and both wrists are there twice, and return a rig for it."""
     rig, log = session / "robot.toml", session / "twice.mcap"
     head, *tables = rig.read_text(encoding="utf-8").split("\n[sensors.")
     copied = [each for each in tables if each.startswith(TWICE)]
     again = [re.sub(r"(?m)^(\w+)\](?=\n)|^topic = \"/(\w+)/", _renamed, each) for each in copied]
     rig.with_name("twice.toml").write_text("\n[sensors.".join([head, *tables, *again]), encoding="utf-8")
     _write_twice(session / "run.mcap", log)
-    robot = load_robot(rig.with_name("twice.toml"))
-    begin = time.process_time()
-    rows = sum(map(len, RobotPipeline(robot, log, "base").stream()))
-    took = time.process_time() - begin
-    what = f"log with {len(robot.sensors)} sensors, {rows:,} rows, in the base: CPU time"
-    return Row(what, "<= 8 s for 60 s", f"{took:.1f} s", None if small else took <= 8.0)
+    return rig.with_name("twice.toml")
 
 
 def _renamed(match: re.Match[str]) -> str:

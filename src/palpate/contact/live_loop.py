@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from palpate.calls import by_name
 from palpate.contact.estimate import ROW
 from palpate.contact.locate import Locator
-from palpate.signals.wrench_sensor import Placement, WrenchSensor
+from palpate.signals.wrench_sensor import Measured, Placement, WrenchSensor
 
 __all__: list[str] = []  # for this package alone: arrays are checked where they come in
 
@@ -44,6 +44,10 @@ class CompiledSensor(WrenchSensor, Protocol):
         extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
         """Return the inputs of n samples as a flat array, one kind after the other."""
+        ...
+
+    def measured(self, time: Float[np.ndarray, " n"], inputs: Float[np.ndarray, " _"]) -> Measured:
+        """Return the samples of `inputs`, at times (n,) [s], as `Measured`."""
         ...
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
@@ -82,14 +86,6 @@ class LiveLoop:
         """Write the contact of one sample at a time [s] into rows (1, width), laid out as `ROW`."""
         self._hold(time, reading, rotation, acceleration)
         self.run(rows)
-
-    def block(
-        self, time: np.ndarray, readings: np.ndarray, extra_channels: Mapping[str, np.ndarray], rows: np.ndarray
-    ) -> np.ndarray:
-        """Write the contacts of a block of n samples into rows (n, width); return the sensor's inputs, a flat array."""
-        inputs = self._given[0].inputs(time, readings, extra_channels)
-        self.run(rows, inputs)
-        return inputs
 
     def run(self, rows: np.ndarray, inputs: np.ndarray | None = None) -> None:
         """Write the contacts of inputs (a flat array; None: the sensor's `live_inputs`) into rows (n, width)."""

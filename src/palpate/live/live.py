@@ -331,10 +331,11 @@ class Live:
 
     def _moved(self, samples: _Samples) -> _Samples:
         """Return samples with the accelerations that the estimator's sensor takes."""
-        sensor = getattr(self.estimator, "sensor", None)
-        if not self._felt or not isinstance(sensor, MovedSensor):
+        if not self._felt:
             return samples
-        return samples._replace(extra_channels=sensor.moved(samples.extra_channels))
+        sensor = getattr(self.estimator, "sensor", None)
+        moved = isinstance(sensor, MovedSensor)
+        return samples._replace(extra_channels=sensor.moved(samples.extra_channels)) if moved else samples
 
     def _started(self, start: _Window, samples: _Samples | None) -> AnsweredSamples:
         """Collect samples of the start; return them, answered, once its values are known."""

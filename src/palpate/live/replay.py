@@ -75,7 +75,7 @@ class Replay:
         self.ended, self.patient = False, not speed
         self._said: list[str] = []
         self._rest = self._samples()
-        self._held: tuple[Recording, np.ndarray, int] | None = None
+        self._held: tuple[Recording, np.ndarray, np.ndarray, int] | None = None
         self._begun = self._first = 0.0
 
     @classmethod
@@ -108,11 +108,10 @@ class Replay:
                 self.ended = True
                 time.sleep(timeout)
                 return 0
-            self._held = piece, values_of(piece), 0
-        piece, values, start = self._held
-        most = min(len(batch), len(piece) - start)
-        count = self._due(piece.time[start : start + most], timeout)
-        if count:
+            due = np.maximum.accumulate(np.nan_to_num(piece.time))
+            self._held = piece, values_of(piece), due, 0
+        piece, values, due, start = self._held
+        if count := self._due(due[start : start + len(batch)], timeout):
             part = slice(start, start + count)
             batch.stamp[:count] = np.rint(np.nan_to_num(piece.time[part]) * 1e9).astype(np.int64)
             batch.arrived, batch.lost[:count] = np.full(count, time.time_ns()), 0
@@ -120,7 +119,7 @@ class Replay:
             beside = {ORIENTATION: batch.orientation, POSITION: batch.position, ACCELERATION: batch.acceleration}
             for name, into in beside.items():
                 into[:count] = piece.channels[name][part] if name in piece.channels else np.nan
-            self._held = None if start + count == len(piece) else (piece, values, start + count)
+            self._held = None if start + count == len(piece) else (piece, values, due, start + count)
         return count
 
     def events(self) -> list[str]:
@@ -131,19 +130,18 @@ class Replay:
         """End the replay: no more samples come."""
         self._rest, self._held = iter(()), None
 
-    def _due(self, times: Float[np.ndarray, " n"], timeout: float) -> int:
-        """Return how many of the next samples are due; wait up to `timeout` [s] for the first."""
+    def _due(self, due: Float[np.ndarray, " n"], timeout: float) -> int:
+        """Return how many samples, due at (n,) [s] of the log in order, are due; wait up to `timeout` for the first."""
         if not self._speed:
-            return len(times)
-        waiting = (float(np.nan_to_num(times[0])) - self._first) / self._speed - (time.monotonic() - self._begun)
+            return len(due)
+        waiting = (float(due[0]) - self._first) / self._speed - (time.monotonic() - self._begun)
         if waiting > timeout:
             time.sleep(timeout)
             return 0
         if waiting > 0:
             time.sleep(waiting)
         now = self._first + (time.monotonic() - self._begun) * self._speed
-        late = np.flatnonzero(times[1:] > now)
-        return 1 + int(late[0]) if len(late) else len(times)
+        return max(1, int(np.searchsorted(due, now, side="right")))
 
     def _blocks(self) -> Iterator[Recording]:
         return iter(open_log(self.path, self._layout).blocks())

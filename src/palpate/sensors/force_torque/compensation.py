@@ -111,7 +111,7 @@ class Compensation:
         self._stated, self.zeros_taken = self._load.copy(), 0
         self._untare()
         self.state, self.live_inputs = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(5)])
-        made = self._compensated(self._read(0.0), self._zero)  # compiles, before anything is in a hurry
+        made = self.measured(np.zeros(1), self.live_inputs)  # compiles, before anything is in a hurry
         self.place(made, made.wrench, np.ones(1), ITSELF)
 
     @property
@@ -169,7 +169,7 @@ class Compensation:
         if type(time) is not float:
             time = number(time, "time")
         self.hold(time, reading, rotation, acceleration)
-        return self._compensated(self._read(time), self._zero)
+        return self.measured(np.array([time], dtype=np.float64), self.live_inputs)
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
         """Write one sample into `live_inputs`.
@@ -229,6 +229,21 @@ class Compensation:
         if self._drifts:
             made[19 * count :] = self._aged(time)[:, 0]
         return made
+
+    @takes_arrays
+    def measured(self, time: Float[np.ndarray, " n"], inputs: Float[np.ndarray, " _"]) -> _Compensated:
+        """Return the samples of live inputs (20 n,), at times (n,) [s], as `measure` does.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
+        n, made = len(time), inputs.copy()
+        if len(made) != 20 * n:
+            raise InputError(f"inputs of {n} samples must have shape ({20 * n},), not {inputs.shape}.")
+        rotations, accelerations = made[6 * n : 15 * n].reshape(n, 3, 3), made[15 * n : 18 * n].reshape(n, 3)
+        errors = made[18 * n : 19 * n, None], made[19 * n :, None]
+        readings = _Readings(time, made[: 6 * n].reshape(n, 6), rotations, accelerations, *errors)
+        return self._compensated(readings, self._zero)
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
         """Return the constant arguments of the compiled `compensate` and `place`, in their order, as arrays."""
@@ -518,12 +533,6 @@ class Compensation:
             made[3] = self.sensor.gain_error**2 * (matrix * self._gains) @ matrix.T
         self._placement, self._constant = placement, made
         return made
-
-    def _read(self, time: float) -> _Readings:
-        made = self.live_inputs.copy()
-        reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:18]
-        now = np.array([time], dtype=np.float64)
-        return _Readings(now, reading, rotation, acceleration, made[None, 18:19], made[None, 19:])
 
     def _aged(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 1"]:
         """Return the seconds since the tare or the log's begin; 0 where the time is not known."""

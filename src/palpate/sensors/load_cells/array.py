@@ -164,7 +164,7 @@ class LoadCellArray:
         if type(time) is not float:
             time = number(time, "time")
         self.hold(time, reading, rotation, acceleration)
-        return self._weighed(np.array([time], dtype=np.float64), self.live_inputs[None])
+        return self.measured(np.array([time], dtype=np.float64), self.live_inputs)
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
         """Write the voltages (a k,) [V] of one sample into `live_inputs`; the other arguments are not used.
@@ -198,6 +198,15 @@ class LoadCellArray:
         if before // LIVE != self._live // LIVE:
             self._keep(time[-1:], readings[-1:])
         return np.array(readings, dtype=np.float64).ravel()
+
+    @takes_arrays
+    def measured(self, time: Float[np.ndarray, " n"], inputs: Float[np.ndarray, " _"]) -> _Weighed:
+        """Return the samples of live inputs (a k n,), at times (n,) [s], as `measure` does.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
+        return self._weighed(time, inputs.reshape(len(time), *self._shape))
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
         """Return the constant arguments of the compiled `measure` and `place`, in their order, as a tuple of arrays."""

@@ -233,7 +233,7 @@ class TaxelEstimator(ContactEstimator):
         self.require_rest()
         if not len(out):
             return 0
-        loads = self.body.loads(Recording(time, {CELLS: readings}, source="the stream"))
+        loads = self.body.split(self.body.frames(readings, "the stream"))
         return self._frames.run(time, *loads, out, counts, self._frames.no_forces)[0]
 
     def _know(self, health: Health) -> None:

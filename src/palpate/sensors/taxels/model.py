@@ -315,17 +315,25 @@ class TaxelBody(Value):
         if CELLS not in recording.channels:
             hint = "Name their columns (cells) or topic in the rig's [skin]."
             raise InputError("has no readings of taxels.", where=recording.source, hint=hint)
-        cells = self.picked(recording.channels[CELLS])
+        return self.frames(recording.channels[CELLS], recording.source)
+
+    def frames(self, cells: np.ndarray, source: str = "") -> Float[np.ndarray, "n k ..."]:
+        """Return frames as they are recorded as `raw` does; `source` names them in messages.
+
+        Raises:
+            InputError: frames of another size.
+        """
+        cells = self.picked(cells)
         if not self.fits(cells.shape[1:]):
             size = " x ".join(map(str, cells.shape[1:]))
             what = f"has frames of {size} cells, but the body has {self.named()}."
             hint = "Correct the map, the taxels or the cells in [skin]."
             if cells.shape[1:-1] in (self.shape, (len(self),)) and cells.shape[-1] == AXES:
                 hint = 'Three numbers a taxel need axes = ["x", "y", "z"] in [skin].'
-            raise InputError(what, where=recording.source, hint=hint)
+            raise InputError(what, where=source, hint=hint)
         rows = np.ascontiguousarray(cells).reshape(len(cells), *self.one).view()
-        if np.nanmax(np.abs(rows), initial=0.0) > LARGEST:  # a fault of the log
-            rows = np.where(np.abs(rows) <= LARGEST, rows, np.nan)
+        if (large := np.abs(rows) > LARGEST).any():  # a fault of the log
+            rows = np.where(large, np.nan, rows)
         rows.flags.writeable = False
         return rows
 

@@ -1,0 +1,160 @@
+"""`palpate live` of a robot of 24 sensors: its share of a core, from sample to contact, and its memory.
+
+The robot is that of the log in `evidence.robots`: 20 sheets and patches of taxels at 100 Hz, four force/torque sensors
+at 1 kHz with payload and filter. Its log is replayed at its own speed in a loop, recorded, and shown by a page that
+nobody looks at. All processes count: a receiver for each sensor and one for the joint states, recorder and page.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from claims.evidence.robots import MINUTE, SHORT, doubled, simulated
+from claims.row import Row
+from palpate.live.record import rings_of
+from palpate.live.stream_buffer import StreamBuffer
+
+SHARE, LATE, GROWN = 35.0, 1.0, 1.02  # % of a core; ms; times the memory after the first minute
+SETTLE, SECONDS, RUNS = 8.0, 20.0, 5  # s; s of a run
+LONG = 600.0  # s over which memory is watched
+SOURCE = '[source]\nkind = "replay"\naddress = "twice.mcap"\nspeed = 1.0\nloop = true\n'
+PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """Processor time and latency, the median of five runs, and memory; small runs once and judges nothing."""
+    with TemporaryDirectory() as scratch:
+        rig = doubled(simulated(Path(scratch), "humanoid", 60, *(SHORT if small else MINUTE)))
+        head, mark, rest = rig.read_text(encoding="utf-8").partition("\n[sensors.")
+        rig.write_text(f"{head}\n{SOURCE}{mark}{rest}", encoding="utf-8")
+        runs = [_run(rig, 3.0 if small else SECONDS) for _ in range(1 if small else RUNS)]
+        share, late, each = map(np.array, zip(*runs, strict=True))
+        load = f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors"
+        kinds = ", ".join(f"{what} {many:.0f} %" for what, many in zip(_KINDS, np.median(each, axis=0), strict=True))
+        middle, last = np.median(share), np.median(late, axis=0)
+        got = f"{middle:.0f} % of a core ({kinds}); {load}"
+        yield Row(
+            "24 sensors live, recorder and page: processor",
+            _asked(small, f"<= {SHARE:g} %"),
+            got,
+            _met(small, middle <= SHARE),
+        )
+        got = f"p50 {last[0]:.2f}, p99 {last[1]:.2f} ms; {load}"
+        yield Row(
+            "24 sensors live: from sample to contact",
+            _asked(small, f"p99 <= {LATE:g} ms"),
+            got,
+            _met(small, last[1] <= LATE),
+        )
+        if not small:
+            yield _memory(rig)
+
+
+_KINDS = "receivers of wrenches", "of sheets and patches", "others"
+
+
+def _asked(small: bool, text: str) -> str:
+    return "" if small else text
+
+
+def _met(small: bool, met: bool) -> bool | None:
+    return None if small else met
+
+
+def _run(rig: Path, seconds: float) -> tuple[float, np.ndarray, list[float]]:
+    """Return % of a core, p50 and p99 [ms] from sample to contact, and % of a core of each of `_KINDS`."""
+    with TemporaryDirectory() as scratch, _Live(rig, Path(scratch)) as live:
+        time.sleep(SETTLE)
+        before, begin, counts = live.spent(), time.monotonic(), [ring["answered"] for ring in live.rings]
+        time.sleep(seconds)
+        after, took = live.spent(), time.monotonic() - begin
+        waited = np.concatenate([_waited(ring, count) for ring, count in zip(live.rings, counts, strict=True)])
+    each = [100.0 * (after[kind] - before[kind]) / took for kind in _KINDS]
+    return sum(each), np.percentile(waited, [50, 99]), each
+
+
+def _waited(ring: StreamBuffer, first: int) -> np.ndarray:
+    """Return the times [ms] from sample to contact of the samples from `first` on that are still in the ring."""
+    if ring.form.joints:
+        return np.zeros(0)
+    last = ring["answered"]
+    slots, _ = ring.read(max(first, last - ring.safe), last)
+    return 1e-6 * (slots["ready"] - slots["arrived"])
+
+
+def _memory(rig: Path) -> Row:
+    with TemporaryDirectory() as scratch, _Live(rig, Path(scratch)) as live:
+        time.sleep(60.0)
+        before = live.memory()
+        time.sleep(LONG - 60.0)
+        after = live.memory()
+    got = f"{before / 2**20:.0f} MiB after a minute, {after / 2**20:.0f} after ten"
+    return Row(
+        "24 sensors live: memory of all processes", f"<= {GROWN:g} x that of a minute", got, after <= GROWN * before
+    )
+
+
+class _Live:
+    """`palpate live` of a rig with a record and a page, and its rings, once all are there."""
+
+    def __init__(self, rig: Path, folder: Path) -> None:
+        self._record = folder / "record.mcap"
+        words = ["live", "--rig", rig, "--record", self._record, "--view", "--port", "0"]
+        command = [sys.executable, "-m", "palpate", *map(str, words)]
+        nothing = subprocess.DEVNULL
+        self._running = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True)
+        self.rings = list[StreamBuffer]()
+
+    def __enter__(self) -> "_Live":
+        end = time.monotonic() + 180.0
+        while time.monotonic() < end and self._running.poll() is None:
+            paths = rings_of(self._record)
+            if len(paths) >= 25:  # 24 sensors and the joint states
+                self.rings = [StreamBuffer(path) for path in paths]
+                return self
+            time.sleep(0.5)
+        raise TimeoutError("palpate live of 24 sensors does not begin")
+
+    def __exit__(self, *_: object) -> None:
+        for ring in self.rings:
+            ring.close()
+        self._running.send_signal(signal.SIGTERM)
+        self._running.wait()
+
+    def spent(self) -> Counter[str]:
+        """Return the seconds of processor so far by `_KINDS`: a receiver maps one ring, the others map all or none."""
+        spent = Counter[str]()
+        for process in self._processes():
+            mapped = {line.split()[-1] for line in (process / "maps").read_text().splitlines() if ".ring" in line}
+            kind = 2 if len(mapped) != 1 or "joint" in str(mapped) else 0 if "wrist" in str(mapped) else 1
+            words = (process / "stat").read_text(encoding="ascii").rpartition(")")[2].split()
+            spent[_KINDS[kind]] += (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+        return spent
+
+    def memory(self) -> int:
+        """Return the bytes of memory of all processes, without what they share."""
+        own = 0
+        for process in self._processes():
+            _, resident, shared, *_ = map(int, (process / "statm").read_text(encoding="ascii").split())
+            own += (resident - shared) * PAGE
+        return own
+
+    def _processes(self) -> list[Path]:
+        """Return the folders in /proc of the processes of this session."""
+        found = list[Path]()
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                words = stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+            except OSError:  # it has ended
+                continue
+            if int(words[3]) == self._running.pid:
+                found.append(stat.parent)
+        return found
