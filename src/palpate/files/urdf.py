@@ -29,6 +29,7 @@ __all__ = ["GEOMETRIES", "Kinematics", "LinkBody", "Urdf"]
 
 GEOMETRIES = ("visual", "collision")  # in order of preference: the visual geometry is closer to the shape
 _XACRO = "Expand it first: xacro robot.urdf.xacro > robot.urdf (ROS 2: ros2 run xacro xacro ...)."
+_FAR = 1e6  # m, and for all other numbers of an attribute
 _MOVING = ("revolute", "continuous", "prismatic")
 _ROUND, _HALVED = 96, 4  # facets round a cylinder, halvings of an icosahedron: chords err by R / 1500 or less
 
@@ -347,8 +348,9 @@ class Urdf:
             values = np.array([float(part) for part in str(text).split()])
         except ValueError:
             values = np.zeros(0)
-        if len(values) != wanted or not np.isfinite(values).all() or (default is None and not (values > 0).all()):
-            what = f"{key} of {of} must be {wanted} finite numbers (a size above 0), not {text!r}."
+        least = 0.0 if default is None else -_FAR
+        if len(values) != wanted or not ((least < values) & (values < _FAR)).all():
+            what = f"{key} of {of} must be {wanted} finite numbers (a size above 0 and below 1e6 m), not {text!r}."
             raise InputError(what, where=str(self.path))
         return values
 

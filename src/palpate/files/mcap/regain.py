@@ -23,7 +23,7 @@ from palpate.files.mcap.writer import McapWriter, WrittenTopic
 
 _HEAD = 9  # bytes of a record before its content: a kind and a length
 _SEQUENCE = 11  # bytes of a message before its sequence number
-_ENTRY = 16  # bytes of an index for each message
+_ENTRY, _ENTRIES = 16, 6  # bytes of an index for each message, and before them
 
 
 class SequenceSpan(NamedTuple):
@@ -117,9 +117,9 @@ def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, SequenceSp
             at, left = end, len(data)
             if problem or not data:
                 return
-        elif kind == Opcode.MESSAGE_INDEX and left:
+        elif kind == Opcode.MESSAGE_INDEX and left and len(held) % _ENTRY == _ENTRIES:
             channel, count = unpack_from("<HI", held)
-            entries = np.frombuffer(held, "<i8", offset=6).reshape(-1, 2)
+            entries = np.frombuffer(held, "<i8", offset=_ENTRIES).reshape(-1, 2)
             found = _numbers(data, entries[:, 1]) if count == _ENTRY * len(entries) and count else None
             if found is None:
                 return
