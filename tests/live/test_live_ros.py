@@ -8,6 +8,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from subprocess import PIPE
@@ -16,7 +17,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from claims.evidence.robot import FLANGE_SENSOR, GROUND, URDF, Posture, joints
 from palpate.contact import ContactEstimate, Contacts, Status
 from palpate.errors import InputError
 from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
@@ -394,7 +397,7 @@ def test_a_rig_says_what_is_heard(domain: int) -> None:
     moving, static = static, moving
     _until(lambda: static.readers and moving.readers)
     assert source._poses is not None
-    heard = source._poses._readers
+    heard = [reader for reader, _ in source._poses._readers]
     _until(lambda: all(reader.publishers for reader in heard))
     now = time.time_ns()
     assert static.write(_tree(now, ("tool", "ft", [0.0, 0.0, 0.1], [0.0, 0.0, 0.0, 1.0])))
@@ -453,8 +456,87 @@ def test_poses_of_a_topic_stand_for_any_source(domain: int) -> None:
         assert poses.at(np.array([7 * SECOND])).quaternion[0].tolist() == [0.0, 0.6, 0.0, 0.8]
         poses.close()
     assert RosPoses.of(RigOrientation(), None) is None
-    with pytest.raises(InputError, match=r"robot_state_publisher puts on /tf"):
-        RosPoses.of(RigOrientation(urdf="arm.urdf", base="base", sensor="ft"), None)
+    with pytest.raises(InputError, match="name of the topic of joint states"):
+        RosPoses.of(RigOrientation(urdf="arm.urdf", base="base", sensor="ft", joints={"a": "a"}), None)
+    node.close()
+
+
+@pytest.mark.parametrize("above", ["nothing", "tf", "imu"])
+def test_joint_states_pose_the_sensor(domain: int, tmp_path: Path, above: str) -> None:
+    """Of a wrist, as its joints turn one after the other; its base in /tf, or turned as an IMU on it states."""
+    pytest.importorskip("pinocchio")
+    (tmp_path / "wrist.urdf").write_text(URDF)
+    node = DdsNode(domain)
+    node.open()
+    base, imu = ("odom" if above == "tf" else "base_link"), ("/imu" if above == "imu" else None)
+    table = RigOrientation(urdf="wrist.urdf", base=base, sensor="ft_sensor", joints="/joint_states", imu=imu)
+    kinds = {"/joint_states": "sensor_msgs/JointState"}
+    kinds |= {"tf": {"/tf": "tf2_msgs/TFMessage"}, "imu": {"/imu": "sensor_msgs/Imu"}}.get(above, {})
+    writers = {name: node.writer(name, kind) for name, kind in kinds.items()}
+    turned = Rotation.from_euler("xyz", [0.2, -0.5, 0.9])
+    stamps = np.arange(1, 5) * SECOND // 10
+    angles = np.array([[0.3, -0.2, 0.1], [0.4, 0.1, 0.2], [0.5, 0.3, -0.4], [0.1, 0.0, 0.6]])
+
+    def send() -> None:
+        for stamp, row in zip(stamps.tolist(), angles, strict=True):
+            writers["/joint_states"].write(packed("sensor_msgs/JointState", joints(stamp, row)))
+            if above == "tf":
+                writers["/tf"].write(_tree(stamp, ("odom", "world", [3.0, 2.0, 0.0], turned.as_quat().tolist())))
+            if above == "imu":
+                message = full("sensor_msgs/Imu")
+                message = drawn(message, np.random.default_rng(1))
+                message.header.stamp, message.header.frame_id = TYPES["builtin_interfaces/msg/Time"](0, stamp), "mems"
+                message.orientation = TYPES["geometry_msgs/msg/Quaternion"](*turned.as_quat())
+                message.orientation_covariance[0] = 0.0
+                writers["/imu"].write(packed("sensor_msgs/Imu", message))
+
+    with ThreadPoolExecutor() as pool:  # an IMU's first message is waited for
+        poses = RosPoses(table, node, 20.0, tmp_path)
+        opened = pool.submit(poses.open)
+        _until(lambda: all(writer.readers for writer in writers.values()))
+        time.sleep(0.2)
+        send()
+        opened.result()
+    send()
+    _until(lambda: np.isfinite(poses.at(stamps).quaternion).all())
+    found = poses.at(stamps)
+    wrist = Posture(angles)
+    a, b, c = (Rotation.from_euler(axis, angles[:, [k]]) for k, axis in enumerate("zyx"))
+    true, at = a * b * c * FLANGE_SENSOR, wrist.positions()
+    if above != "nothing":
+        true, at = turned * true, turned.apply(at + (GROUND if above == "tf" else 0.0))
+        at = at + ([3.0, 2.0, 0.0] if above == "tf" else 0.0)
+    assert (Rotation.from_quat(found.quaternion) * true.inv()).magnitude().max() < 1e-9
+    assert np.abs(found.position - at).max() < 1e-9
+    assert any("moved by joint states" in said for said in poses.events())
+    poses.close()
+    node.close()
+
+
+def test_joint_states_in_degrees_or_without_a_joint_are_reported(domain: int, tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    (tmp_path / "wrist.urdf").write_text(URDF)
+    node = DdsNode(domain)
+    node.open()
+    writer = node.writer("/joint_states", "sensor_msgs/JointState")
+    table = RigOrientation(urdf="wrist.urdf", base="base_link", sensor="ft_sensor")
+    poses = RosPoses(table, node, 20.0, tmp_path)
+    poses.open()
+    _until(lambda: writer.readers)
+    lacking = joints(SECOND, np.array([0.1, 0.2, 0.3]))
+    lacking.name, lacking.position = lacking.name[1:], lacking.position[1:]
+    lacking.velocity, lacking.effort = lacking.velocity[1:], lacking.effort[1:]
+    writer.write(packed("sensor_msgs/JointState", lacking))
+
+    def heard() -> bool:
+        assert np.isnan(poses.at(np.array([SECOND])).quaternion).all()
+        return any("have no position of flange_joint, and are left out" in said for said in poses.events())
+
+    _until(heard)
+    writer.write(packed("sensor_msgs/JointState", joints(2 * SECOND, np.array([40.0, 20.0, 30.0]))))
+    with pytest.raises(InputError, match="seems to be in degrees"):
+        _until(lambda: np.isfinite(poses.at(np.array([2 * SECOND])).quaternion).all())
+    poses.close()
     node.close()
 
 

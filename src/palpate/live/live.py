@@ -136,7 +136,7 @@ class Live:
         self.setup = rig.resolve(self.kind)
         self._where = "[source]" if rig.source is None else f"[source] {rig.source.kind}"
         self.source = source_of(rig.stream(), self.setup) if source is None else source
-        self._poses = None if self.source.poses else RosPoses.of(rig.orientation, rig.source)
+        self._poses = None if self.source.poses else RosPoses.of(rig.orientation, rig.source, self.setup.link.folder)
         given = isinstance(self.source, ImuSource) or (isinstance(self.source, Replay) and self.source.felt)
         self._felt = given and rig.acceleration.recorded
         self._posed = self.source.poses or self._poses is not None

@@ -55,11 +55,18 @@ class LivePoses:
         frames: base and sensor in the tree of /tf; None: messages are poses of the sensor in the base.
         offset: [s] added to the stamps of the poses, to put them on the samples' clock.
         max_gap: [s] largest age of a pose, and largest gap between poses, at which it is used.
+        called: name of the tree in events.
     """
 
-    def __init__(self, frames: tuple[str, str] | None = None, offset: float = 0.0, max_gap: float = 0.25) -> None:
+    def __init__(
+        self,
+        frames: tuple[str, str] | None = None,
+        offset: float = 0.0,
+        max_gap: float = 0.25,
+        called: str = "the tree of /tf",
+    ) -> None:
         self._frames = None if frames is None else (frames[0].removeprefix("/"), frames[1].removeprefix("/"))
-        self._offset, self._max_gap = offset, max_gap
+        self._offset, self._max_gap, self._called = offset, max_gap, called
         self._origin: int | None = None  # ns: doubles of seconds since then are good to 1e-12 s, since 1970 to 2e-7 s
         self._track = LiveTrack(offset, max_gap)  # of a topic of poses
         self._edges: dict[tuple[str, str], LiveTrack] = {}
@@ -88,6 +95,32 @@ class LivePoses:
             self._unread += int(np.count_nonzero(~sound))
             stamps, values = np.where(stamps == 0, messages.time, stamps)[sound], values[sound]
             self._grow(self._track, stamps, values)
+
+    @takes_arrays
+    def grow(
+        self, edge: tuple[str, str], stamps: Int[np.ndarray, " k"], values: Float[np.ndarray, "k 7"], unread: int = 0
+    ) -> None:
+        """Add poses of one frame in another to the tree.
+
+        Args:
+            edge: names of the two, parent and child.
+            stamps: (k,) [ns].
+            values: (k, 7) position [m], then quaternion x, y, z, w.
+            unread: number of messages that could not be read.
+
+        Raises:
+            InputError: arrays of other shapes.
+        """
+        self._unread += unread
+        if edge not in self._edges:
+            self._edges[edge] = LiveTrack(self._offset, self._max_gap)
+            self._tree.add(*edge, self._edges[edge])
+            self._path = None
+        self._grow(self._edges[edge], stamps, values)
+
+    def note(self, sentence: str) -> None:
+        """Report a sentence once, as an event."""
+        self._once(sentence, sentence)
 
     @takes_arrays
     def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
@@ -144,15 +177,11 @@ class LivePoses:
             if topic.name.endswith("tf_static"):
                 self._hold(edge, rows.values[which])
                 continue
-            if edge not in self._edges:
-                self._edges[edge] = LiveTrack(self._offset, self._max_gap)
-                self._tree.add(*edge, self._edges[edge])
-                self._path = None
-            elif self._path is not None and not self._needed.issuperset(edge):
+            if edge in self._edges and self._path is not None and not self._needed.issuperset(edge):
                 continue  # the rest of a robot, which may be large
             stamps = rows.stamp[which]
             stamps = np.where(stamps == 0, messages.time[rows.message[which]], stamps)
-            self._grow(self._edges[edge], stamps, rows.values[which])
+            self.grow(edge, stamps, rows.values[which])
 
     def _hold(self, edge: tuple[str, str], values: Float[np.ndarray, "k 7"]) -> None:
         """Set an edge to the last valid transform of /tf_static, unless /tf has the edge too."""
@@ -171,7 +200,7 @@ class LivePoses:
                 return None
             self._needed = frozenset(self._path.frames)  # of a tree: two of them that are joined are neighbours
             way = " -> ".join(self._path.frames)
-            self._once(way, f"the sensor's pose is taken from {way} in the tree of /tf")
+            self._once(way, f"the sensor's pose is taken from {way} in {self._called}")
         return self._path
 
     def _watch(self, *, found: bool, age: float = 0.0) -> None:

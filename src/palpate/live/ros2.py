@@ -76,10 +76,11 @@ class RosTopics:
         """Return the `RosTopics` of a rig's sensor, in the domain that its [source] names, not opened yet.
 
         Raises:
-            InputError: the rig takes poses from joint states, or the sensor reads several arrays.
+            InputError: the rig takes joints from columns of a table, or the sensor reads several arrays.
         """
         node = DdsNode(stated.domain, stated.interface)
-        poses = RosPoses(setup.orientation, node) if wanted(setup.orientation) else None
+        own = wanted(setup.orientation)
+        poses = RosPoses(setup.orientation, node, folder=setup.link.folder) if own else None
         return cls(setup.layout(), node, poses)
 
     def open(self) -> None:

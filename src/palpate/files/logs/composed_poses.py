@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.files.logs.cursor import Cursor
@@ -15,7 +16,7 @@ from palpate.files.urdf import Urdf
 from palpate.spatial.frames import FramePath
 from palpate.spatial.pose_track import PoseTrack
 
-_IMU = "sensor_msgs/Imu"
+IMU = "sensor_msgs/Imu"
 
 
 class ImuPoses:
@@ -36,13 +37,11 @@ class ImuPoses:
         """Add the orientations in a block of messages to the track."""
         topic = self.topics[0]
         own = messages.of(topic)
-        cursor = Cursor(own, topic.encoding)
-        stamp, numbers = cursor.stamp(), cursor.numbers("f8", 5)
-        good = np.flatnonzero(cursor.sound & (numbers[:, 4] != -1) & numbers[:, :4].any(axis=1))
+        stamp, quaternion, good = imu_orientations(own, topic)
         self._count += len(stamp)
-        self._without += len(stamp) - len(good)
+        self._without += int(np.count_nonzero(~good))
         time = seconds(stamp if self._stamped else own.time)[good]
-        self.track.add(time, numbers[good, :4], np.zeros((len(good), 3)))
+        self.track.add(time, quaternion[good], np.zeros((len(time), 3)))
 
     def notes(self) -> tuple[str, ...]:
         """Return notes, one sentence each: what is missing."""
@@ -53,17 +52,26 @@ class ImuPoses:
         return (*said, *self.track.notes())
 
 
+def imu_orientations(
+    messages: MessageBlock, topic: Topic
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 4"], Bool[np.ndarray, " n"]]:
+    """Return stamps (n,) [ns] and quaternions x, y, z, w (n, 4) of messages of an IMU, and which have them, (n,)."""
+    cursor = Cursor(messages, topic.encoding)
+    stamp, numbers = cursor.stamp(), cursor.numbers("f8", 5)
+    return stamp, numbers[:, :4], cursor.sound & (numbers[:, 4] != -1) & numbers[:, :4].any(axis=1)
+
+
 def imu_topic(source: MessageFile, name: str, where: str) -> Topic:
     """Return the topic of an IMU.
 
     Raises:
         InputError: there is no such topic in the log `where`, or its messages are not those of an IMU.
     """
-    there = [topic for topic in source.topics() if topic.kind == _IMU and topic.encoding in ("cdr", "ros1")]
+    there = [topic for topic in source.topics() if topic.kind == IMU and topic.encoding in ("cdr", "ros1")]
     topic = next((each for each in there if each.name == name), None)
     if topic is None:
         hint = near(name, [each.name for each in there])
-        raise InputError(f"there is no topic {name!r} of an IMU ({_IMU}).", where=where, hint=hint)
+        raise InputError(f"there is no topic {name!r} of an IMU ({IMU}).", where=where, hint=hint)
     return topic
 
 

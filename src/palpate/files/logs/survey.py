@@ -68,10 +68,12 @@ def frame_named(source: MessageFile, topic: Topic) -> str:
     """
     if not (has_header(topic.kind) or defines_header(topic)):
         return ""
-    return source.first(topic, lambda messages: _named(Cursor(messages, topic.encoding))) or ""
+    return source.first(topic, lambda messages: frame_in(messages, topic)) or ""
 
 
-def _named(cursor: Cursor) -> str | None:
+def frame_in(messages: MessageBlock, topic: Topic) -> str | None:
+    """Return the frame that the header of the first readable of messages of a topic names; None if none is readable."""
+    cursor = Cursor(messages, topic.encoding)
     _, at, length = cursor.header()
     first = np.flatnonzero(cursor.sound)[:1]
     return next((frame_name(cursor.data[at[k] : at[k] + length[k]]) for k in first), None)
