@@ -49,6 +49,7 @@ class _Wanted(NamedTuple):
         whole: the number must be whole.
         any: any array of real numbers, which the function converts itself.
         parts: of a tuple of numbers: for each, whether it must be whole.
+        many: place of the axis that stands for any number of axes; -1: none does.
     """
 
     name: str
@@ -59,6 +60,7 @@ class _Wanted(NamedTuple):
     whole: bool = False
     any: bool = False
     parts: tuple[bool, ...] = ()
+    many: int = -1
 
 
 def takes_arrays(made: _Made) -> _Made:
@@ -181,7 +183,9 @@ def _wanted(name: str, annotation: Any) -> _Wanted | None:
     (array,) = arrays
     kind = array.dtype.__name__
     dtype = _DTYPES.get(kind) or np.dtype(kind.lower())
-    return _Wanted(name, optional, others, dtype, tuple(array.dim_str.split()))
+    axes = tuple(array.dim_str.split())
+    many = next((place for place, axis in enumerate(axes) if axis == "..." or axis.startswith("*")), -1)
+    return _Wanted(name, optional, others, dtype, axes, many=many)
 
 
 def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
@@ -251,12 +255,12 @@ def _number(value: Any, wanted: _Wanted) -> Any:
 
 def _bound(shape: tuple[int, ...], wanted: _Wanted, sizes: dict[str, _Size]) -> bool:
     """Return whether a shape fits the axes and their lengths so far, to which it adds its own."""
-    axes = wanted.axes
-    many = next((place for place, axis in enumerate(axes) if axis == "..." or axis.startswith("*")), None)
-    if many is None:
-        return len(shape) == len(axes) and all(
-            _same(axis, length, wanted.name, sizes) for axis, length in zip(axes, shape, strict=True)
-        )
+    axes, many = wanted.axes, wanted.many
+    if many < 0:
+        fits = len(shape) == len(axes)
+        for axis, length in zip(axes, shape, strict=False):
+            fits = fits and _same(axis, length, wanted.name, sizes)
+        return fits
     behind = len(axes) - many - 1
     if len(shape) < many + behind:
         return False
