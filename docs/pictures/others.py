@@ -21,8 +21,12 @@ from palpate_lab.simulation.drift import simulate_drift
 
 CELLS = [[-0.0065, -0.0105, -0.0035], [0.0065, -0.0105, -0.0035], [-0.0065, 0.0105, -0.0035], [0.0065, 0.0105, -0.0035]]
 MARKERS = 24  # of the ring that is simulated
-GRASPS, PACE = (14.0, 22.0), 12.5  # s of the hand's session, pictures a second
-SHOWN = (160, 90, 800, 490)  # px of a film's picture: what is touched
+FILMED, PACE, QUICK = (
+    (3.0, 15.0),
+    12.5,
+    4,
+)  # s of the humanoid's session, pictures a second; times where nothing touches
+SHOWN = (240, 76, 740, 436)  # px of a film's picture: the robot and its arrows
 TIP = f"""[surface]
 kind = "elliptic_cylinder"
 a = 0.014
@@ -130,6 +134,8 @@ def marker_ring(folder: Path) -> None:
     nearest = now[np.linalg.norm(rest[:, None] - now[None], axis=-1).argmin(axis=1)]
     quiet = [cv2.fastNlMeansDenoisingColored(frame, None, 10, 10) for frame in frames]  # noise makes a large file
     both = np.hstack([quiet[0][:, 80:560, ::-1], annotated(quiet[1], rest, nearest)[:, 80:560]])
+    for x, words in ((20, "at rest"), (500, f"pressed with {float(force.max() or 0.0):.1f} N")):
+        cv2.putText(both, words, (x, 30), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (255, 255, 255), 1, cv2.LINE_AA)
     save(Image.fromarray(both), "marker_ring", 32)
 
 
@@ -147,22 +153,22 @@ def phantom(folder: Path) -> None:
 
 def arena(folder: Path) -> None:
     """Four robots on their way, from the film of a run."""
-    _film("arena", folder / "arena.mp4", "--seed", 7, "--seconds", 80, "-o", folder / "arena.mcap")
+    _film("arena", folder / "arena.mp4", "--seed", 3, "--seconds", 150, "-o", folder / "arena.mcap")
 
 
 def robot(folder: Path) -> None:
-    """Some seconds of a hand that grasps, as `palpate view --film` draws them."""
-    made = folder / "hand"
+    """Some seconds of a humanoid that is touched, as `palpate view --film` draws them; faster where nothing touches."""
+    made = folder / "humanoid"
     if not made.exists():
-        run("simulate", "hand", "-o", made, "--seed", 7)
+        run("simulate", "humanoid", "-o", made, "--seed", 7)
     setup = robot_of(made / "robot.toml")
     assert setup is not None
-    drawn = ScenePicture(robot_scene(setup, made / "run.mcap")[0])
-    first, *rest = (
-        Image.fromarray(drawn.draw(seconds)[:, :, ::-1]).crop(SHOWN)
-        for seconds in np.arange(*GRASPS, 1 / PACE).tolist()
-    )
-    first.save(HERE / "robot.webp", save_all=True, append_images=rest, duration=round(1e3 / PACE), loop=0, quality=60)
+    scene = robot_scene(setup, made / "run.mcap")[0]
+    drawn, times = ScenePicture(scene), np.arange(*FILMED, 1 / PACE)
+    touched = [any(each.located for each in scene.at(scene.timeline.at(at)).contacts) for at in times.tolist()]
+    kept = [at for k, at in enumerate(times.tolist()) if touched[k] or k % QUICK == 0]
+    first, *rest = (Image.fromarray(drawn.draw(at)[:, :, ::-1]).crop(SHOWN) for at in kept)
+    first.save(HERE / "robot.webp", save_all=True, append_images=rest, duration=round(1e3 / PACE), loop=0, quality=75)
 
 
 def _film(name: str, film: Path, *words: object) -> None:

@@ -53,25 +53,29 @@ def _forces(axes: Any, contacts: palpate.Contacts, touches: Events) -> None:
 
 
 def ellipses(folder: Path) -> None:
-    """The peak of each touch with its 95 % ellipse, from three sides."""
+    """The peak of each touch with its 95 % ellipse, from the side that it faces most."""
     contacts = read_contacts(folder / "contacts.csv")
     peak = _peaks(contacts, find_touches(contacts))
     mesh = palpate.Mesh.load(folder / "probe.stl", unit="mm")
-    drawn = figure(9.6, 3.4)
-    for axes, (across, up, depth, side) in zip(
-        drawn.subplots(1, 3), ((0, 1, 2, 1), (0, 2, 1, -1), (1, 2, 0, 1)), strict=True
-    ):
+    facing = np.abs(contacts.normal[peak]).argmax(axis=1)
+    drawn = figure(9.6, 4.6)
+    sides = [(across, up, depth, side) for side in (1, -1) for across, up, depth in ((0, 1, 2), (0, 2, 1), (1, 2, 0))]
+    for axes, (across, up, depth, side) in zip(drawn.subplots(2, 3).ravel(), sides, strict=True):
         flat = MM * mesh.vertices[mesh.faces][:, :, [across, up]]
         axes.add_collection(PolyCollection(list(flat), facecolors=SKIN, edgecolors=SKIN, linewidths=0.3))
-        axes.autoscale()
-        for k in peak:
-            if side * contacts.normal[k, depth] > 0.2:
-                seen = [across, up]
-                _ellipse(axes, contacts.point[k][seen], contacts.covariance[k][np.ix_(seen, seen)])
-        axes.set(aspect="equal", xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]")
-        axes.set_title(f"from {'+' if side > 0 else '-'}{'xyz'[depth]}", fontsize=10)
+        here = [
+            k for k, most in zip(peak, facing, strict=True) if most == depth and side * contacts.normal[k, depth] > 0
+        ]
+        for k in here:
+            seen = [across, up]
+            _ellipse(axes, contacts.point[k][seen], contacts.covariance[k][np.ix_(seen, seen)])
+        axes.set(aspect="equal", xlim=(-36, 36), ylim=(-24, 24))
+        axes.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]")
+        axes.set_title(f"facing {'+' if side > 0 else '-'}{'xyz'[depth]}: {len(here)}", fontsize=10)
         axes.spines[["top", "right"]].set_visible(False)
-    drawn.suptitle(f"95 % ellipses, drawn {MAGNIFIED} times as large as they are", fontsize=10)
+    drawn.suptitle(
+        f"{len(peak)} touches and their 95 % ellipses, drawn {MAGNIFIED} times as large as they are", fontsize=10
+    )
     save(drawn, "ellipses")
 
 

@@ -13,6 +13,7 @@ import palpate
 from palpate.files.contacts import read_contacts
 from palpate.sensors.taxels.place_formats import read_taxel_places
 
+FRAME = 0.01  # s from a frame of the forearm's skin to the next
 FOREARM = ("--seed", 7, "--seconds", 30)
 SIDE = (18.0, -50.0)  # degrees that the link is seen from
 
@@ -44,9 +45,8 @@ def skin_map(folder: Path) -> None:
     axes.scatter(
         *(MM * (centres + 0.001 * normals))[near].T, c=rows[near], cmap="viridis", s=34, marker="s", depthshade=False
     )
-    axes.set_title(
-        f"{sheet.rows} x {sheet.columns} cells of 10 mm, laid without stretching; coloured by row", fontsize=10
-    )
+    size = f"on a link of {MM * float(np.ptp(mesh.vertices[:, 2])):.0f} mm"
+    axes.set_title(f"{sheet.rows} x {sheet.columns} cells of 10 mm, laid without stretching {size}", fontsize=10)
     save(drawn, "skin_map")
 
 
@@ -95,15 +95,21 @@ def fusion(folder: Path) -> None:
     made = forearm(folder)
     mesh = palpate.Mesh.load(made / "link.stl", unit="m")
     contacts = read_contacts(made / "fused.csv")
-    when = _busiest(contacts)
-    here = (contacts.time == when) & contacts.located
-    truth = pl.read_csv(made / "truth.csv").filter((pl.col("time") - when).abs() < 0.004)
+    contacts, every = contacts[contacts.located], pl.read_csv(made / "truth.csv")
+    frames = [np.rint(times / FRAME).astype(int) for times in (contacts.time, every["time"].to_numpy())]
+    found, true = (np.bincount(each, minlength=max(map(np.max, frames)) + 1) for each in frames)
+    when = _busiest(contacts[(found == true)[frames[0]]])  # of the frames in which all contacts are found
+    here = np.abs(contacts.time - when) < FRAME / 2
+    truth = every.filter((pl.col("time") - when).abs() < FRAME / 2)
     drawn = figure(6.4, 5.4)
     axes: Any = drawn.subplots(subplot_kw={"projection": "3d"})
-    body(axes, mesh, SIDE, alpha=0.25)
-    arrows(axes, truth.select("px", "py", "pz").to_numpy(), truth.select("fx", "fy", "fz").to_numpy(), 4.0, WARM)
-    arrows(axes, contacts.point[here], contacts.force[here], 4.0, DEEP)
-    axes.set_title("blue: found, with the shear that a skin does not feel; orange: true", fontsize=10)
+    body(axes, mesh, SIDE, alpha=0.25, zoom=0.9)
+    arrows(axes, truth.select("px", "py", "pz").to_numpy(), truth.select("fx", "fy", "fz").to_numpy(), 6.0, WARM)
+    arrows(axes, contacts.point[here], contacts.force[here], 6.0, DEEP)
+    most = np.linalg.norm(contacts.force[here], axis=1).max()
+    length = MM * float(np.ptp(mesh.vertices[:, 2]))
+    title = f"{np.count_nonzero(here)} contacts, up to {most:.1f} N: found (blue), true (orange)"
+    axes.set_title(f"{title}\nlink {length:.0f} mm long, arrows 6 mm a newton", fontsize=10)
     save(drawn, "fusion")
 
 

@@ -15,7 +15,7 @@ from palpate.viewer.heat import BARE, FineMesh, colours
 from palpate.viewer.ink import Ink
 from palpate.viewer.marker import FORCE, OTHER
 from palpate.viewer.rendered import Rendered, ViewPoint, rendered
-from palpate.viewer.scene import MovingBody, Scene, SceneMoment, ShownContact, rim
+from palpate.viewer.scene import Scene, SceneMoment, ShownContact, rim
 from palpate.viewer.scene3d import aim
 
 SIZE = (960, 720)
@@ -45,7 +45,7 @@ class ScenePicture:
     def __init__(self, scene: Scene) -> None:
         self.scene, self._cv2 = scene, opencv()
         self._ink = Ink(self._cv2)
-        self._moving = next((layer for layer in scene.layers if isinstance(layer, MovingBody)), None)
+        self._moving = scene.moving
         self._stops, self._cameras = _sides(scene) if self._moving is None else (np.zeros(1), [_opening(scene)])
         self._bodies: dict[int, _Side] = {}
         self._curve = self._drawn_curve()
@@ -63,7 +63,8 @@ class ScenePicture:
         picture = np.full((SIZE[1], SIZE[0], 3), 255, dtype=np.uint8)
         picture[_HEAD:_TOP], picture[_TOP:] = body, self._curve
         top = picture[_HEAD:_TOP]
-        self._draw_trail(top, moment, side)
+        if self._moving is None:
+            self._draw_trail(top, moment, side)
         for contact in moment.contacts:
             self._draw_contact(top, contact, side, FORCE)
         other = scene.meanwhile(seconds)

@@ -116,7 +116,8 @@ class Panel:
             self._numbers = self._gui.add_checkbox(
                 "numbers", False, visible=few, hint="show the numbers of the touches where they were"
             )
-            self._trail = self._gui.add_slider("trail [s]", 0.0, 60.0, 0.5, 5.0)
+            past = 5.0 if self._scene.moving is None else 0.0
+            self._trail = self._gui.add_slider("trail [s]", 0.0, 60.0, 0.5, past)
             options = tuple(f"x {times}" for times in MAGNIFICATIONS)
             first = options[MAGNIFICATIONS.index(self._scene.magnification)]
             self._ellipse = self._gui.add_dropdown("ellipse", options, initial_value=first, hint=ELLIPSE)

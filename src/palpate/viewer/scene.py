@@ -397,6 +397,11 @@ class Scene:
         at = np.searchsorted(other.timeline.clock, seconds + 1e-9, side="right") - 1
         return np.where((at >= 0) & (seconds <= other.timeline.duration + 1e-9), other.total[np.maximum(at, 0)], np.nan)
 
+    @property
+    def moving(self) -> MovingBody | None:
+        """The layer that is a body with moving parts, on which past places say little; None: there is none."""
+        return next((layer for layer in self.layers if isinstance(layer, MovingBody)), None)
+
     def trail(self, index: int, seconds: float) -> tuple[Float[np.ndarray, "k 2 3"], Float[np.ndarray, " k"]]:
         """Return the contacts' paths in the last seconds: segments (k, 2, 3) [m], and ages (k,), 0 now, 1 oldest."""
         now = self.timeline.clock[index]

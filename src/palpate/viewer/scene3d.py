@@ -175,12 +175,13 @@ def aim(
     Args:
         scene: the scene.
         aspect: width over height of the picture.
-        contacts: must be seen, the first from its side; without any, those of the moment shown first.
+        contacts: must be seen, the first from its side if the body does not move; without any, those of the moment shown first.
         covered: share of the height that is hidden, see `fit`.
         near: only the first contact and its surroundings must be seen.
     """
     contacts = contacts or scene.at(scene.opening).contacts
     first = contacts[0]
-    direction = before(first.normal) if first.located else np.array([0.55, -0.7, 0.456])
+    sided = first.located and (near or scene.moving is None)  # else upright: a contact may be below a robot
+    direction = before(first.normal) if sided else np.array([0.55, -0.7, 0.456])
     points = scene.seen_near(first) if near and first.located else scene.seen_with(contacts)
     return fit(scene.placed(points), direction / np.linalg.norm(direction), aspect, covered)

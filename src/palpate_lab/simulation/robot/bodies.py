@@ -73,7 +73,9 @@ def humanoid(rng: np.random.Generator) -> LabRobot:
     turned = {"belly": -half, "back": pi - half}
     axes = {name: Pose.from_rotation_vector([0.0, 0.0, turn], [0.0, 0.0, 0.18]) for name, turn in turned.items()}
     sheets = [SheetPatch(name, "torso", axis, sheet) for name, axis in axes.items()]
-    links, sensors = [torso], [*sheets, *pads]
+    neck = SolidShape("cylinder", (0.035, 0.04), (0.0, 0.0, -0.09))
+    head = RobotLink("head", "torso", (0.0, 0.0, 0.61), looks=(*_ball(0.085), neck))
+    links, sensors = [torso, head], [*sheets, *pads]
     regions = [TouchRegion((each,)) for each in sensors]
     for side, sign in (("left", 1.0), ("right", -1.0)):
         arm, felt, touched = _arm(side, sign, pillars, rng)
@@ -95,7 +97,10 @@ def _finger(
         axis, middle, span = (_Y, 0.0, 0.3) if spread else (_X, 0.55, 0.5)
         bone = SolidShape("cylinder", (_THICK, length / 2 - _THICK), (0.0, 0.0, length / 2))
         mimic = (last, 0.8) if last else None
-        links.append(RobotLink(f"{name}_{k}", parent, origin, turn, axis, middle, span, mimic, (bone,), 0.03))
+        knuckle = SolidShape("sphere", (_THICK,))
+        links.append(
+            RobotLink(f"{name}_{k}", parent, origin, turn, axis, middle, span, mimic, (bone,), 0.03, (knuckle,))
+        )
         parent, origin, turn = f"{name}_{k}", (0.0, 0.0, length), (0.0, 0.0, 0.0)
     shape, mass = (SolidShape("box", _BOX), 0.012) if box else (SolidShape("ellipsoid", TIP), 0.003)
     end = (0.0, 0.0, _LENGTHS[joints - 1] + shape.size[1] - 0.006)
@@ -136,17 +141,23 @@ def _arm_links(p: str, sign: float) -> list[RobotLink]:
     upper, lower = (SolidShape("cylinder", (ARM, half), (0.0, 0.0, -0.14)) for half in (0.085, 0.09))
     palm, down = SolidShape("box", (0.045, 0.016, 0.075), (0.0, 0.0, -0.09)), (0.0, 0.0, -0.27)
     return [
-        RobotLink(f"{p}_shoulder", "torso", (0.0, 0.17 * sign, 0.43), (0.2 * sign, 0.0, 0.0), _Y, mass=0.5),
+        RobotLink(
+            f"{p}_shoulder", "torso", (0.0, 0.17 * sign, 0.43), (0.2 * sign, 0.0, 0.0), _Y, mass=0.5, looks=_ball(0.055)
+        ),
         RobotLink(f"{p}_shoulder_side", f"{p}_shoulder", axis=_X, middle=0.7 * sign, span=0.5, mass=0.5),
         RobotLink(f"{p}_upper_arm", f"{p}_shoulder_side", axis=_Z, shapes=(upper,), mass=1.6),
-        RobotLink(f"{p}_elbow", f"{p}_upper_arm", down, axis=_Y, middle=-0.9, span=0.8, mass=0.3),
+        RobotLink(f"{p}_elbow", f"{p}_upper_arm", down, axis=_Y, middle=-0.9, span=0.8, mass=0.3, looks=_ball(0.047)),
         RobotLink(f"{p}_forearm", f"{p}_elbow", axis=_Z, shapes=(lower,), mass=1.1),
-        RobotLink(f"{p}_wrist", f"{p}_forearm", down, axis=_Y, span=0.7, mass=0.2),
+        RobotLink(f"{p}_wrist", f"{p}_forearm", down, axis=_Y, span=0.7, mass=0.2, looks=_ball(0.042)),
         RobotLink(f"{p}_wrist_side", f"{p}_wrist", axis=_X, span=0.6, mass=0.2),
         # the hand's z points back to the arm, as that of all links; the sensor's points to the hand
         RobotLink(f"{p}_wrist_ft", f"{p}_wrist_side", (0.0, 0.0, -0.03), (pi, 0.0, 0.6 * sign)),
         RobotLink(f"{p}_hand", f"{p}_wrist_ft", (0.0, 0.0, 0.01), (pi, 0.0, 0.6 * sign), shapes=(palm,), mass=0.35),
     ]
+
+
+def _ball(radius: float) -> tuple[SolidShape]:
+    return (SolidShape("sphere", (radius,)),)
 
 
 def _unit(pillars: ThreeAxisSkin, rng: np.random.Generator) -> ThreeAxisSkin:

@@ -23,7 +23,8 @@ class SolidShape:
     """A closed shape in the frame of a link.
 
     Attributes:
-        kind: "box" (three half-lengths), "cylinder" (radius and half-length along z) or "ellipsoid" (half-lengths).
+        kind: "box" (three half-lengths), "cylinder" (radius and half-length along z), "ellipsoid" (half-lengths) or
+            "sphere" (radius).
         size: lengths [m] of the kind.
         at: centre [m].
     """
@@ -53,6 +54,7 @@ class RobotLink:
         mimic: name of the link whose joint this one follows, and the factor; None: it moves on its own.
         shapes: closed shapes, which do not move against each other.
         mass: [kg], in the centre of the first shape; 0: a frame only.
+        looks: shapes that are only seen, in the URDF.
     """
 
     name: str
@@ -65,6 +67,7 @@ class RobotLink:
     mimic: tuple[str, float] | None = None
     shapes: tuple[SolidShape, ...] = ()
     mass: float = 0.0
+    looks: tuple[SolidShape, ...] = ()
 
     @property
     def joint(self) -> str:
@@ -138,18 +141,20 @@ def _urdf_link(root: _Element, link: RobotLink) -> None:
         ElementTree.SubElement(inertial, "mass", value=repr(link.mass))
         moments = dict(zip(("ixx", "iyy", "izz"), map(repr, link.inertia()), strict=True))
         ElementTree.SubElement(inertial, "inertia", {**moments, "ixy": "0", "ixz": "0", "iyz": "0"})
-    for shape in link.shapes:
-        for use in ("visual", "collision"):
-            part = ElementTree.SubElement(element, use)
-            ElementTree.SubElement(part, "origin", xyz=_words(shape.at), rpy="0 0 0")
-            geometry = ElementTree.SubElement(part, "geometry")
-            if shape.kind == "box":
-                ElementTree.SubElement(geometry, "box", size=_words([2 * half for half in shape.size]))
-            elif shape.kind == "cylinder":
-                radius, length = repr(shape.size[0]), repr(2 * shape.size[1])
-                ElementTree.SubElement(geometry, "cylinder", radius=radius, length=length)
-            else:
-                ElementTree.SubElement(geometry, "mesh", filename=f"{_MESHES}/{link.name}.stl")
+    uses = [(shape, use) for shape in link.shapes for use in ("visual", "collision")]
+    for shape, use in [*uses, *((shape, "visual") for shape in link.looks)]:
+        part = ElementTree.SubElement(element, use)
+        ElementTree.SubElement(part, "origin", xyz=_words(shape.at), rpy="0 0 0")
+        geometry = ElementTree.SubElement(part, "geometry")
+        if shape.kind == "box":
+            ElementTree.SubElement(geometry, "box", size=_words([2 * half for half in shape.size]))
+        elif shape.kind == "cylinder":
+            radius, length = repr(shape.size[0]), repr(2 * shape.size[1])
+            ElementTree.SubElement(geometry, "cylinder", radius=radius, length=length)
+        elif shape.kind == "sphere":
+            ElementTree.SubElement(geometry, "sphere", radius=repr(shape.size[0]))
+        else:
+            ElementTree.SubElement(geometry, "mesh", filename=f"{_MESHES}/{link.name}.stl")
 
 
 def _urdf_joint(root: _Element, link: RobotLink) -> None:
