@@ -120,3 +120,10 @@ def test_sentences_do_not_reach_the_slots(ring: StreamBuffer) -> None:
     said, count = ring.events(0)
     assert count == 300
     assert [int(text.rstrip("x")) for _, text in said] == list(range(300 - len(said), 300))
+
+
+@pytest.mark.parametrize("rows", [-1, 1 << 61])
+def test_a_damaged_number_of_rows_gives_no_more_than_there_are(ring: StreamBuffer, rows: int) -> None:
+    answered(ring, 10)
+    ring.slots["rows"][3] = rows
+    assert len(ring.form.contacts(ring.read(0, 10)[0])) in (9, 10)

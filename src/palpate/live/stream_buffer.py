@@ -123,7 +123,7 @@ class SlotForm:
     def contacts(self, slots: np.ndarray) -> Contacts:
         """Return the `Contacts` in slots (n,), in order; samples that are not answered have no row."""
         rows, sample, times = slots["contacts"], slots["number"] - 1, seconds(slots["stamp"])
-        counts = slots["rows"] * (slots["ready"] > 0)
+        counts = np.clip(slots["rows"], 0, self.max_contacts) * (slots["ready"] > 0)  # of a damaged file, whatever
         if (counts == 1).all():  # as a rule
             return self._named(Contacts.of_rows(sample, times, rows[:, 0], self.features))
         which = np.repeat(np.arange(len(slots)), counts)

@@ -102,7 +102,10 @@ def _is_robot(document: Mapping[str, Any]) -> bool:
 
 
 def _robot(document: Mapping[str, Any], path: Path) -> Robot:
-    table = parse(document.get("robot", {}), RobotTable, file=str(path), key="robot")
+    own: Any = document.get("robot", {})
+    if not isinstance(own, dict):
+        raise InputError(f"robot must be a table, not {own!r:.60}.", where=str(path))
+    table = parse(cast("dict[str, Any]", own), RobotTable, file=str(path), key="robot")
     stated: Any = document.get("sensors", {})
     if not isinstance(stated, dict) or not stated:
         hint = "Add [sensors.NAME] with kind and link for each sensor."

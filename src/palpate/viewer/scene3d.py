@@ -175,7 +175,8 @@ def aim(
     Args:
         scene: the scene.
         aspect: width over height of the picture.
-        contacts: must be seen, the first from its side if the body does not move; without any, those of the moment shown first.
+        contacts: must be seen, the first from its side if the body does not move; without any, those of the moment
+            shown first.
         covered: share of the height that is hidden, see `fit`.
         near: only the first contact and its surroundings must be seen.
     """

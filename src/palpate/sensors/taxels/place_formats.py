@@ -91,7 +91,8 @@ def holds_taxels(path: Path) -> bool:
             rows = _rows(head.decode(errors="replace"), 0, path)
         except InputError:
             return False
-        length = np.linalg.norm(rows[:, 3:], axis=1)
+        with np.errstate(over="ignore"):  # numbers of nonsense are no normals
+            length = np.linalg.norm(rows[:, 3:], axis=1)
         return bool(len(rows) % _MODULE == 0 and ((length == 0) | (np.abs(length - 1.0) < 0.6)).all())
     names = {_unit(name.strip())[0].lower() for name in re.split(r"[,;\t]", lines[0].decode(errors="replace"))}
     return {*_PLACES} <= names <= {*_PLACES, *_NORMALS, "module", *_IDS}
