@@ -32,12 +32,16 @@ def run(*words: object) -> None:
         raise SystemExit(f"palpate {' '.join(map(str, words))} left with {code}")
 
 
+def pixels(drawn: Figure) -> Image.Image:
+    """The picture of a figure."""
+    plain = BytesIO()
+    drawn.savefig(plain, format="png")
+    return Image.open(plain).convert("RGB")
+
+
 def save(picture: Figure | Image.Image, name: str, colours: int = COLOURS) -> None:
     """As a small PNG beside this file."""
-    if isinstance(picture, Figure):
-        plain = BytesIO()
-        picture.savefig(plain, format="png")
-        picture = Image.open(plain)
+    picture = pixels(picture) if isinstance(picture, Figure) else picture
     few = picture.convert("RGB").quantize(colours, Image.Quantize.FASTOCTREE)
     palette = np.reshape(few.getpalette() or [], (-1, 3))
     palette[np.all(palette >= PAPER, axis=1)] = 255  # white is a little blue otherwise

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import polars as pl
-from drawing import DEEP, HERE, MM, MORE, SKIN, WARM, browser, figure, photographed, run, save
+from drawing import DEEP, HERE, MM, MORE, SKIN, WARM, browser, figure, photographed, pixels, run, save
 from PIL import Image
 
 import palpate
@@ -21,12 +21,9 @@ from palpate_lab.simulation.drift import simulate_drift
 
 CELLS = [[-0.0065, -0.0105, -0.0035], [0.0065, -0.0105, -0.0035], [-0.0065, 0.0105, -0.0035], [0.0065, 0.0105, -0.0035]]
 MARKERS = 24  # of the ring that is simulated
-FILMED, PACE, QUICK = (
-    (3.0, 15.0),
-    12.5,
-    4,
-)  # s of the humanoid's session, pictures a second; times where nothing touches
-SHOWN = (240, 76, 740, 436)  # px of a film's picture: the robot and its arrows
+FILMED, PACE = (3.0, 19.0), 12.5  # s of the humanoid's session, pictures a second
+LEAST, QUICK = 2.0, 8  # N, below which time runs so many times faster
+SHOWN = (270, 76, 730, 440)  # px of a film's picture: the robot and its arrows
 TIP = f"""[surface]
 kind = "elliptic_cylinder"
 a = 0.014
@@ -146,14 +143,24 @@ def _frame(film: Path, number: int) -> np.ndarray:
 
 
 def phantom(folder: Path) -> None:
-    """A probe that an arm keeps on a phantom that breathes, at 7 N and at right angles to it."""
+    """A probe that an arm keeps on a phantom that breathes, at 7 N and at right angles to it, and the force on it."""
     words = ("--motion", "breathing", "--seconds", 5, "-o", folder / "phantom.mcap")
-    _film("phantom", folder / "phantom.mp4", *words)
+    scene = _film("phantom", folder / "phantom.mp4", *words)
+    truth = pl.read_csv(folder / "phantom_truth.csv")
+    drawn = figure(9.6, 2.0)
+    axes = drawn.subplots()
+    axes.axhline(7.0, color=WARM, linewidth=1.0, label="wanted")
+    axes.plot(truth["time"], truth["press"], color=DEEP, label="true force")
+    axes.set(xlabel="time [s]", ylabel="force [N]", xlim=(0, 5), ylim=(0, None))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, loc="lower right")
+    save(Image.fromarray(np.vstack([np.asarray(scene), np.asarray(pixels(drawn))])), "phantom", MORE)
 
 
 def arena(folder: Path) -> None:
     """Four robots on their way, from the film of a run."""
-    _film("arena", folder / "arena.mp4", "--seed", 3, "--seconds", 150, "-o", folder / "arena.mcap")
+    words = ("--seed", 3, "--seconds", 150, "-o", folder / "arena.mcap")
+    save(_film("arena", folder / "arena.mp4", *words), "arena", MORE)
 
 
 def robot(folder: Path) -> None:
@@ -165,15 +172,16 @@ def robot(folder: Path) -> None:
     assert setup is not None
     scene = robot_scene(setup, made / "run.mcap")[0]
     drawn, times = ScenePicture(scene), np.arange(*FILMED, 1 / PACE)
-    touched = [any(each.located for each in scene.at(scene.timeline.at(at)).contacts) for at in times.tolist()]
-    kept = [at for k, at in enumerate(times.tolist()) if touched[k] or k % QUICK == 0]
+    shown = [scene.at(scene.timeline.at(at)).contacts for at in times.tolist()]
+    forces = [[float(np.linalg.norm(each.force)) for each in contacts if each.located] for contacts in shown]
+    kept = [at for k, at in enumerate(times.tolist()) if max(forces[k], default=0.0) > LEAST or k % QUICK == 0]
     first, *rest = (Image.fromarray(drawn.draw(at)[:, :, ::-1]).crop(SHOWN) for at in kept)
     first.save(HERE / "robot.webp", save_all=True, append_images=rest, duration=round(1e3 / PACE), loop=0, quality=75)
 
 
-def _film(name: str, film: Path, *words: object) -> None:
+def _film(name: str, film: Path, *words: object) -> Image.Image:
     """The last picture of what `palpate simulate` films."""
     if not film.exists():
         run("simulate", name, *words, "--film", film)
     last = int(cv2.VideoCapture(str(film)).get(cv2.CAP_PROP_FRAME_COUNT)) - 1
-    save(Image.fromarray(_frame(film, last)[:, :, ::-1]), name, MORE)
+    return Image.fromarray(_frame(film, last)[:, :, ::-1])

@@ -52,7 +52,8 @@ def task(axes: Any, place: float, entrants: list[tuple[str, float, float]]) -> N
     for (name, median, most), shift, colour in ((ours, 0.26, DEEP), (best, 0.0, WARM)):
         y = place + shift
         axes.plot([min(median, HIGH), min(most, HIGH)], [y, y], "-", color=colour, linewidth=2.5, clip_on=False)
-        axes.plot(min(median, HIGH), y, "o", color=colour, markersize=6, clip_on=False)
+        beyond = median > HIGH  # an arrow at the edge
+        axes.plot(min(median, HIGH), y, ">" if beyond else "o", color=colour, markersize=6, clip_on=False)
         if colour == WARM:
             text = re.sub(r", .*| \(.*", "", name) + (": most are missed" if median > HIGH else "")
             anchor, side = (min(most, HIGH) * 1.25, "left") if most < 10.0 else (min(median, HIGH) * 0.8, "right")

@@ -105,7 +105,7 @@ def candidates(folder: Path) -> None:
 
 def report(folder: Path) -> None:
     """The first screen of the report that `palpate estimate --report` writes."""
-    with browser(1100, 820) as page:
+    with browser(1100, 930) as page:
         page.goto((folder / "report.html").as_uri())
         page.wait_for_timeout(500)
         save(photographed(page), "report")
