@@ -24,6 +24,7 @@ from palpate.signals.recording import Recording
 
 _MAGIC = b"\x93NUMPY"
 _DAMAGED = (
+    TypeError,
     OSError,
     ValueError,
     EOFError,
