@@ -36,14 +36,15 @@ _NUMBER = r"\d+(?:,\d{3})*(?:\.\d+)?(?:e-?\d+)?"
 _LINKS = r"\s?(?:,|/|-|and|to|or|of|against|\+-|x)\s?"
 _FIGURE = re.compile(rf"(?<![\w.#^{{])({_NUMBER}(?:{_LINKS}{_NUMBER})*)\s?({_UNIT})(?![\w$^*])")
 _DECIMAL = re.compile(r"(?<![\w.])\d+\.\d+(?![\w.])")
-_SET = re.compile(rf"= ?({_NUMBER})(?![\w.*])")
+_SET = re.compile(rf"= ?\(?({_NUMBER}(?:, {_NUMBER})*)(?![\w.*])")
 _COMMENT = re.compile(rf"# ({_UNIT})\b")
 _THEME = re.compile("|".join(rf"\b{re.escape(name)}\b" for group in THEMES.values() for name in group))
 _UNSEEN = re.compile(r"^```.*?^```|<!--(?!\w+\.\w+-->).*?-->|\$\$.*?\$\$", re.MULTILINE | re.DOTALL)
+_QUOTED = re.compile(r"`[^`]*`")
 _BREAK = re.compile(r"\n(?=\s*\n|\s*- |\s*\d+\. |\|)")
 _NEAR = 60  # characters on either side of a figure whose words the source has, two of them
 _AROUND = 2  # lines on either side of a line of the source whose words are its own
-_COMMON = frozenset("with from that this than each which their have them only into over when where more".split())
+_COMMON = set(re.findall(r"\w+", "with from that this than each which their have them only into over when where more"))
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,11 @@ class Piece:
 
     def figures(self) -> list[tuple[str, str, str]]:
         """Each number, its unit, and the text near it."""
-        found: list[tuple[str, str, str]] = []
-        for match in _FIGURE.finditer(self.text):
-            near = self.text[max(0, match.start() - _NEAR) : match.end() + _NEAR]
+        found, text = list[tuple[str, str, str]](), _QUOTED.sub(lambda code: re.sub(r"\d", "", code[0]), self.text)
+        for match in _FIGURE.finditer(text):
+            near = text[max(0, match.start() - _NEAR) : match.end() + _NEAR]
             found += [(one, match[2], near) for one in re.findall(_NUMBER, match[1])]
-        bare = _DECIMAL.findall(_FIGURE.sub(" ", self.text)) if self.themes else []
+        bare = _DECIMAL.findall(_FIGURE.sub(" ", text)) if self.themes else []
         return found + [(one, "", self.text) for one in bare]
 
 
@@ -92,15 +93,13 @@ def _borne(piece: Piece, number: str, unit: str, near: str) -> bool:
 
 
 def borne_out(number: str, unit: str, line: str, *, si: bool = False) -> bool:
-    """Whether a line has what rounds to a number, in a unit of the line, or, where it has none of that kind, in its own.
-
-    Args:
-        si: what has no unit is in SI.
-    """
+    """Whether a line rounds to a number, in a unit of the line or, where it has none, in SI (`si`) or the number's."""
     kind, scale = _OF.get(unit, ("", 1.0))
     others, units = _read(line)
     share = unit == "%" and "%" not in units
-    scales = {_OF[each][1] for each in units if _OF[each][0] == kind} or {1.0 if si or share else scale}
+    scales = {_OF[each][1] for each in units if _OF[each][0] == kind}
+    if not scales and (si or kind in ("", "1") or not {_OF[each][0] for each in units} - {"1"}):
+        scales = {1.0 if si or share else scale}
     zeros = re.search(r"[0,]*$", number) if "," in number else None
     step = 10.0 ** (zeros[0].count("0") if zeros else -len(number.partition(".")[2]))
     wanted = float(number.replace(",", ""))
@@ -122,7 +121,7 @@ def _words(text: str) -> frozenset[str]:
 
 @cache
 def _measured(theme: str) -> tuple[str, ...]:
-    """What a theme measured, a line a row: of figures.json, or of its page, where there are none there; of a paper of both."""
+    """What a theme measured, a line a row: of figures.json or, where it has none there and for papers, of its page."""
     kept = json.loads(FIGURES.read_text(encoding="utf-8"))
     rows = [" ".join((*row[:3], *row[4])) for row in kept.get(theme, {"rows": []})["rows"]]
     group, _, name = theme.partition(".")
