@@ -2,8 +2,8 @@
 
 A piece is a paragraph, an item of a list or a row of a table. One that names themes of `claims/themes.toml`, in sight
 or in a comment, has all of its figures, also decimals without a unit, from rows that these measured and that share a
-word with it. Any other has them from a block of its page, or from a line of the source that sets or states them among
-words of the piece. A row of a table that names no theme has those of the text above the table.
+word with what is near the figure. Any other has them from a block of its page, or from a line of the source that sets
+or states them, with two such words around it. A row of a table that names no theme has those of the text above the table.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _THEME = re.compile("|".join(rf"\b{re.escape(name)}\b" for group in THEMES.value
 _UNSEEN = re.compile(r"^```.*?^```|<!--(?!\w+\.\w+-->).*?-->|\$\$.*?\$\$", re.MULTILINE | re.DOTALL)
 _QUOTED = re.compile(r"`[^`]*`")
 _BREAK = re.compile(r"\n(?=\s*\n|\s*- |\s*\d+\. |\|)")
-_NEAR = 60  # characters on either side of a figure whose words the source has, two of them
+_NEAR = 60  # characters on either side of a figure, whose words count; of a row all do
 _AROUND = 2  # lines on either side of a line of the source whose words are its own
 _COMMON = set(re.findall(r"\w+", "with from that this than each which their have them only into over when where more"))
 
@@ -60,7 +60,8 @@ class Piece:
         """Each number, its unit, and the text near it."""
         found, text = list[tuple[str, str, str]](), _QUOTED.sub(lambda code: re.sub(r"\d", "", code[0]), self.text)
         for match in _FIGURE.finditer(text):
-            near = text[max(0, match.start() - _NEAR) : match.end() + _NEAR]
+            reach = len(text) if text.startswith("|") else _NEAR
+            near = text[max(0, match.start() - reach) : match.end() + reach]
             found += [(one, match[2], near) for one in re.findall(_NUMBER, match[1])]
         bare = _DECIMAL.findall(_FIGURE.sub(" ", text)) if self.themes else []
         return found + [(one, "", self.text) for one in bare]
@@ -83,11 +84,10 @@ def unborne(piece: Piece) -> list[str]:
 
 
 def _borne(piece: Piece, number: str, unit: str, near: str) -> bool:
+    named = _words(near)
     if piece.themes:
-        named = _words(piece.text)
         rows = (row for theme in piece.themes for row in _measured(theme) if not named or _words(row) & named)
         return any(borne_out(number, unit, row) for row in rows)
-    named = _words(near)
     lines = (line for line, words in _source() if len(words & named) > 1)
     return any(borne_out(number, unit, line, si=True) for line in (*_shown(piece.page), *lines))
 
