@@ -3,7 +3,7 @@
 A piece is a paragraph, an item of a list or a row of a table. One that names themes of `claims/themes.toml`, in sight
 or in a comment, has all of its figures, also decimals without a unit, from rows that these measured and that share a
 word with what is near the figure. Any other has them from a block of its page, or from a line of the source that sets
-or states them, with two such words around it. A row of a table that names no theme has those of the text above the table.
+or states them, with two such words around it. A row of a table that names no theme has those of the text above it.
 """
 
 from __future__ import annotations
