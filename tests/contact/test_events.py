@@ -103,17 +103,6 @@ def test_the_place_is_as_sure_as_its_sample() -> None:
     np.testing.assert_allclose(found.covariance[0], 1e-6 * np.diag([1, 1, 0]), atol=1e-20)
 
 
-@pytest.mark.parametrize("block", [1, 17, 400])
-def test_blocks_do_not_matter(block: int) -> None:
-    time, estimate = _session()
-    if block == 1:
-        time, estimate = time[250:600], estimate[250:600]
-    finder = TouchFinder()
-    for start in range(0, len(time), block):
-        finder.add(Contacts.single(time[start : start + block], estimate[start : start + block], start))
-    _assert_close(finder.touches(), find_touches(time, estimate))
-
-
 def test_gap_and_shortest() -> None:
     session = _session()
     assert find_touches(*session, gap=0.02).start == pytest.approx([0.1, 0.33, 1.0])

@@ -52,11 +52,10 @@ def recording(*parts: tuple[np.ndarray, np.ndarray]) -> Recording:
     return Recording(np.concatenate(times), {VOLTAGE: np.concatenate(volts)}, source="log")
 
 
-def answered(log: Recording, cut: int = 10_000) -> tuple[WrenchEstimator, Contacts]:
+def answered(log: Recording) -> tuple[WrenchEstimator, Contacts]:
     estimator = WrenchEstimator(Locator(SURFACE), LoadCellArray(CELLS))
     estimator.tare(log.picked(log.time <= log.time[0] + 0.5))
-    blocks = [log.picked(slice(k, k + cut)) for k in range(0, len(log), cut)]
-    pairs = list(estimator.pairs(blocks))
+    pairs = list(estimator.pairs([log]))
     np.testing.assert_array_equal(np.concatenate([block.time for block, _ in pairs]), log.time)
     return estimator, Contacts.joined([found for _, found in pairs])
 
@@ -70,12 +69,6 @@ def test_each_start_has_its_own_zero() -> None:
         assert np.abs(found.force[last] - [0.0, 0.0, -1.0]).max() < 0.02  # 2 mN of noise
     assert not estimator.warnings()
     np.testing.assert_array_equal(found.sample, np.arange(6000))
-
-
-@pytest.mark.parametrize("cut", [1, 77, 499, 3000])
-def test_answers_do_not_depend_on_the_blocks(cut: int) -> None:
-    log = recording(start(0.0, 0.02), start(40.0, -0.03, seed=1)).picked(slice(0, 2700))
-    assert answered(log)[1].to_polars().equals(answered(log, cut)[1].to_polars())
 
 
 def test_a_first_start_that_is_touched_is_refused_and_a_later_one_doubted() -> None:
