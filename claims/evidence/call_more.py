@@ -102,6 +102,7 @@ def _calibrations(rng: np.random.Generator) -> None:
     frames = 0.01 * pressures[:, None] * np.linspace(0.8, 1.2, 6) + rng.normal(0.0, 1.0, (6, 6))
     identify_by_pressures(pressures, frames, mat)
     pressure_errors(pressures, frames, mat)
+    mat.frames(frames)
     up = rng.normal(size=(16, 3))
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     load = np.hstack([-8.0 * up, np.cross([0.01, 0.0, 0.04], -8.0 * up)]) + rng.normal(0.0, 1e-3, (16, 6))

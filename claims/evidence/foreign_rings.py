@@ -35,7 +35,9 @@ def rows(small: bool) -> Iterator[Row]:
     for name in list(FOREIGN)[: 1 if small else None]:
         single = 0.0
         for kind, (most, newtons) in list(KINDS.items())[: 2 if small else None]:
-            tried = [_tried(name, seed, kind, *((8, 3) if small else (24, 30))) for seed in ((1,) if small else (1, 2, 3))]
+            tried = [
+                _tried(name, seed, kind, *((8, 3) if small else (24, 30))) for seed in ((1,) if small else (1, 2, 3))
+            ]
             errors = np.concatenate([each for unit in tried for each, _ in unit])
             right = np.mean([each for unit in tried for _, each in unit])
             off = np.abs(errors[:, ::2]).mean(axis=0) * (180.0 / np.pi, 1.0, 1.0)
