@@ -21,7 +21,7 @@ from palpate_lab.simulation.drift import simulate_drift
 
 CELLS = [[-0.0065, -0.0105, -0.0035], [0.0065, -0.0105, -0.0035], [-0.0065, 0.0105, -0.0035], [0.0065, 0.0105, -0.0035]]
 MARKERS = 24  # of the ring that is simulated
-FILMED, PACE = (3.0, 19.0), 12.5  # s of the humanoid's session, pictures a second
+FILMED, PACE = (3.0, 15.5), 12.5  # s of the humanoid's session, pictures a second
 LEAST, QUICK = 2.0, 8  # N, below which time runs so many times faster
 SHOWN = (270, 76, 730, 440)  # px of a film's picture: the robot and its arrows
 TIP = f"""[surface]

@@ -127,5 +127,8 @@ def taxels(folder: Path) -> None:
     axes.scatter(*(MM * found).T, color=DEEP, s=10, depthshade=False, label="found")
     axes.legend(frameon=False, loc="upper right")
     off = MM * np.median(np.linalg.norm(found - truth, axis=1))
-    axes.set_title(f"{len(found)} taxels from 300 pokes; the median is {off:.1f} mm off", fontsize=10)
+    size = MM * float(np.ptp(truth, axis=0).max())
+    axes.set_title(
+        f"{len(found)} taxels over {size:.0f} mm from 300 pokes; the median is {off:.1f} mm off", fontsize=10
+    )
     save(drawn, "taxels")
