@@ -87,6 +87,9 @@ def test_frames_have_poses_whatever_the_format(tmp_path: Path, name: str) -> Non
     np.testing.assert_array_equal(found.channels[POSITION], LOG.position)
     np.testing.assert_array_equal(found.time, LOG.table[:, 0])
     assert missing(contents(tmp_path / name), SKIN) == []
+    times, frames = map(np.concatenate, zip(*open_log(tmp_path / name, SKIN).stored(), strict=True))
+    np.testing.assert_array_equal(times, LOG.table[:, 0])
+    np.testing.assert_array_equal(frames, ROWS.reshape(60, -1))
 
 
 def _wrenches(path: Path) -> None:
