@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -129,9 +128,9 @@ class _Live:
         self._running.send_signal(signal.SIGTERM)
         self._running.wait()
 
-    def spent(self) -> Counter[str]:
+    def spent(self) -> dict[str, float]:
         """Return the seconds of processor so far by `_KINDS`: a receiver maps one ring, the others map all or none."""
-        spent = Counter[str]()
+        spent = dict.fromkeys(_KINDS, 0.0)
         for process in self._processes():
             mapped = {line.split()[-1] for line in (process / "maps").read_text().splitlines() if ".ring" in line}
             kind = 2 if len(mapped) != 1 or "joint" in str(mapped) else 0 if "wrist" in str(mapped) else 1
