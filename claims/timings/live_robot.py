@@ -130,7 +130,7 @@ class _Live:
 
     def spent(self) -> dict[str, float]:
         """Return the seconds of processor so far by `_KINDS`: a receiver maps one ring, the others map all or none."""
-        spent = dict.fromkeys(_KINDS, 0.0)
+        spent: dict[str, float] = dict.fromkeys(_KINDS, 0.0)
         for process in self._processes():
             mapped = {line.split()[-1] for line in (process / "maps").read_text().splitlines() if ".ring" in line}
             kind = 2 if len(mapped) != 1 or "joint" in str(mapped) else 0 if "wrist" in str(mapped) else 1
