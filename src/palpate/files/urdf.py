@@ -395,8 +395,14 @@ class Kinematics:
         except Exception as problem:  # whatever its parser meets
             reason = " ".join(str(problem).split())[:160]
             raise InputError(f"pinocchio cannot read this URDF ({reason}).", where=str(urdf.path)) from problem
+        body = self._pin.FrameType.BODY
+        lost = [joint.name for joint in chain if not self._model.existJointName(joint.name)]
+        lost += [link for link in (base, *self.links) if not self._model.existFrame(link, body)]
+        if lost:  # it goes on after what it cannot parse
+            what = f"pinocchio cannot read {lost[0]!r} of this URDF: an element of it or beside it is malformed."
+            raise InputError(what, where=str(urdf.path))
         self._data, self._where = self._model.createData(), self._pin.neutral(self._model)
-        self._frames = [self._model.getFrameId(link, self._pin.FrameType.BODY) for link in (base, *self.links)]
+        self._frames = [self._model.getFrameId(link, body) for link in (base, *self.links)]
         places = [self._model.joints[self._model.getJointId(joint.name)] for joint in chain]  # in pinocchio's numbers
         sources = [self.joints.index(joint.mimics or joint.name) for joint in chain]
         self._moved = list(zip(places, sources, (joint.follows for joint in chain), strict=True))

@@ -228,6 +228,8 @@ def _read_table(path: Path) -> TaxelPlaces:
         hint = f"Write one of {', '.join(UNITS)}, the same for all three."
         raise InputError(f"x, y, z must be in one known unit, not in {', '.join(units)}.", where=str(path), hint=hint)
     positions = UNITS[units[0]] * table.numbers([columns[name] for name in _PLACES], strict=True)[0]
+    if (endless := np.isinf(positions).any(axis=1)).any():
+        table.refuse(int(np.argmax(endless)), "x, y, z must be finite numbers")
     normals = np.full_like(positions, np.nan)
     if columns.keys() >= set(_NORMALS):
         normals = table.numbers([columns[name] for name in _NORMALS], strict=True)[0]
