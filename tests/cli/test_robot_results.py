@@ -184,9 +184,9 @@ def test_a_film_shows_the_robot_where_it_is(robot: Path) -> None:
         return (np.ptp(top, axis=2) < 25) & (top.max(axis=2) < 230)
 
     before, after, later = grey(0.5), grey(2.5), grey(2.8)
-    assert before.sum() > 5_000
+    assert before.sum() > 3_000
     assert np.count_nonzero(before & ~after) > 0.2 * before.sum()
-    assert np.count_nonzero(after != later) < 0.05 * before.sum()  # trails of the first touch fade
+    assert np.count_nonzero(after != later) < 0.05 * before.sum()  # nothing moves then
     found = Contacts.joined(list(RobotPipeline(rig, log, "base").stream()))
     both = ScenePicture(scene.compared(in_pictures(found), "other"))
     blue, green, red = np.moveaxis(both.draw(3.3)[80:540].astype(int), 2, 0)

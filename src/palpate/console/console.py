@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from json import dumps
 from math import isfinite
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 from time import monotonic
 from typing import Any, cast
 
@@ -62,22 +62,24 @@ class _Counter:
 
     def __init__(self) -> None:
         self.doing: str | None = None  # None: nobody waits
-        self._since, self._shown = monotonic(), False
+        self._since, self._shown, self._one = monotonic(), False, Lock()
 
     def printing(self, doing: str | None = "working") -> None:
         """Note that something is printed now, and that the activity `doing` follows; None: nothing is counted."""
-        if self._shown:
-            _wipe()
-        self.doing, self._since, self._shown = doing, monotonic(), False
+        with self._one:
+            if self._shown:
+                _wipe()
+            self.doing, self._since, self._shown = doing, monotonic(), False
 
     def run(self, ended: Event) -> None:
         """Count until the event is set; runs in a separate thread."""
         self.printing()
         while not ended.wait(_TICK):
-            seconds = monotonic() - self._since
-            if self.doing is not None and seconds > _SILENT:
-                self._shown = True
-                print(f"\rpalpate: {self.doing}, {seconds:.0f} s", end="\x1b[K", file=sys.stderr, flush=True)
+            with self._one:  # or a late count would stand below what is served
+                seconds = monotonic() - self._since
+                if self.doing is not None and seconds > _SILENT:
+                    self._shown = True
+                    print(f"\rpalpate: {self.doing}, {seconds:.0f} s", end="\x1b[K", file=sys.stderr, flush=True)
         self.printing(None)
 
 
