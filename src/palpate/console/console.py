@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from json import dumps
 from math import isfinite
-from threading import Event, Lock, Thread
+from threading import Event, RLock, Thread
 from time import monotonic
 from typing import Any, cast
 
@@ -62,7 +62,7 @@ class _Counter:
 
     def __init__(self) -> None:
         self.doing: str | None = None  # None: nobody waits
-        self._since, self._shown, self._one = monotonic(), False, Lock()
+        self._since, self._shown, self._one = monotonic(), False, RLock()
 
     def printing(self, doing: str | None = "working") -> None:
         """Note that something is printed now, and that the activity `doing` follows; None: nothing is counted."""
