@@ -38,34 +38,17 @@ def rows(small: bool) -> Iterator[Row]:
         share, late, each = map(np.array, zip(*runs, strict=True))
         load = f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors"
         kinds = ", ".join(f"{what} {many:.0f} %" for what, many in zip(_KINDS, np.median(each, axis=0), strict=True))
-        middle, last = np.median(share), np.median(late, axis=0)
-        got = f"{middle:.0f} % of a core ({kinds}); {load}"
-        yield Row(
-            "24 sensors live, recorder and page: processor",
-            _asked(small, f"<= {SHARE:g} %"),
-            got,
-            _met(small, middle <= SHARE),
-        )
-        got = f"p50 {last[0]:.2f}, p99 {last[1]:.2f} ms; {load}"
-        yield Row(
-            "24 sensors live: from sample to contact",
-            _asked(small, f"p99 <= {LATE:g} ms"),
-            got,
-            _met(small, last[1] <= LATE),
-        )
+        middle, (half, last) = np.median(share), np.median(late, axis=0)
+        for what, bound, got, met in (
+            ("recorder and page: processor", f"<= {SHARE:g} %", f"{middle:.0f} % of a core ({kinds})", middle <= SHARE),
+            ("from sample to contact", f"p99 <= {LATE:g} ms", f"p50 {half:.2f}, p99 {last:.2f} ms", last <= LATE),
+        ):
+            yield Row(f"24 sensors live, {what}", "" if small else bound, f"{got}; {load}", None if small else met)
         if not small:
             yield _memory(rig)
 
 
 _KINDS = "receivers of wrenches", "of sheets and patches", "others"
-
-
-def _asked(small: bool, text: str) -> str:
-    return "" if small else text
-
-
-def _met(small: bool, met: bool) -> bool | None:
-    return None if small else met
 
 
 def _run(rig: Path, seconds: float) -> tuple[float, np.ndarray, list[float]]:

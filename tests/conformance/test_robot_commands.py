@@ -145,11 +145,11 @@ def test_a_batch_writes_what_estimate_writes(
 def test_a_log_that_is_cut_off_is_answered_up_to_there_and_said(
     hand: Path, words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By the exit code, in the record beside the contacts, and by a batch."""
+    """The exit code, the record of the contacts and a batch state it."""
     logs = tmp_path / "logs"
     logs.mkdir()
-    whole = Path(words[0]).read_bytes()
-    (logs / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    content = Path(words[0]).read_bytes()
+    (logs / "cut.mcap").write_bytes(content[: len(content) // 2])
     output = tmp_path / "cut.parquet"
     assert main(["estimate", str(logs / "cut.mcap"), *words[1:], *THREE, "-o", str(output)]) == TORN
     assert "complete messages were read" in capsys.readouterr().out

@@ -461,14 +461,15 @@ def test_poses_of_a_topic_stand_for_any_source(domain: int) -> None:
     node.close()
 
 
-@pytest.mark.parametrize("above", ["nothing", "tf", "imu"])
+@pytest.mark.parametrize("above", ["nothing", "base called sensor", "tf", "imu"])
 def test_joint_states_pose_the_sensor(domain: int, tmp_path: Path, above: str) -> None:
     """Of a wrist, as its joints turn one after the other; its base in /tf, or turned as an IMU on it states."""
     pytest.importorskip("pinocchio")
-    (tmp_path / "wrist.urdf").write_text(URDF)
+    root = "sensor" if "called" in above else "base_link"
+    (tmp_path / "wrist.urdf").write_text(URDF.replace('"base_link"', f'"{root}"'))
     node = DdsNode(domain)
     node.open()
-    base, imu = ("odom" if above == "tf" else "base_link"), ("/imu" if above == "imu" else None)
+    base, imu = ("odom" if above == "tf" else root), ("/imu" if above == "imu" else None)
     table = RigOrientation(urdf="wrist.urdf", base=base, sensor="ft_sensor", joints="/joint_states", imu=imu)
     kinds = {"/joint_states": "sensor_msgs/JointState"}
     kinds |= {"tf": {"/tf": "tf2_msgs/TFMessage"}, "imu": {"/imu": "sensor_msgs/Imu"}}.get(above, {})
@@ -503,7 +504,7 @@ def test_joint_states_pose_the_sensor(domain: int, tmp_path: Path, above: str) -
     wrist = Posture(angles)
     a, b, c = (Rotation.from_euler(axis, angles[:, [k]]) for k, axis in enumerate("zyx"))
     true, at = a * b * c * FLANGE_SENSOR, wrist.positions()
-    if above != "nothing":
+    if above in ("tf", "imu"):
         true, at = turned * true, turned.apply(at + (GROUND if above == "tf" else 0.0))
         at = at + ([3.0, 2.0, 0.0] if above == "tf" else 0.0)
     assert (Rotation.from_quat(found.quaternion) * true.inv()).magnitude().max() < 1e-9

@@ -99,7 +99,7 @@ def estimate_log(
             writing = parallel.writer.writing(output, frame, features)
 
         def made_from(*, interrupted: bool) -> dict[str, str]:
-            ended = "interrupted" if interrupted else "torn" if opened.torn else "whole"
+            ended = ending(interrupted=interrupted, torn=bool(opened.torn))
             options = {**pipeline.settings, "frame": frame, "sensor": opened.kind.name, "ended": ended}
             inputs = provenance(files, {}) if parallel is None else parallel.inputs.result()
             return inputs | provenance({}, options)
@@ -139,6 +139,11 @@ def _start(opened: OpenedLog, files: Mapping[str, Path | None]) -> Generator[_Pa
     with opened.prefetching() as reader, writer_process() as writer:
         Thread(target=hashed, daemon=True).start()  # nobody waits for it when the command is ended
         yield _Parallel(reader, writer, inputs)
+
+
+def ending(*, interrupted: bool, torn: bool) -> str:
+    """Return how an estimate ended, as its record states it: "interrupted", "torn" (the log is cut off) or "whole"."""
+    return "interrupted" if interrupted else "torn" if torn else "whole"
 
 
 def write_blocks(

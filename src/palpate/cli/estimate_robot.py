@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.cli.estimate_log import INTERRUPTED, TORN, Watch, record_of, write_blocks
+from palpate.cli.estimate_log import INTERRUPTED, TORN, Watch, ending, record_of, write_blocks
 from palpate.cli.events import say_touches
 from palpate.cli.report import require_page, status_advice
 from palpate.cli.rig_options import RigOptions
@@ -131,7 +131,7 @@ def write_robot(
 
     def made_from(*, interrupted: bool) -> dict[str, str]:
         names = ",".join(run.sensor.name for run in pipeline.runs)
-        ended = "interrupted" if interrupted else "torn" if pipeline.torn else "whole"
+        ended = ending(interrupted=interrupted, torn=pipeline.torn)
         options = {"frame": frame, "sensors": names, "ended": ended}
         return provenance({"log": log, "rig": robot.path, **robot.files()}, options)
 

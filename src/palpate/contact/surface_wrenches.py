@@ -140,9 +140,9 @@ class SurfaceWrenches:
             measured = self.sensor.measure(samples)
             if follower is not None:
                 follower.add(samples.time, follower.sensor.kept(samples), piece.touched)
-            yield piece, self.placed(measured, piece.averaged)
+            yield piece, self.convert(measured, piece.averaged)
 
-    def placed(self, measured: Measured, averaged: Float[np.ndarray, " n"] | None = None) -> Wrenches:
+    def convert(self, measured: Measured, averaged: Float[np.ndarray, " n"] | None = None) -> Wrenches:
         """Return the next samples as filtered `Wrenches`; each is the mean of `averaged` (n,) readings (None: 1)."""
         return self._placed(measured, *self._filtered(measured), averaged)
 
@@ -163,7 +163,7 @@ class SurfaceWrenches:
         measured = ((piece, zero, self._measured(piece, zero)) for piece, zero in zeros)
         if not self._ahead or self._recursion is None:
             for piece, _, made in measured:
-                yield piece, self.placed(made, piece.averaged)
+                yield piece, self.convert(made, piece.averaged)
             return
         given = ((each, each[2].time, each[2].status, each[2].wrench) for each in measured)
         for (piece, zero, made), wrenches, share in BothWays(self._recursion, self._rate).through(given):
@@ -188,7 +188,7 @@ class SurfaceWrenches:
         """
         follower = self.entered(time, kelvin)
         measured = self.sensor.single(time, reading, rotation, acceleration)
-        made = self.placed(measured, averaged)
+        made = self.convert(measured, averaged)
         if follower is not None:
             follower.add(time, follower.sensor.kept_of(follower.sensor.live_inputs, 1), touched)
         return made

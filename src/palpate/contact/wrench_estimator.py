@@ -205,7 +205,7 @@ class WrenchEstimator(ContactEstimator):
             if self._live is not None:
                 self._live.run(out[cut], inputs)
             else:
-                self.locator.run_into(*self._wrenches.placed(sensor.measured(time[cut], inputs)), out[cut])
+                self.locator.run_into(*self._wrenches.convert(sensor.measured(time[cut], inputs)), out[cut])
             if follower is not None:
                 follower.add(time[cut], follower.sensor.kept_of(inputs, cut.stop - cut.start))
         self._widened(out[:count])

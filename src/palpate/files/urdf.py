@@ -399,7 +399,7 @@ class Kinematics:
         lost = [joint.name for joint in chain if not self._model.existJointName(joint.name)]
         lost += [link for link in (base, *self.links) if not self._model.existFrame(link, body)]
         if lost:  # it goes on after what it cannot parse
-            what = f"pinocchio cannot read {lost[0]!r} of this URDF: an element of it or beside it is malformed."
+            what = f"pinocchio cannot read {lost[0]!r} of this URDF: it, or another element of the file, is malformed."
             raise InputError(what, where=str(urdf.path))
         self._data, self._where = self._model.createData(), self._pin.neutral(self._model)
         self._frames = [self._model.getFrameId(link, body) for link in (base, *self.links)]

@@ -27,7 +27,7 @@ from palpate.setup.tables import RigOrientation
 __all__ = ["RosPoses"]
 
 _STATIC = 1000  # messages of transforms that a reader keeps
-_WORLD, _SENSOR = "world of the IMU", "sensor"  # in a tree that joint states move; no names of links
+_WORLD, _SENSOR = "the IMU's world", "the sensor"  # in a tree that joint states move; links have no such names
 
 _Reader = tuple[DdsReader, Callable[[MessageBlock], None]]
 
