@@ -5,8 +5,9 @@ from __future__ import annotations
 import ast
 import copy
 import hashlib
+import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 __all__ = ["SOURCE", "Fault", "chosen", "faults_in", "written"]
@@ -39,6 +40,7 @@ class Fault:
         line: of it.
         original: as in the file.
         faulty: takes its place; of an expression in a compiled file, of the same type.
+        tests: files or folders, with blanks between them.
     """
 
     file: str
@@ -46,11 +48,7 @@ class Fault:
     line: int
     original: str
     faulty: str
-
-    @property
-    def tests(self) -> str:
-        """The folder of the room's own tests."""
-        return tests_of(self.file)
+    tests: str
 
     @property
     def diff(self) -> str:
@@ -89,14 +87,16 @@ def faults_in(file: str, source: str, most: int | None = None, seed: int = 0) ->
         if len(found) == most:
             break
         if isinstance(node, _STATEMENTS) and _can_go(node):
-            found.append(Fault(file, at, node.lineno, ast.unparse(node), DROPPED))
+            found.append(Fault(file, at, node.lineno, ast.unparse(node), DROPPED, tests_of(file)))
         elif isinstance(node, _EXPRESSIONS) and (other := _other(node, compiled=compiled)) is not None:
-            found.append(Fault(file, at, node.lineno, ast.unparse(node), ast.unparse(other)))
+            found.append(Fault(file, at, node.lineno, ast.unparse(node), ast.unparse(other), tests_of(file)))
     return found
 
 
 def chosen(count: int, seed: int = 0) -> list[Fault]:
-    """Return so many faults of the package by chance, of files by chance, at most three of each."""
+    """Return so many faults of the package by chance, of files by chance, at most three of each; 0: those of a kind."""
+    if not count:
+        return list(_of_kinds())
     names = [file.relative_to(SOURCE).as_posix() for file in (SOURCE / "palpate").rglob("*.py")]
     tested = [name for name in names if (SOURCE.parent / tests_of(name)).is_dir()]
     each, found = min(MOST, max(1, -(-count // len(tested)))), list[Fault]()
@@ -105,6 +105,17 @@ def chosen(count: int, seed: int = 0) -> list[Fault]:
         if len(found) >= count:
             break
     return found[:count]
+
+
+def _of_kinds() -> Iterator[Fault]:
+    """Yield the faults of `kinds.toml`, with the tests of their law."""
+    for law in tomllib.loads(Path(__file__).with_name("kinds.toml").read_text(encoding="utf-8"))["law"]:
+        for diff in (each for pair in law["kinds"].values() for each in pair):
+            file = diff.partition(":")[0]
+            made = [each for each in faults_in(file, (SOURCE / file).read_text(encoding="utf-8")) if each.diff == diff]
+            if not made:
+                raise ValueError(f"kinds.toml: no such fault can be made: {diff}")
+            yield replace(made[0], tests=law["tests"])
 
 
 def _inside_functions(tree: ast.Module) -> Iterator[ast.AST]:
