@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from scipy.spatial.transform import Rotation
 
+import palpate
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.origins import Origin
@@ -301,6 +303,54 @@ def test_commands_print_what_is_in_the_file(tmp_path: Path) -> None:
     assert_told(lines["time"], START, START + (ROWS - 1) / 128.0)
     for kind, count in (FREE | {Status.AMBIGUOUS: LATE, Status.CONTACT: FELT - LATE}).items():
         assert_told(lines[kind.label], 1e2 * count / ROWS, count)
+
+
+def test_a_log_is_inspected_as_it_is(tmp_path: Path) -> None:
+    """Its rows, clock and columns, of which each has a median, extremes, noise and missing cells of its own."""
+    rng, time, path = np.random.default_rng(2), np.arange(501) / 250.0, tmp_path / "log.csv"
+    noise = np.array([0.01, 0.02, 0.03, 1e-3, 2e-3, 3e-3])
+    values = 2.0 + np.arange(6.0) + noise * rng.normal(size=(501, 6))
+    values[[5, 9, 100], 1] = np.nan
+    names = ("fx", "fy", "fz", "tx", "ty", "tz")
+    pl.DataFrame({"time": time, **dict(zip(names, values.T, strict=True))}).write_csv(path)
+    said = [re.split(r"\s{2,}", line.strip()) for line in run("inspect", str(path)).splitlines()[1:]]
+    facts = {row[0]: " ".join(row[1:]) for row in said}
+    assert_told(facts["rows"], 501)
+    assert_told(facts["time"], 0.0, 2.0, 0.004, 250.0)
+    begin = next(k for k, row in enumerate(said) if row[0] == "least")
+    assert said[begin] == ["least", "median", "most", "noise", "missing"]
+    for k, (name, *row) in enumerate(said[begin + 1 : begin + 7]):
+        assert name.startswith(f"{names[k]} [")
+        gone = np.isnan(values[:, k])
+        sound = values[~gone, k]
+        for shown, value in zip(row, [sound.min(), np.median(sound), sound.max(), noise[k], gone.sum()], strict=True):
+            assert float(shown.replace(",", "")) == pytest.approx(value, rel=0.1 if value == noise[k] else 1e-3)
+
+
+def test_a_calibration_prints_what_is_in_its_file(tmp_path: Path) -> None:
+    log, path = tmp_path / "free.csv", tmp_path / "payload.toml"
+    turns = Rotation.random(12, rng=3)
+    weight, bias = turns.inv().apply([0.0, 0.0, -4.9]), np.array([1.0, -2.0, 3.0, 0.01, -0.02, 0.03])
+    load = np.column_stack([weight, np.cross([0.003, -0.002, 0.04], weight)]) + bias
+    still = np.repeat(np.column_stack([load, turns.as_quat()]), 100, axis=0)
+    still[:, :6] += np.random.default_rng(4).normal(size=(1200, 6)) * np.repeat([0.02, 1e-3], 3)
+    names = ("fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+    pl.DataFrame({"time": np.arange(1200) / 100.0, **dict(zip(names, still.T, strict=True))}).write_csv(log)
+    lines = dict(
+        re.split(r"\s{2,}", line.strip(), maxsplit=1)
+        for line in run("calibrate", "payload", str(log), "-o", str(path)).splitlines()[1:]
+    )
+    made = palpate.Payload.load(path)
+    spread = np.sqrt(np.diag(made.covariance))
+    down = made.weight / np.linalg.norm(made.weight)
+    mass = np.sqrt(down @ made.covariance[:3, :3] @ down) / made.magnitude
+    assert_told(lines["mass"], made.mass, mass)
+    assert_told(lines["gravity"], *down)
+    assert_told(lines["centre of mass"], *(1e3 * made.center_of_mass), *(1e3 * spread[6:9]))
+    assert_told(lines["force bias"], *made.force_bias, *spread[3:6])
+    assert_told(lines["torque bias"], *made.torque_bias, *spread[9:12])
+    assert_told(lines["residual"], *(1e3 * made.residual))
+    assert_told(lines["left out"], *map(float, re.findall(r"[\d.]+", made.provenance["left_out"])))
 
 
 def test_errors_are_those_by_which_a_truth_is_off(tmp_path: Path) -> None:

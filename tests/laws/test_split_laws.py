@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,12 @@ import pytest
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.touch_finder import TouchFinder
+from palpate.files.contacts.writing import open_contacts, read_contacts
 from palpate.files.logs.stuck import StuckWrenches
 from palpate.files.logs.wrench_means import WrenchMeans
+from palpate.live.losses import LossCount
+from palpate.live.netft import NetFt
+from palpate.live.sequence import SequenceCounters
 from palpate.live.stuck_watch import StuckWatch
 from palpate.signals.filters import Butterworth, Filter, Kalman
 from palpate.signals.motion import Motion
@@ -25,6 +30,8 @@ from palpate.spatial.live_track import LiveTrack
 from palpate.spatial.pose_track import PoseTrack
 from palpate.viewer.live import recent
 from tests.conformance.live import BESIDE, each_reading, readings_of
+from tests.support.felt import felt
+from tests.support.live_rings import sphere_ring
 from tests.support.state import differences
 from tests.support.streams import STREAMS, Stream, pieces, shaken
 
@@ -189,6 +196,56 @@ def test_touches_do_not_depend_on_the_blocks_of_contacts() -> None:
     for other in found[1:]:
         for field in ("start", "end", "point", "covariance", "mean_force", "samples", "slid", "identity"):
             np.testing.assert_allclose(getattr(other, field), getattr(found[0], field), rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
+def test_a_file_of_contacts_has_their_rows_however_they_come(
+    suffix: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("palpate.files.contacts.writing._SMALL", 16)
+    monkeypatch.setattr("palpate.files.contacts.writing._CHUNK", 16)
+    contacts, path = felt(), tmp_path / f"contacts{suffix}"
+    contacts.save(path)
+    known = read_contacts(path)
+    for size in (1, 50):
+        with open_contacts(path, features=tuple(contacts.features)) as writer:
+            for start in range(0, len(contacts), size):
+                writer.write(contacts[:0])
+                writer.write(contacts[start : start + size])
+            assert writer.rows == len(contacts)
+        _same(read_contacts(path), known)
+
+
+class _Sender(NetFt):
+    """Samples by their numbers, without a device."""
+
+    def __init__(self) -> None:
+        self._sequence = SequenceCounters()
+
+    def missing(self, numbers: np.ndarray) -> np.ndarray:
+        """Return the number of samples missing before each that is kept."""
+        lost = np.zeros(len(numbers), dtype=np.int64)
+        kept = self._sequence.follow(numbers.tolist(), numbers.tolist(), (numbers * 1_000_000).tolist(), lost)
+        return lost[: len(numbers) if kept is None else len(kept)]
+
+
+def test_samples_are_counted_alike_however_they_come(tmp_path: Path) -> None:
+    """With some lost, late and twice, by two receivers, the first of which is killed."""
+    first = np.delete(np.arange(1, 200), [20, 21, 22, 90, 150])
+    first[[30, 31]], first[100] = first[[31, 30]], first[99]  # late by one; 101 comes not at all, the one before twice
+    second = np.delete(np.arange(230, 300), [7, 8])
+    known = {"received": 193 + 68, "lost": 5 + 1 + 2 + 30, "away": 30, "unknown": 0}
+    for size in (1, 7, 500):
+        ring = sphere_ring(tmp_path / f"ring{size}")
+        for numbers in (first, second):
+            source = _Sender()
+            losses = LossCount(ring, source)
+            for start in range(0, len(numbers), size):
+                lost = source.missing(numbers[start : start + size])
+                ring["received"] += len(lost)
+                ring["lost"] += int(lost.sum())
+                losses.add(len(lost), int(lost[0]) if len(lost) else 0)
+        assert {word: ring[word] for word in known} == known, size
 
 
 # --- a clock that goes back
