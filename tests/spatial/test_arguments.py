@@ -96,6 +96,24 @@ def test_what_does_not_fit_is_a_sentence(given: dict[str, object], said: str) ->
         taken(**({"time": TIME, "points": POINTS} | given))
 
 
+def test_arguments_like_those_of_before_are_taken_and_others_are_not() -> None:
+    @takes_arrays
+    def counted(values: Float[np.ndarray, " n"], count: int, more: Float[np.ndarray, " n"] | None = None) -> object:
+        return values, count, more
+
+    for length in (*range(4, 80), 4):  # more forms than are kept
+        values = np.arange(float(length))
+        assert counted(values, 3, values)[2] is values
+        assert counted(values, 3, more=values)[2] is values
+        for wrong in (values[1:], values[:, None]):
+            with pytest.raises(InputError, match="more"):
+                counted(values, 3, more=wrong)
+        with pytest.raises(InputError, match="count must be"):
+            counted(values, 2**70)
+        assert counted(np.repeat(values, 2)[::2], 3)[0].flags.c_contiguous
+        assert counted(values, 3, values > 1.0)[2].dtype == np.float64
+
+
 def test_leading_axes_are_broadcast_where_the_annotation_says_so() -> None:
     assert taken(TIME, batch=np.zeros((5, 1, 3)), other=np.zeros((4, 2)))[5].shape == (5, 1, 3)
 

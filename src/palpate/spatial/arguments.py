@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial, wraps
 from inspect import Parameter, isfunction, signature, unwrap
+from operator import is_
 from types import NoneType
 from typing import Any, ForwardRef, NamedTuple, TypeVar, cast, dataclass_transform, get_args, get_origin, overload
 
@@ -21,6 +22,7 @@ from palpate.spatial._arrays import shaped
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _Class = TypeVar("_Class", bound=type[Any])
 _LARGEST = 2**62  # whole number
+_KEPT = 64  # forms of arguments of a function
 _PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a NamedTuple `__new__`, too
 _WRITTEN = {"out", "out_covariance", "out_total"}  # a copy of these arguments would be of no use
 _MISFITS = re.compile(  # NumPy's words, and those of LAPACK, SciPy and matplotlib
@@ -116,6 +118,7 @@ def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
     names = taken[: code.co_argcount]
     plan: dict[str, _Wanted] | None = None
     places: list[tuple[int, _Wanted]] = []
+    fitting: set[tuple[Any, ...]] = set()  # forms of arguments that were taken as they are
 
     @wraps(function)
     def taking(*args: Any, **kwargs: Any) -> Any:
@@ -123,14 +126,20 @@ def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
         if plan is None:  # not earlier: annotations may name what its module defines later
             plan = _plan(function, vars(sys.modules[module]))
             places.extend((place, plan[name]) for place, name in enumerate(names) if name in plan)
-        sizes: dict[str, _Size] = {}
-        given, count = list(args), len(args)
-        for place, wanted in places:
-            if place < count:
-                given[place] = _taken(wanted, given[place], sizes)
-        for name, value in kwargs.items():
-            if name in plan:
-                kwargs[name] = _taken(plan[name], value, sizes)
+        given = args
+        form = _form(args) if not kwargs else (*_form(args), *kwargs, *_form(kwargs.values()))
+        if form not in fitting:
+            sizes: dict[str, _Size] = {}
+            given = list(args)
+            for place, wanted in places:
+                if place < len(args):
+                    given[place] = _taken(wanted, args[place], sizes)
+            named = {name: _taken(plan[name], kwargs[name], sizes) if name in plan else kwargs[name] for name in kwargs}
+            if all(map(is_, (*given, *named.values()), (*args, *kwargs.values()))):
+                if len(fitting) == _KEPT:
+                    fitting.clear()
+                fitting.add(form)
+            kwargs = named
         try:
             return function(*given, **kwargs)
         except (ValueError, IndexError, ArithmeticError) as problem:
@@ -141,6 +150,20 @@ def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
 
     vars(taking)["takes_arrays"] = True
     return taking
+
+
+def _form(given: Iterable[Any]) -> tuple[Any, ...]:
+    """Return the properties that decide whether arguments are taken as they are: type, and shape of an array."""
+    return tuple(
+        [
+            (value.dtype, value.shape, value.flags.c_contiguous)
+            if type(value) is np.ndarray
+            else -_LARGEST < value < _LARGEST
+            if type(value) is int
+            else type(value)
+            for value in given
+        ]
+    )
 
 
 def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wanted]:

@@ -10,7 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from palpate.errors import InputError
 from palpate.sensors.force_torque import Compensation, ForceTorque
+from palpate.sensors.force_torque._kernels import rotate
 from palpate.signals import Payload, Recording
+from palpate.spatial.pose import rotation_from_quaternion
+from palpate.spatial.pose_track import sound_quaternions
 
 MASS, GRAVITY = 1.3, np.array([0.0, 0.0, -9.81])
 CENTER, FORCE_BIAS, TORQUE_BIAS = np.array([0.01, -0.02, 0.05]), np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.2, -0.3])
@@ -47,6 +50,17 @@ def test_a_lost_orientation_loses_its_sample_only() -> None:
     assert np.isnan(got[1]).all()
     assert np.isnan(covariance[1]).any()
     assert np.isfinite(got[[0, 2]]).all()
+
+
+def test_compiled_rotations_have_the_bits_of_numpys() -> None:
+    quaternions = np.random.default_rng(6).normal(size=(200, 4))
+    quaternions[0], quaternions[1, 2], quaternions[2] = 0.0, np.nan, np.inf
+    found = np.empty((200, 3, 3))
+    rotate(quaternions, found)
+    sound = sound_quaternions(quaternions)
+    assert 50 < np.count_nonzero(sound) < 190
+    np.testing.assert_array_equal(found[sound], rotation_from_quaternion(quaternions[sound]))
+    assert np.isnan(found[~sound]).all()
 
 
 def test_without_orientation_only_a_tare() -> None:

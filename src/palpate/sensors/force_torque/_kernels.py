@@ -37,6 +37,22 @@ def _hang(rotation, acceleration, load, weight):
             weight[k] += rotation[j, k] * load[_WEIGHT + j]
 
 
+@released("quaternions n 4, rotations out n 3 3")
+def rotate(quaternions, rotations):
+    """Compute `rotation_from_quaternion` of quaternions (n, 4) that are `sound_quaternions`; NaN of the others."""
+    for i in range(len(quaternions)):
+        q, r = quaternions[i], rotations[i]
+        length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        if not 0.5 < length < 2.0:
+            length = np.nan
+        x, y, z, w = q[0] / length, q[1] / length, q[2] / length, q[3] / length
+        xx, yy, zz = 2.0 * x * x, 2.0 * y * y, 2.0 * z * z
+        r[0, 0], r[1, 1], r[2, 2] = 1.0 - yy - zz, 1.0 - zz - xx, 1.0 - xx - yy
+        r[1, 2], r[2, 1] = 2.0 * y * z - 2.0 * x * w, 2.0 * y * z + 2.0 * x * w
+        r[2, 0], r[0, 2] = 2.0 * z * x - 2.0 * y * w, 2.0 * z * x + 2.0 * y * w
+        r[0, 1], r[1, 0] = 2.0 * x * y - 2.0 * z * w, 2.0 * x * y + 2.0 * z * w
+
+
 @released(
     """
     readings n 6, rotations n|1 3 3, accelerations n|1 3, limits 6, load 11, zero 6, base bool, wrenches out n 6,

@@ -22,8 +22,7 @@ from palpate.signals.wrench_sensor import Placement, Tare, square_root
 from palpate.signals.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import number, takes_arrays
-from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
-from palpate.spatial.pose_track import sound_quaternions
+from palpate.spatial.pose import Pose, skew
 
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
 ITSELF = Placement(Pose.identity())
@@ -83,6 +82,7 @@ class Compensation:
 
         self.sensor, self.payload, self.motion = sensor, payload, motion
         self._compensate, self._place = _compensation.compensate, _compensation.place
+        self._rotate = _compensation.rotate
         load = Payload() if payload is None else payload
         self._weighs = bool(load.weight.any() or load.covariance[:3, :3].any())
         self._turned, self._drifts = sensor.frame == "base", bool(sensor.drift.any())
@@ -617,7 +617,10 @@ class Compensation:
                 hint="Add columns qx, qy, qz, qw (sensor in base), or name them, a topic of poses, or two frames of /tf"
                 " (base, sensor) in [orientation].",
             )
-        return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
+        quaternions = shaped(quaternions, (None, 4), "the orientation")
+        rotations = np.empty((len(quaternions), 3, 3))
+        self._rotate(quaternions, rotations)
+        return rotations
 
     def __repr__(self) -> str:
         return f"Compensation({self.sensor!r}, {self.payload!r})"
