@@ -70,11 +70,9 @@ def test_what_a_followed_bias_walks_is_no_noise(tmp_path: Path) -> None:
     rng, time, noise = np.random.default_rng(1), np.arange(20_000) / 100.0, list[np.ndarray]()
     crept = 0.02 * (rng.normal(size=(6, 20_000)) + np.linspace(0.0, 50.0, 20_000))
     log = {"time": time} | dict(zip((*FORCE, *TORQUE), crept, strict=True))
-    bare = merged(
-        rig_of("drift"), {"force_torque": {"noise": "DELETED", "payload": "DELETED"}, "orientation": "DELETED"}
-    )
+    unstated = {"force_torque": {"noise": "DELETED", "payload": "DELETED"}, "orientation": "DELETED"}
     for more in ("drift.walk = {force = 0.02, torque = 0.02}", ""):
-        rig = check_rig(merged(bare, tomllib.loads(more)), tmp_path / "rig.toml")
+        rig = check_rig(merged(merged(rig_of("drift"), unstated), tomllib.loads(more)), tmp_path / "rig.toml")
         with open_log(log, rig) as opened:
             noise.append(np.sqrt(np.diag(stated_sensor(opened.setup, join(list(opened))).noise)))
     np.testing.assert_allclose(noise[0], 0.02, rtol=0.1)

@@ -95,14 +95,6 @@ def test_each_edge_is_interpolated_between_its_own_stamps() -> None:
     assert all(track.stamps[0] > 1.0 for track in path.tracks)
 
 
-def test_there_and_back_is_nothing() -> None:
-    tree, _ = _tree(3)
-    time = np.linspace(0.05, 1.85, 40)
-    there, back = (_matrices(tree.path(*ends), time) for ends in (("eye", "sensor"), ("sensor", "eye")))
-    assert np.abs(there @ back - np.eye(4)).max() < 1e-12
-    assert np.array_equal(_matrices(tree.path("eye", "eye"), time), np.tile(np.eye(4), (40, 1, 1)))
-
-
 def test_without_one_of_its_edges_a_pose_is_not_known() -> None:
     """A gap in one, before the first and after the last of another; the others go on."""
     tree, poses = _tree(4)
