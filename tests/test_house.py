@@ -11,7 +11,6 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +25,9 @@ from palpate.sensors.fused.estimator import FusedEstimator
 from palpate.spatial.pose import skew
 from tests.size import lines_of_code
 from tests.support.checked import CALLS, start_counting
+from tests.support.walked import ROOT, tree
 from tests.way import measured
 
-ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 HEAVY = ("numba", "scipy", "trimesh", "polars", "collada", "tyro", "embreex", "numpy", "jaxtyping")
 
@@ -51,11 +50,6 @@ def _offending(pattern: str, files: list[Path]) -> list[str]:
         for number, line in enumerate(file.read_text(encoding="utf-8", errors="replace").splitlines(), start=1)
         if re.search(pattern, line)
     ]
-
-
-@cache
-def _tree(file: Path) -> ast.Module:
-    return ast.parse(file.read_text(encoding="utf-8"))
 
 
 def _targets() -> set[str]:
@@ -191,14 +185,14 @@ def test_no_files_import_each_other_in_a_circle() -> None:
 
 def _imported(name: str, file: Path, files: set[str]) -> Iterator[str]:
     """Yield the files that a file imports anywhere, and the packages that run when it is imported."""
-    tree = _tree(file)
-    for node in ast.walk(tree):
+    top = tree(file).body
+    for node in ast.walk(tree(file)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate"):
             module = node.module or ""
             for alias in node.names:
                 target = f"{module}.{alias.name}" if f"{module}.{alias.name}" in files else module
                 yield target
-                while node in tree.body and "." in target:
+                while node in top and "." in target:
                     target = target.rpartition(".")[0]
                     if not f"{name}.".startswith(f"{target}."):
                         yield target
@@ -277,7 +271,7 @@ def _definitions() -> Iterator[tuple[Path, ast.FunctionDef | ast.ClassDef]]:
     for file in sorted((ROOT / "src").rglob("*.py")):
         if file.name.startswith("_") and file.name != "__init__.py":
             continue
-        waiting: list[ast.AST] = [_tree(file)]
+        waiting: list[ast.AST] = [tree(file)]
         while waiting:
             for node in ast.iter_child_nodes(waiting.pop()):
                 if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
@@ -303,7 +297,7 @@ def test_no_file_lists_again_what_its_names_say() -> None:
     """A name without an underscore is public; `__all__` stands in packages, and in files that offer fewer names."""
     again: list[str] = []
     for file in (ROOT / "src").rglob("*.py"):
-        body = [] if file.name == "__init__.py" else _tree(file).body
+        body = [] if file.name == "__init__.py" else tree(file).body
         made = {node.name for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
         for node in (each for each in body if isinstance(each, ast.Assign | ast.AnnAssign)):
             if ast.unparse(node).startswith("__all__") and node.value is not None:

@@ -71,7 +71,7 @@ def test_compiled_evaluation_is_its_numpy_twin(row: Equation) -> None:
 
 def test_projection_is_the_closest_point_within_the_ends(row: Equation) -> None:
     surface, rng = row.surface, np.random.default_rng(3)
-    cloud = row.points(20000, 4)[0]
+    cloud = row.points(5000, 4)[0]
     away = surface.centre + rng.normal(size=(100, 3)) * surface.size * rng.choice([0.3, 2.0], (100, 1))
     closest, normals, facets = surface.project(away)
     gradient = surface.gradient(closest)

@@ -55,7 +55,7 @@ def test_one_frame_in_another_is_as_pytransform3d_composes_it(base: str, sensor:
     """Positions of some metres over seven edges: rounding is 1e-15 of that."""
     tree, poses = _tree(0)
     found = _matrices(tree.path(base, sensor), STAMPS)
-    for k in range(len(STAMPS)):
+    for k in range(0, len(STAMPS), 4):
         manager = TransformManager()
         for parent, child in zip(PARENTS, FRAMES, strict=True):
             if parent is not None:

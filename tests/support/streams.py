@@ -246,14 +246,8 @@ def _ring() -> MarkerRing:
     coefficients = np.zeros((4, 2, 17, 1))
     coefficients[0, 0, :, 0], coefficients[1, 0, :, 0] = -1e-3 * shapes[0], -1e-4 * shapes[0]
     coefficients[0, 1, :, 0], coefficients[3, 1, :, 0] = 2e-4 * shapes[1], 5e-4 * shapes[0]
-    response = RingResponse(
-        coefficients,
-        np.array([1e-3, 1e-4]),
-        np.full((2, 6), 2e-5),
-        np.array([0.01, 0.05]),
-        np.array([0.01, 8.0]),
-        grip=0.5,
-    )
+    misfit, spread, largest = np.full((2, 6), 2e-5), np.array([0.01, 0.05]), np.array([0.01, 8.0])
+    response = RingResponse(coefficients, np.array([1e-3, 1e-4]), misfit, spread, largest, grip=0.5)
     view = nominal_view()
     rest = view.from_plane(view.rest)
     blobs = find_blobs(drawn(rest), COLOUR)

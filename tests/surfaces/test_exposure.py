@@ -33,8 +33,8 @@ def ball(radius: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turned(profile: list[tuple[float, float]]) -> Mesh:
-    """A body of revolution about z from its outline (radius, height), in facets of at most R/3."""
-    body = trimesh.creation.revolve(np.array(profile) * R, sections=48).subdivide_to_size(R / 3)
+    """A body of revolution about z from its outline (radius, height), in facets of at most R/2."""
+    body = trimesh.creation.revolve(np.array(profile) * R, sections=32).subdivide_to_size(R / 2)
     return Mesh.from_arrays(np.array(body.vertices), np.array(body.faces))
 
 

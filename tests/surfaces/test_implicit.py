@@ -8,7 +8,7 @@ import pytest
 from palpate.contact import Locator
 from palpate.errors import GeometryError, InputError
 from palpate.surfaces import ImplicitSurface
-from tests.support.equations import torus
+from tests.support.equations import EQUATIONS
 
 R = 0.01
 LOW, HIGH = (-0.012, -0.012, -0.012), (0.012, 0.012, 0.012)
@@ -63,4 +63,4 @@ def test_what_cannot_be_compiled_is_said() -> None:
 
 def test_a_shape_that_hides_from_its_middle_is_not_drawn() -> None:
     with pytest.raises(GeometryError, match="drawn"):
-        torus().drawn()
+        EQUATIONS["torus"].surface.drawn()
