@@ -37,12 +37,7 @@ EXTRAS = {  # what each brings, by the names under which it is imported
 }
 WHEEL_HAS = ("palpate/py.typed", "palpate/viewer/report.html", "palpate/__main__.py", "palpate_lab/cli/demo.py")
 SDIST_HAS = (
-    "README.md",
-    "LICENSE",
-    "pyproject.toml",
-    "hatch_build.py",
-    "CHANGELOG.md",
-    "CITATION.cff",
+    *("README.md", "LICENSE", "pyproject.toml", "hatch_build.py", "CHANGELOG.md", "CITATION.cff"),
     "src/palpate/py.typed",
 )
 NOBODYS = ("__pycache__", ".pyc", ".nbi", ".nbc", ".venv", ".cache/", ".tools/", "demo/touches", ".DS_Store")
@@ -89,9 +84,7 @@ def main() -> None:
             _extras(wheel, version, interpreter)
         if "all" in steps:
             _whole(wheel, version, interpreter, "highest")
-        if (
-            "lowest" in steps and version == PYTHONS[0]
-        ):  # bounds hold for the oldest Python; newer ones need newer wheels
+        if "lowest" in steps and version == PYTHONS[0]:  # bounds hold for it; newer ones need newer wheels
             _whole(wheel, version, interpreter, "lowest-direct")
         if "types" in steps:
             _types(wheel, version, interpreter)
@@ -138,9 +131,8 @@ def _alone(wheel: Path, version: str, interpreter: str) -> None:
     bin_ = _environment(f"alone-{version}", interpreter, str(wheel))
     _say(f"{version}, alone: {_run(str(bin_ / 'palpate'), '--version').stdout.strip()}")
     refused = _run(str(bin_ / "palpate"), "demo", "--no-view", "-o", "alone_demo", wanted=1).stderr.strip()
-    _require(
-        [] if "palpate[all]" in refused and "\n" not in refused else [refused], "the demo does not say what it lacks"
-    )
+    clear = "palpate[all]" in refused and "\n" not in refused
+    _require([] if clear else [refused], "the demo does not say what it lacks")
     _say(f"{version}, alone: {refused}")
 
 
@@ -174,9 +166,7 @@ def _types(wheel: Path, version: str, interpreter: str) -> None:
     folder = WORK / f"project-{version}"
     folder.mkdir()
     (folder / "mine.py").write_text(textwrap.dedent(USER).lstrip(), encoding="utf-8")
-    (folder / "pyrightconfig.json").write_text(
-        '{"typeCheckingMode": "strict", "include": ["mine.py"]}', encoding="utf-8"
-    )
+    (folder / "pyrightconfig.json").write_text('{"typeCheckingMode": "strict", "include": ["mine.py"]}')
     python = str(bin_ / "python")
     strict = _run(python, "-m", "mypy", "--strict", "mine.py", within=folder).stdout.strip()
     pyright = _run(sys.executable, "-m", "pyright", "--pythonpath", python, within=folder).stdout.strip()

@@ -24,7 +24,7 @@ def judged(x, out):
 def other(x):
     return x > 2
 '''
-MADE = faults_in("f.py", SOURCE)
+MADE = faults_in("palpate/room/f.py", SOURCE)
 TWICE = next(k for k, fault in enumerate(MADE, start=1) if fault.original == "2 * x")
 COMPARED = next(k for k, fault in enumerate(MADE, start=1) if fault.original == "x > 2")
 SUM = next(k for k, fault in enumerate(MADE, start=1) if fault.original == "x + 2 * x")

@@ -20,13 +20,12 @@ OUTSIDE = ROOT / "tests" / "conformance" / "outside"
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """A package that brings two things under a group of its own."""
-    info = tmp_path / "brought-1.0.dist-info"
+    """A package that brings things under a group of its own, and commands of which one is broken."""
+    info, broken = tmp_path / "brought-1.0.dist-info", "broken = nowhere:THING\n"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: brought\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
-        "[palpate.tests]\nten = brought:TEN\ntwo = brought:TWO\nbroken = nowhere:THING\ntext = brought:TWO\n"
-    )
+    numbers = f"[palpate.tests]\nten = brought:TEN\ntwo = brought:TWO\n{broken}text = brought:TWO\n"
+    (info / "entry_points.txt").write_text(f"{numbers}[palpate.calibrations]\n{broken}")
     (tmp_path / "brought.py").write_text("ONE, TEN, TWO = 1.0, 10.0, 'not this one'\n")
     monkeypatch.syspath_prepend(tmp_path)
     return "palpate.tests"
@@ -74,14 +73,7 @@ def test_a_sensor_of_another_package_is_there_in_a_process_of_its_own(tmp_path: 
     assert "three cells under a plate [plate]" in said
 
 
-def test_a_package_with_broken_commands_leaves_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    info = tmp_path / "bad-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bad\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[palpate.calibrations]\nbroken = nowhere:THING\n")
-    monkeypatch.syspath_prepend(tmp_path)
+def test_a_package_with_broken_commands_leaves_the_others(package: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "--help"]) == 0
     assert main(["calibrate", "broken"]) == 2
-    assert "of the package bad: nowhere:THING cannot be imported" in capsys.readouterr().err
+    assert "of the package brought: nowhere:THING cannot be imported" in capsys.readouterr().err

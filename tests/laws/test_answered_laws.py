@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from claims.evidence.laws import largest_steps, ridges
+from claims.evidence.laws import largest_steps
 from palpate.contact import Locator
 from palpate.surfaces import Mesh
 from palpate_lab.simulation import EllipsoidBody
@@ -105,21 +105,15 @@ def test_a_convex_body_has_exactly_one(name: str) -> None:
                 assert len(found.point) == 1
 
 
-@pytest.mark.parametrize("pitch", [0.0, 0.05 * R, 0.3 * R])
-def test_on_a_smooth_body_the_answer_slides_without_a_jump(pitch: float) -> None:
-    """Ten times smaller steps of the finger make the answer's largest step ten times smaller; a jump would stay."""
+def test_on_a_smooth_body_the_answer_slides_without_a_jump() -> None:
+    """Ten times smaller steps of the finger make the answer's largest step ten times smaller; a jump would stay.
+
+    Here without a pitch; with one, and at creases, `laws` of claims/evidence has it.
+    """
     body = EllipsoidBody((R, 0.7 * R, 0.5 * R))
     mesh = Mesh.from_arrays(*body.mesh(1280))
     for step in (10e-6, 1e-6):
-        assert largest_steps(body, mesh, 2000, step, pitch) < 2.0
-
-
-def test_across_a_crease_it_jumps_by_the_derivations_figure_and_every_point_between_is_as_valid() -> None:
-    """p2 - p1 = -h N1 x N2/((f . N1)(f . N2)) along the edge."""
-    found = ridges(40)
-    assert len(found.jump) > 10
-    assert max(found.jump.max(), found.along.max()) < 1e-8  # of a body of 0.1 m
-    assert found.between.all()
+        assert largest_steps(body, mesh, 2000, step, 0.0) < 2.0
 
 
 @pytest.mark.parametrize("pitch", [1e-3, -2e-3])

@@ -64,10 +64,8 @@ MATRICES[:, :3, :3], MATRICES[:, :3, 3] = ROTATIONS, VECTORS
 TWO, SIX = np.ones(2), np.ones((2, 6))
 PRESSED = RingResponse(np.zeros((3, 2, 9, 5)), TWO, SIX, TWO, np.array([0.01, 5.1]), np.ones(3), 0.1)
 RING = MarkerRing(0.055, VIEW, MarkerColour(), VIEW.from_plane(VIEW.rest), np.full(24, 150.0), 0.2, PRESSED)
-SHELL, FITS = (
-    SimpleNamespace(surface=SimpleNamespace(periodic=False), sections=SECTIONS),
-    RNG.uniform(size=(6, 16)) < 0.5,
-)
+SHELL = SimpleNamespace(surface=SimpleNamespace(periodic=False), sections=SECTIONS)
+FITS = RNG.uniform(size=(6, 16)) < 0.5
 BATCHED: dict[str, tuple[Callable[..., Any], tuple[np.ndarray, ...]]] = {
     "ellipse": (ellipse, (VECTORS[:, :, None] * VECTORS[:, None] + np.eye(3), ROTATIONS[:, 0])),
     "ContactEstimate.from_rows": (lambda rows: tuple(vars(ContactEstimate.from_rows(rows)).values()), (ROWS,)),
@@ -106,10 +104,7 @@ BATCHED: dict[str, tuple[Callable[..., Any], tuple[np.ndarray, ...]]] = {
     "skew": (skew, (VECTORS,)),
     "rotation_from_quaternion": (rotation_from_quaternion, (QUATERNIONS,)),
     "quaternion_from_rotation": (quaternion_from_rotation, (ROTATIONS,)),
-    "Pose.from_matrix": (
-        lambda matrix: (Pose.from_matrix(matrix).rotation, Pose.from_matrix(matrix).translation),
-        (MATRICES,),
-    ),
+    "Pose.from_matrix": (lambda matrix: ((made := Pose.from_matrix(matrix)).rotation, made.translation), (MATRICES,)),
     "slerp": (slerp, (QUATERNIONS, QUATERNIONS[::-1].copy(), RNG.uniform(size=6))),
     "Analytic.evaluate": (Cylinder(0.01, 0.02).evaluate, (VECTORS,)),
     "Quadric.evaluate": (Cylinder(0.01, 0.02).evaluate, (VECTORS,)),

@@ -23,7 +23,7 @@ from palpate.live.sequence import SequenceCounters
 from palpate.live.stuck_watch import StuckWatch
 from palpate.signals.filters import Butterworth, Filter, Kalman
 from palpate.signals.motion import Motion
-from palpate.signals.recording import ORIENTATION, POSITION, Recording
+from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, Recording
 from palpate.signals.smoothing import BothWays, Forward
 from palpate.signals.vibration import Vibration
 from palpate.spatial.live_track import LiveTrack
@@ -120,18 +120,20 @@ def _filtered(made: Filter, blocks: list[Recording]) -> list[np.ndarray]:
     return [np.concatenate(each) for each in zip(*done, strict=True)]
 
 
-def _with_channels(blocks: Iterator[Recording], name: str) -> np.ndarray:
-    return np.concatenate([block.channels[name] for block in blocks])
+def _channels(blocks: Iterator[Recording]) -> dict[str, np.ndarray]:
+    found = list(blocks)
+    return {name: np.concatenate([block.channels[name] for block in found]) for name in found[0].channels}
 
 
 def _vibrating(blocks: list[Recording]) -> Any:
     made = Vibration(np.eye(6) * 1e-4)
-    return _with_channels(made.stream(iter(blocks), Recording.wrenches), "vibration"), made.covariances, made.notes()
+    return _channels(made.stream(iter(blocks), Recording.wrenches)), made.covariances, made.notes()
 
 
 def _moving(source: str, blocks: list[Recording]) -> Any:
-    made = Motion(source)
-    return _with_channels(made.stream(iter(blocks)), "unsteady"), made.notes()
+    made = Motion(source, gravity=np.array([0.0, 0.0, -9.8]), lever=np.array([0.1, 0.0, 0.2]))
+    felt = (replace(block, channels={**block.channels, ACCELERATION: block.channels[FORCE]}) for block in blocks)
+    return _channels(made.stream(felt)), made.notes()
 
 
 def _stuck(blocks: list[Recording]) -> Any:
@@ -160,8 +162,7 @@ def _meant(blocks: list[Recording]) -> Any:
 SPLIT: dict[str, Callable[[list[Recording]], Any]] = {
     **{f"{each!r}": partial(_filtered, each) for each in (Kalman(1e-3, 2e-3), *TWICE)},
     "vibration": _vibrating,
-    "motion, none": partial(_moving, "none"),
-    "motion, poses": partial(_moving, "poses"),
+    **{f"motion, {source}": partial(_moving, source) for source in ("none", "poses", "imu")},
     "stuck": _stuck,
     "poses": lambda blocks: _posed(PoseTrack(), blocks),
     "live poses": lambda blocks: _posed(LiveTrack(), blocks),
@@ -175,6 +176,7 @@ SPLIT: dict[str, Callable[[list[Recording]], Any]] = {
 def test_how_samples_come_in_changes_nothing(monkeypatch: pytest.MonkeyPatch, name: str, log: Recording) -> None:
     """Of filters, and of all that adds to a log; a log that is worked on in pieces has many."""
     monkeypatch.setattr("palpate.signals.motion.CHUNK", 64)
+    monkeypatch.setattr("palpate.signals.smoothing.SEGMENT", 64)
     monkeypatch.setattr("palpate.signals.vibration.ENOUGH", 128)
     known = SPLIT[name]([log])
     for sizes in SIZES:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.surfaces import Mesh, Surface
+from palpate.surfaces import Mesh
 from palpate_lab.simulation.shapes import Body
 from tests.support.bodies import BODIES, PLACE, Surfaced, on_mesh
 
@@ -26,10 +26,6 @@ def nearest_by_brute_force(mesh: Mesh, point: np.ndarray) -> float:
     inside = (np.einsum("fik,fik->fi", point - corners, inward) >= 0).all(axis=1)
     heights = np.abs(np.einsum("fk,fk->f", point - corners[:, 0], mesh.normals))
     return float(min(best, heights[inside].min(initial=np.inf)))
-
-
-def test_is_a_surface(row: Surfaced) -> None:
-    assert isinstance(row.mesh, Surface)
 
 
 def test_projection_lands_on_the_named_facet_and_is_the_closest(row: Surfaced) -> None:
@@ -66,15 +62,12 @@ def test_facet_normal_is_the_gradient_of_the_distance(row: Surfaced) -> None:
     points, _, facet = on_mesh(mesh, 200, rng)
     middles = mesh.vertices[mesh.faces[facet]].mean(axis=1)
     above = middles + 0.05 * (points - middles)  # well inside the facet
-    step = 1e-3 * np.sqrt(mesh.areas[facet]).min()
-    normals = mesh.normals[facet]
+    step, normals = 1e-3 * np.sqrt(mesh.areas[facet]).min(), mesh.normals[facet]
+    above += 3 * step * normals  # out of reach of the neighbours, as seen from a convex or a gently concave facet
 
     def distance(p: np.ndarray) -> np.ndarray:
         return np.linalg.norm(p - mesh.project(p)[0], axis=1)
 
-    above = (
-        above + 3 * step * normals
-    )  # out of reach of the neighbours, as seen from a convex or a gently concave facet
     gradient = np.stack([(distance(above + step * e) - distance(above - step * e)) / (2 * step) for e in np.eye(3)], 1)
     assert np.abs(gradient - normals).max() < 1e-7  # 1e-12 of the size over a step of 1e-5 of it
 

@@ -46,26 +46,15 @@ def weights(made: Filter, count: int) -> np.ndarray:
     return np.array(rows).T
 
 
-def filtered(
-    made: Filter, time: np.ndarray, status: np.ndarray, values: np.ndarray, cut: int | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Samples and the share of the noise in them, filtered in pieces of `cut`; those with a status are left out."""
-    cut, recursion = cut or len(time), made.recursion(RATE)
+def filtered(made: Filter, time: np.ndarray, status: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Samples and the share of the noise in them; those with a status are left out."""
+    recursion, good = made.recursion(RATE), status < 0
     if made.zero_phase:
-        pieces = [slice(start, start + cut) for start in range(0, len(time), cut)]
-        items = [(None, time[piece], status[piece], values[piece].copy()) for piece in pieces]
-        _, made_of, kept = zip(*BothWays(recursion, RATE).through(items), strict=True)
-        return np.concatenate(made_of)[status < 0], np.concatenate(kept)[status < 0]
-    forward, out, shares = Forward(recursion, RATE), values.copy(), []
-    for start in range(0, len(time), cut):
-        piece = slice(start, start + cut)
-        shares.append(forward.share(forward(time[piece].copy(), status[piece].copy(), out[piece])))
-    return out[status < 0], np.concatenate(shares)[status < 0]
-
-
-def test_the_papers_setting_in_hz_and_ms() -> None:
-    """Figures of the issue, from Q = 1e-6 and R = 2e-4 of the paper at 200 Hz."""
-    assert Kalman(1e-6, 2e-4).describe(200.0).endswith("at 200 Hz a low-pass at 2.3 Hz with 68 ms of lag")
+        ((_, out, share),) = BothWays(recursion, RATE).through([(None, time, status, values.copy())])
+        return out[good], share[good]
+    forward, out = Forward(recursion, RATE), values.copy()
+    share = forward.share(forward(time, status, out))
+    return out[good], share[good]
 
 
 @pytest.mark.parametrize("made", FILTERS, ids=name)
@@ -135,21 +124,6 @@ def test_the_share_of_the_noise_is_that_of_the_weights(made: Filter) -> None:
             expected = expected + made.q / made.r * np.sum((followed - walked) ** 2, axis=1)
         _, share = filtered(made, np.arange(count) / RATE, np.full(count, -1, np.int8), np.zeros((count, 6)))
         assert np.abs(share - expected).max() < 1e-10  # tables end where 1e-12 is left
-
-
-@pytest.mark.parametrize("made", [Kalman(), Butterworth(20.0, 3), TWICE[0]], ids=name)
-def test_nothing_depends_on_how_a_log_is_cut(made: Filter) -> None:
-    rng = np.random.default_rng(0)
-    values, status = rng.normal(size=(5000, 6)), np.full(5000, -1, np.int8)
-    status[rng.random(5000) < 0.05] = 7
-    time = np.arange(5000) / RATE
-    time[200:] += 1.0  # a gap
-    time[300:] -= 0.5  # back
-    time[[310, 350]] = np.nan
-    whole = filtered(made, time, status, values)
-    for cut in (1, 17, 4096):
-        parts = filtered(made, time, status, values, cut)
-        assert all(np.array_equal(one, other) for one, other in zip(whole, parts, strict=True))
 
 
 @pytest.mark.parametrize("made", [Kalman(), Butterworth(20.0, 3), TWICE[0]], ids=name)

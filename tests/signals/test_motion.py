@@ -8,11 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-import hypothesis
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from claims.evidence.moving import Course, Swing, moving_wrenches
@@ -24,6 +21,7 @@ from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, POSITION
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.pose_track import PoseTrack
 from palpate_lab.simulation.session import GRAVITY, Load
+from tests.support.streams import pieces
 
 LOAD = Load(0.5, np.array([0.002, -0.001, 0.045]), np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.2, -0.3]))
 PAYLOAD = Payload(LOAD.mass * GRAVITY, LOAD.force_bias, LOAD.center_of_mass, LOAD.torque_bias)
@@ -243,29 +241,6 @@ def test_near_a_gap_the_nearest_is_held_and_beyond_that_nothing_is_known() -> No
 SMALL, CUT = a_recording(SETTING_OFF, lasting=6.0)[0], 500
 
 
-def cut(recording: Recording, at: list[int]) -> Iterator[Recording]:
-    for rows in np.split(np.arange(len(recording)), sorted(at)):
-        yield Recording(
-            recording.time[rows], {name: values[rows] for name, values in recording.channels.items()}, source="arm.csv"
-        )
-
-
-@pytest.mark.parametrize("source", ["none", "poses", "imu"])
-@given(at=st.lists(st.integers(0, len(SMALL)), max_size=8), fine=st.integers(0, 2900))
-@hypothesis.settings(max_examples=10)
-def test_answers_do_not_depend_on_the_cuts(source: str, at: list[int], fine: int) -> None:
-    """To the last bit, and block by block, over several of the chunks that are worked on."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(motion, "CHUNK", CUT)
-        whole = moved(SMALL, source)
-        pieces = list(cut(SMALL, [*at, *range(fine, fine + 50)]))
-        answers = list(Motion(source, lever=LOAD.center_of_mass, gravity=PAYLOAD.gravity).stream(iter(pieces)))
-    assert [len(piece) for piece in answers] == [len(piece) for piece in pieces]
-    assert {name for answer in answers for name in answer.channels} == set(whole.channels)
-    for name, values in whole.channels.items():
-        np.testing.assert_array_equal(np.concatenate([answer.channels[name] for answer in answers]), values)
-
-
 def test_it_looks_ahead_no_further_than_it_must(monkeypatch: pytest.MonkeyPatch) -> None:
     """A log without end is answered as it comes."""
     monkeypatch.setattr(motion, "CHUNK", CUT)
@@ -273,7 +248,7 @@ def test_it_looks_ahead_no_further_than_it_must(monkeypatch: pytest.MonkeyPatch)
 
     def endless() -> Iterator[Recording]:
         nonlocal taken
-        for piece in cut(SMALL, list(range(0, len(SMALL), 10))):
+        for piece in pieces(SMALL, 10):
             taken += len(piece)
             yield piece
 
@@ -287,8 +262,7 @@ def test_it_looks_ahead_no_further_than_it_must(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize("source", ["none", "poses", "motion", "imu"])
 @pytest.mark.parametrize("rows", [0, 1, 2, 7])
 def test_short_logs_come_back(source: str, rows: int) -> None:
-    short = next(cut(SMALL, [rows]))
-    answer = moved(short, source)
+    answer = moved(SMALL.picked(slice(rows)), source)
     assert len(answer) == rows
     assert np.isfinite(answer.channels[UNSTEADY]).all()
     assert list(Motion(source, gravity=PAYLOAD.gravity).stream(iter([]))) == []

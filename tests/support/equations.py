@@ -59,13 +59,8 @@ def torus(ring: float = R, tube: float = 0.4 * R) -> ImplicitSurface:
     def hessian(p):
         rho = np.sqrt(p[0] ** 2 + p[1] ** 2)
         k, m = 2.0 * (1.0 - ring / rho), 2.0 * ring / rho**3
-        return np.array(
-            [
-                [k + m * p[0] * p[0], m * p[0] * p[1], 0.0],
-                [m * p[0] * p[1], k + m * p[1] * p[1], 0.0],
-                [0.0, 0.0, 2.0],
-            ]
-        )
+        rows = [[k + m * p[0] ** 2, m * p[0] * p[1], 0.0], [m * p[0] * p[1], k + m * p[1] ** 2, 0.0], [0.0, 0.0, 2.0]]
+        return np.array(rows)
 
     out = 1.01 * (ring + tube)
     return ImplicitSurface(value, gradient, hessian, (-out, -out, -1.01 * tube), (out, out, 1.01 * tube), pose=POSE)

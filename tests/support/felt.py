@@ -91,9 +91,8 @@ def felt() -> Contacts:
         along, across = (axis[0] for axis in tangents(each.normal[None]))
         columns["p"][rows], columns["n"][rows] = each.at, each.normal
         columns["p"][each.first : each.first + 13] -= each.slid * along
-        columns["c"][rows] = sum(
-            s**2 * np.outer(axis, axis) for s, axis in zip(each.deviations, (along, across), strict=True)
-        )
+        wide = each.deviations[:, None] * [along, across]
+        columns["c"][rows] = wide.T @ wide
         force[rows], torque[rows], features[rows] = -each.force * each.normal, each.torque, each.features
         force[each.peak_row] *= STRONG
         status[rows.stop - each.late : rows.stop], identity[rows] = Status.AMBIGUOUS, each.number + 1
@@ -101,16 +100,9 @@ def felt() -> Contacts:
     status[between] = np.concatenate([np.full(n, kind) for kind, n in FREE.items()])
     light = between[status[between] <= Status.TOO_LIGHT]
     force[light] = [0.0, 0.011, 0.023]
-    estimate = ContactEstimate(
-        columns["p"],
-        columns["n"],
-        force,
-        torque,
-        columns["c"],
-        np.full(count, np.nan),
-        (identity > 0).astype(np.int64) + (status == Status.AMBIGUOUS),
-        status,
-    )
+    candidates = (identity > 0).astype(np.int64) + (status == Status.AMBIGUOUS)
+    place, normal, covariance = columns.values()
+    estimate = ContactEstimate(place, normal, force, torque, covariance, np.full(count, np.nan), candidates, status)
     named = {name: features[:, k] for k, name in enumerate(FEATURES)}
     return Contacts(np.arange(count), START + np.arange(count) / RATE, identity, estimate, named)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import signal
-import struct
 import subprocess
 import sys
 import tempfile
@@ -20,12 +19,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from mcap.reader import make_reader
 
 from palpate.live.netft_device import NetFtDevice
 from palpate.live.record import ring_of
 from palpate.live.recover import recover
 from palpate.live.stream_buffer import StreamBuffer
+from tests.support.kill_recorder import LIST, messages
 
 __all__ = ["children", "kill_again_and_again"]
 
@@ -33,7 +32,6 @@ RATE, BLOCK = 7000, 256  # Hz, samples sent at once at most
 PATIENCE = 60.0  # s
 RECEIVER, RECORDER, SUPERVISOR = "receiver", "recorder", "supervisor"
 WHO = ((RECEIVER,), (RECORDER,), (RECEIVER, RECORDER), (SUPERVISOR,), (RECEIVER, RECORDER, SUPERVISOR))
-_LIST = struct.Struct("<6d")
 _RIG = """\
 [surface]
 kind = "sphere"
@@ -169,11 +167,8 @@ def _runs(pid: int) -> bool:
 
 
 def _numbers(file: Path) -> list[int]:
-    with file.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        assert reader.get_summary() is not None
-        wanted = reader.iter_messages(["/palpate/live/wrench"], log_time_order=False)
-        return [_number(np.array(_LIST.unpack(message.data[-48:]))) for _, _, message in wanted]
+    wrenches = (message for _, channel, message in messages(file) if channel.topic == "/palpate/live/wrench")
+    return [_number(np.array(LIST.unpack(message.data[-48:]))) for message in wrenches]
 
 
 def kill_again_and_again(folder: Path, count: int) -> str:

@@ -13,8 +13,9 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.reader import make_reader
@@ -25,7 +26,7 @@ from palpate.live.recover import recover
 from palpate.live.source import Batch
 from palpate.live.stream_buffer import SlotForm, StreamBuffer
 
-__all__ = ["BEGIN", "FORM", "RATE", "answers", "batch", "kill_again_and_again", "numbers"]
+__all__ = ["BEGIN", "FORM", "LIST", "RATE", "answers", "batch", "kill_again_and_again", "messages", "numbers"]
 
 RATE = 7000  # Hz
 BEGIN = 1_700_000_000_123_456_789  # ns
@@ -33,7 +34,7 @@ FORM = SlotForm(
     "force_torque", (6,), images=False, features=(), width=ROW.length, max_contacts=1, poses=True, wrenches=True
 )
 WRITER, RECORDER, BOTH, ALL = range(4)  # who is killed; ALL: and what is left is put together
-_LIST = struct.Struct("<6d")
+LIST = struct.Struct("<6d")
 
 
 def batch(first: int, count: int, shape: tuple[int, ...] = (6,)) -> Batch:
@@ -68,21 +69,25 @@ def write(path: Path) -> None:
         time.sleep(0.003)
 
 
+def messages(file: Path) -> Iterator[Any]:
+    """Schema, channel and message of each, by the `mcap` library, in their order in the file, which was ended."""
+    with file.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_summary() is not None
+        yield from reader.iter_messages(log_time_order=False)
+
+
 def numbers(files: list[Path]) -> tuple[list[int], list[int]]:
-    """Of the samples in files, and of those with a contact, as they stand in the messages, by the `mcap` library."""
+    """Of the samples in files, and of those with a contact, as they stand in the messages."""
     found, contacts = list[int](), list[int]()
-    for file in files:
-        with file.open("rb") as stream:
-            reader = make_reader(stream, validate_crcs=True)
-            assert reader.get_summary() is not None
-            for _, channel, message in reader.iter_messages(log_time_order=False):
-                if channel.topic == "/palpate/live/wrench":
-                    values = _LIST.unpack(message.data[-48:])
-                    assert [value - values[0] for value in values] == [k / 8.0 for k in range(6)]
-                    assert message.log_time == BEGIN + int(values[0]) * (10**9 // RATE)
-                    found.append(int(values[0]))
-                elif channel.topic == "/palpate/contact/point":
-                    contacts.append(int(struct.unpack_from("<d", message.data, len(message.data) - 56)[0]))
+    for _, channel, message in (each for file in files for each in messages(file)):
+        if channel.topic == "/palpate/live/wrench":
+            values = LIST.unpack(message.data[-48:])
+            assert [value - values[0] for value in values] == [k / 8.0 for k in range(6)]
+            assert message.log_time == BEGIN + int(values[0]) * (10**9 // RATE)
+            found.append(int(values[0]))
+        elif channel.topic == "/palpate/contact/point":
+            contacts.append(int(struct.unpack_from("<d", message.data, len(message.data) - 56)[0]))
     return found, contacts
 
 

@@ -51,6 +51,10 @@ class Scene:
     answers: Callable[[Any], Any]
 
 
+def _reset(made: Any) -> None:
+    made.reset()
+
+
 def _read(log: Recording, made: Any) -> None:
     """A log, whose last blocks are never asked for."""
     next(made.stream(pieces(log.picked(slice(len(log) // 2)), len(log) // 4, 1)))
@@ -86,7 +90,7 @@ def _of_stream(stream: Stream) -> Scene:
     uses += [partial(_live, stream.log, end) for end in stream.ends if stream.live]
     if isinstance(stream.make(), FusedEstimator) and stream.live:
         uses.append(partial(_in_doubt, stream.log))
-    return Scene(stream.name, stream.make, tuple(uses), lambda made: made.reset(), partial(_answers, stream))
+    return Scene(stream.name, stream.make, tuple(uses), _reset, partial(_answers, stream))
 
 
 def _zero(made: Any) -> list[Any]:
@@ -219,14 +223,8 @@ DRIVES = ("ahead", "flanks", "stuck", "stands")
 SHY = TouchNavigatorSettings(doubt=2.0, ground=40, still=(0.06, 3.0), patience=1e3)
 SCENES = (
     *map(_of_stream, STREAMS),
-    Scene(
-        "zero of a log",
-        _smoother,
-        (partial(_begun, ended=True), partial(_begun, ended=False)),
-        lambda made: made.reset(),
-        _zero,
-    ),
-    Scene("vibration", lambda: Vibration(np.eye(6) * 1e-4), (_shakes,), lambda made: made.reset(), _shakes),
+    Scene("zero of a log", _smoother, tuple(partial(_begun, ended=ended) for ended in (True, False)), _reset, _zero),
+    Scene("vibration", lambda: Vibration(np.eye(6) * 1e-4), (_shakes,), _reset, _shakes),
     Scene(
         "controller",
         partial(_controller, tared=True),
@@ -247,7 +245,7 @@ SCENES = (
         "navigator",
         lambda: TouchNavigator((1.2, 0.0), settings=SHY),
         (*(partial(_drives, kind) for kind in DRIVES), _surrounded, _arrives),
-        lambda made: made.reset(),
+        _reset,
         lambda made: [_drives(kind, made) for kind in DRIVES],
     ),
 )

@@ -92,7 +92,7 @@ def leaves(value: Any, place: str = "") -> Iterator[tuple[str, Any]]:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, pl.DataFrame):
-        return value.to_dict(as_series=False)
+        return {each.name: each.to_numpy() if each.dtype.is_numeric() else str(each.to_list()) for each in value}
     if isinstance(value, Surface):
         return value.project(PLACES), value.size, value.centre
     if isinstance(value, Pose):

@@ -186,11 +186,7 @@ def _skins() -> dict[str, tuple[TaxelBody, Intensity | None]]:
     row, column = np.indices((6, 8)).reshape(2, -1)
     places, up = PITCH * np.column_stack([column, row, 0 * row]), np.tile([0.0, 0.0, 1.0], (48, 1))
     three = replace(TaxelBody.anywhere(places, up, along=(1.0, 0.0, 0.0)), response=RESPONSE)
-    return {
-        "sheet": (SHEET, CURVE),
-        "anywhere": (TaxelBody.anywhere(places, up), CURVE),
-        "three axes": (three, None),
-    }
+    return {"sheet": (SHEET, CURVE), "anywhere": (TaxelBody.anywhere(places, up), CURVE), "three axes": (three, None)}
 
 
 @cache
@@ -209,11 +205,8 @@ def _frames(shape: int, count: int = 220) -> Recording:
 def _skin(kind: str, filter: Filter | None = None, settings: TaxelSettings | None = None) -> Any:
     body, curve = _skins()[kind]
     bad, noise = np.zeros(48, dtype=bool), np.full(48, 0.7 if curve else 0.004)
-    rest, aside = (
-        np.full(48, 5.0 if curve else 0.0),
-        None if curve else np.stack([np.full((2, 48), 0.01), [noise, noise]]),
-    )
-    health = Health(rest, noise, bad, bad, sideways=aside)
+    aside = None if curve else np.stack([np.full((2, 48), 0.01), [noise, noise]])
+    health = Health(np.full(48, 5.0 if curve else 0.0), noise, bad, bad, sideways=aside)
     return TaxelEstimator(body, curve, health, settings=settings, filter=filter, rate=RATE)
 
 
@@ -253,14 +246,8 @@ def _ring() -> MarkerRing:
     coefficients = np.zeros((4, 2, 17, 1))
     coefficients[0, 0, :, 0], coefficients[1, 0, :, 0] = -1e-3 * shapes[0], -1e-4 * shapes[0]
     coefficients[0, 1, :, 0], coefficients[3, 1, :, 0] = 2e-4 * shapes[1], 5e-4 * shapes[0]
-    response = RingResponse(
-        coefficients,
-        np.array([1e-3, 1e-4]),
-        np.full((2, 6), 2e-5),
-        np.array([0.01, 0.05]),
-        np.array([0.01, 8.0]),
-        grip=0.5,
-    )
+    misfit, spread, largest = np.full((2, 6), 2e-5), np.array([0.01, 0.05]), np.array([0.01, 8.0])
+    response = RingResponse(coefficients, np.array([1e-3, 1e-4]), misfit, spread, largest, grip=0.5)
     view = nominal_view()
     rest = view.from_plane(view.rest)
     blobs = find_blobs(drawn(rest), COLOUR)

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
-__all__ = ["ROOT", "public"]
-
 ROOT = Path(__file__).resolve().parents[2]
+
+
+@cache
+def tree(file: Path) -> ast.Module:
+    """Parsed once, as many laws walk over the source."""
+    return ast.parse(file.read_text(encoding="utf-8"))
 
 
 def public() -> Iterator[tuple[str, ast.FunctionDef | ast.AnnAssign]]:
     """Each name, as Class.name where it is of a class, and what it names."""
     for file in sorted((ROOT / "src/palpate").rglob("[a-z]*.py")):
-        yield from _of(ast.parse(file.read_text(encoding="utf-8")), "")
+        yield from _of(tree(file), "")
 
 
 def _of(node: ast.Module | ast.ClassDef, prefix: str) -> Iterator[tuple[str, ast.FunctionDef | ast.AnnAssign]]:

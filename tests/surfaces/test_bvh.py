@@ -23,9 +23,9 @@ MESHES = {
 }
 
 
-@functools.cache
-def mesh_of(name: str) -> Mesh:
-    return MESHES[name]()
+@pytest.fixture(scope="module", params=MESHES)
+def mesh(request: pytest.FixtureRequest) -> Mesh:
+    return MESHES[request.param]()
 
 
 def random_wrench(rng: np.random.Generator, pitch: float) -> np.ndarray:
@@ -101,15 +101,13 @@ def unmatched(one: np.ndarray, two: np.ndarray, tolerance: float) -> int:
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.05, 0.3, 1.0, 3.0])
-@pytest.mark.parametrize("name", MESHES)
-def test_search_finds_what_the_oracle_finds(name: str, pitch: float) -> None:
+def test_search_finds_what_the_oracle_finds(mesh: Mesh, pitch: float) -> None:
     """As sets, to 1e-6: numpy's roots of a cubic are good to 1e-8 where two are near each other.
 
     What grazes (tan(theta) > 100) is left out: there both are rounding.
     """
-    mesh, rng = mesh_of(name), np.random.default_rng(int(pitch * 100))
-    corners, limit, seen = mesh.tree().corners, 100.0, 0
-    for _ in range(12):
+    rng, corners, limit, seen = np.random.default_rng(int(pitch * 100)), mesh.tree().corners, 100.0, 0
+    for _ in range(6):
         wrench = random_wrench(rng, pitch)
         oracle = placed(search_reference(wrench, float(pitch > 0), limit, corners), corners)
         found = searched(wrench, mesh, limit=limit)
@@ -120,9 +118,8 @@ def test_search_finds_what_the_oracle_finds(name: str, pitch: float) -> None:
     assert seen > 0
 
 
-@pytest.mark.parametrize("name", MESHES)
-def test_the_wrench_axis_is_the_soft_finger_without_pitch(name: str) -> None:
-    mesh, rng = mesh_of(name), np.random.default_rng(9)
+def test_the_wrench_axis_is_the_soft_finger_without_pitch(mesh: Mesh) -> None:
+    rng = np.random.default_rng(9)
     for _ in range(50):
         wrench = random_wrench(rng, 0.0)
         twisted = wrench + np.concatenate([np.zeros(3), 0.7 * wrench[:3]])
@@ -131,10 +128,9 @@ def test_the_wrench_axis_is_the_soft_finger_without_pitch(name: str) -> None:
         assert unmatched(one, two, 1e-9) == 0
 
 
-@pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("limit", [0.3, 1.0, 3.0])
-def test_a_limit_on_friction_leaves_out_what_is_beyond_and_nothing_else(name: str, limit: float) -> None:
-    mesh, rng = mesh_of(name), np.random.default_rng(10)
+def test_a_limit_on_friction_leaves_out_what_is_beyond_and_nothing_else(mesh: Mesh, limit: float) -> None:
+    rng = np.random.default_rng(10)
     for pitch in (0.05, 0.3, 1.0):
         for _ in range(50):
             wrench = random_wrench(rng, pitch)

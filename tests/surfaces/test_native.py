@@ -33,13 +33,14 @@ def anew() -> Iterator[None]:
     _jit._native.cache_clear()
 
 
-def ran(code: str, **surroundings: str) -> str:
-    """What a process of its own prints."""
-    found = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, **surroundings}, capture_output=True, text=True, cwd=ROOT
-    )
+def ran(code: str, *before: str, **surroundings: str) -> tuple[str, list[str]]:
+    """What a process of its own prints, and the lines of its stderr; the code stands behind other words."""
+    words = [*(before or (sys.executable, "-c")), code]
+    found = subprocess.run(words, env={**os.environ, **surroundings}, capture_output=True, text=True, cwd=ROOT)
+    if found.returncode and ("unshare:" in found.stderr or "mount:" in found.stderr):
+        pytest.skip("this system lets nobody mount a folder read-only")
     assert found.returncode == 0, found.stderr
-    return found.stdout.strip()
+    return found.stdout.strip(), found.stderr.splitlines()
 
 
 @needs_module
@@ -50,7 +51,7 @@ jit = native_build._kernels()
 wanted = {entry.symbol(k) for entry in jit.ENTRIES.values() for k in range(len(entry.ways))}
 print(sorted(wanted - jit._native().keys()))
 """
-    assert ran(code) == "[]"
+    assert ran(code)[0] == "[]"
 
 
 def test_every_compiled_function_that_python_calls_is_stated() -> None:
@@ -84,7 +85,7 @@ corners = [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
 mesh = palpate.Mesh.from_arrays(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 print(palpate.locate([-1.0, -1.0, -1.0, 0, 0, 0], mesh).point.round(4).tolist(), "numba" in sys.modules)
 """
-    assert ran(code) == "[0.0333, 0.0333, 0.0333] False"
+    assert ran(code)[0] == "[0.0333, 0.0333, 0.0333] False"
 
 
 def test_a_module_of_other_kernels_is_not_used(anew: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -116,16 +117,9 @@ def test_an_older_processor_gets_the_plain_level(monkeypatch: pytest.MonkeyPatch
 
 def test_without_a_c_compiler_one_line_says_so(tmp_path: Path) -> None:
     code = "import native_build as b; b._kernels().STAMP = '0' * 16; print(b.main())"
-    found = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, "PATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-    )
-    assert found.stdout.strip() == "[]"
-    assert len(found.stderr.splitlines()) == 1
-    assert "no C compiler" in found.stderr
+    printed, (line,) = ran(code, PATH=str(tmp_path))
+    assert printed == "[]"
+    assert "no C compiler" in line
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can mount")
@@ -138,18 +132,11 @@ solve_band(np.array([[2.0, 0.0], [2.0, 0.0]]), vector)
 print(vector.tolist())
 """
     locked = 'mount --bind "$1" "$1" && mount -o remount,ro,bind "$1" && exec "$2" -B -c "$3"'
-    found = subprocess.run(
-        ["unshare", "-m", "bash", "-c", locked, "bash", str(ROOT), sys.executable, code],
-        env={**os.environ, "PALPATE_NATIVE": "0", "HOME": "/proc", "XDG_CACHE_HOME": "/proc"},
-        capture_output=True,
-        text=True,
-    )
-    if found.returncode and ("unshare:" in found.stderr or "mount:" in found.stderr):
-        pytest.skip("this system lets nobody mount a folder read-only")
-    assert found.stdout.strip() == "[0.5, 0.5]", found.stderr
-    lines = [line for line in found.stderr.splitlines() if "takes about a minute" not in line]  # on a busy machine
-    assert len(lines) == 1
-    assert "NUMBA_CACHE_DIR" in lines[0]
+    before = ("unshare", "-m", "bash", "-c", locked, "bash", str(ROOT), sys.executable)
+    printed, said = ran(code, *before, PALPATE_NATIVE="0", HOME="/proc", XDG_CACHE_HOME="/proc")
+    assert printed == "[0.5, 0.5]"
+    (line,) = (line for line in said if "takes about a minute" not in line)  # on a busy machine
+    assert "NUMBA_CACHE_DIR" in line
 
 
 def test_arguments_are_read_as_they_are_stated() -> None:
