@@ -194,12 +194,6 @@ def test_the_arm_has_the_papers_poses() -> None:
     assert np.bincount(arm.shared(1000)).tolist() == [260, 100, 80, 140, 140, 140, 140]
 
 
-def test_the_same_seed_gives_the_same_session() -> None:
-    first, second = (PokeBench.drawn(rng).session(rng, 20) for rng in map(np.random.default_rng, (8, 8)))
-    np.testing.assert_array_equal(first.pokes.wrench, second.pokes.wrench)
-    np.testing.assert_array_equal(first.pokes.response, second.pokes.response)
-
-
 def test_pokes_among_some_taxels_touch_no_others() -> None:
     rng = np.random.default_rng(9)
     bench = PokeBench.drawn(rng)

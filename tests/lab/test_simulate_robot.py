@@ -98,27 +98,3 @@ def test_the_session_is_complete_and_tells_what_it_is(tmp_path: Path, capsys: py
     }
     assert {path.name for path in folder.iterdir()} == files | named
     assert rig["robot"]["encoder"] == 0.2
-    assert _simulate("hand", "-o", folder) == 1
-    assert "is not empty" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("--seconds", "2"),
-        ("--touches", "-1"),
-        ("--touches", "99"),  # in the seconds below
-        ("--seed", "-1"),
-        ("--speed", "0"),
-        ("--encoder", "nan"),
-        ("--free", "1"),
-        ("--wrench-rate", "300"),
-    ],
-)
-def test_what_cannot_be_simulated_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
-) -> None:
-    seconds = () if option == "--seconds" else ("--seconds", "8")
-    assert _simulate("humanoid", "-o", tmp_path / "run", *seconds, option, value) == 1
-    assert option in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
