@@ -113,14 +113,12 @@ def test_forces_and_covariances_may_be_left_out_row_by_row(folder: Path, tmp_pat
 
 MINE = """
 import numpy as np
-
 def truth(task):
     if task.kind != "wrench":
         return None
     known = task.table("truth.csv")
     rows = iter(np.column_stack([known[name] for name in ("px", "py", "pz")]))
     return lambda reading: next(rows) if reading.shape == (len(task.columns),) else None
-
 never = lambda task: lambda reading: None
 wide = lambda task: lambda reading: np.zeros(4)
 many = lambda task: lambda reading: np.zeros((2, 3))

@@ -92,6 +92,7 @@ def test_voltages_are_the_filtered_wrench_through_the_cells() -> None:
     first = run[run.trajectory == 0]
     bias = first.voltages[0]
     np.testing.assert_allclose(first.voltages - bias, bench.cells().voltages(first.wrench), atol=1e-12)
+    np.testing.assert_array_equal(bench.run(thin=7).voltages[: len(first[::7])], first.voltages[::7])
 
 
 def test_drift_creeps_from_nothing_to_its_size_by_the_end() -> None:

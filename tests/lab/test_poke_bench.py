@@ -154,9 +154,8 @@ def test_errors_are_those_that_are_said() -> None:
     bias, frames = np.array([each.bias for each in drawn]), np.array([each.frames for each in drawn])
     assert bias[..., :3].std() == pytest.approx(MIX.bias_force, rel=0.05)
     assert bias[..., 3:].std() == pytest.approx(MIX.bias_torque, rel=0.05)
-    assert (frames - frames.mean(axis=1, keepdims=True))[..., :3].std() == pytest.approx(
-        MIX.frame * np.sqrt(6 / 7), rel=0.05
-    )
+    own = frames - frames.mean(axis=1, keepdims=True)
+    assert own[..., :3].std() == pytest.approx(MIX.frame * np.sqrt(6 / 7), rel=0.05)
     assert frames.mean(axis=1)[:, 3:].std() == pytest.approx(MIX.common_angle * np.sqrt(8 / 7), rel=0.1)
     talk = np.array([each.cross_talk for each in drawn])
     for rows, columns, scale in ((0, 0, 1.0), (3, 3, 1.0), (3, 0, 0.1), (0, 3, 10.0)):

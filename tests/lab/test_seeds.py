@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ for _module in ("cv2", "mujoco", "skfem"):
 
 dice = np.random.default_rng
 DISCS = 0.051 * np.exp(2j * np.pi * np.arange(24) / 24)[:, None] + 0.0015 * np.exp(2j * np.pi * np.arange(32) / 32)
+PATH = (((-9.0, -2.0), (-9.0, 2.0)),)  # mm, of a ball on a fingertip
 Drawn = tuple[object, ...]
 
 
@@ -81,7 +83,7 @@ MADE: dict[str, Callable[[int], Drawn]] = {
     "layout": lambda seed: (random_layout(seed).blocks, random_layout(seed).starts, random_layout(seed).goals),
     "arena": _arena,
     "fingertip": lambda seed: (replace(Bench(), seed=seed).cells().sensitivity,),
-    "bench": lambda seed: (Bench(paths=(((-9.0, -2.0), (-9.0, 2.0)),)).run(seed, thin=50).voltages,),
+    "bench": lambda seed: attrgetter("voltages", "friction")(Bench(paths=PATH).run(seed, thin=50)),
     "phantom": _phantom,
     "unplanned motion": lambda seed: (unplanned(seed, step_at=5.0),),
     "pokes": _pokes,
