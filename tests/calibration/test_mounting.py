@@ -1,5 +1,7 @@
 """The pose of a surface from touches: right within its own covariance, and honest about what it cannot see."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -18,6 +20,9 @@ NOMINAL = Pose(np.eye(3), np.array([0.0, 0.0, 0.085]))
 TRUE = Pose.from_rotation_vector(np.array([0.02, -0.01, 0.03]), np.array([0.001, -0.0005, 0.0862]))
 NOISE = np.array([0.002] * 3 + [1e-4] * 3)  # N, N m: 0.02 N and 1 mN m averaged over half a second at 200 Hz
 AXES = {f"{kind} {axis} of the surface" for kind in ("rotation about", "translation along") for axis in "xyz"}
+
+
+identify = partial(identify_mounting, initial=NOMINAL)
 
 
 @pytest.fixture(scope="module")
@@ -44,10 +49,9 @@ def error(mounting: Mounting, true: Pose = TRUE) -> np.ndarray:
 def test_exact_touches_give_the_exact_pose(mesh: Mesh) -> None:
     rng = np.random.default_rng(0)
     points = BODY.sample(12, rng)
-    wrenches = contact_wrenches(
-        points, BODY.normals(points), pressed(points, rng)[:, :3], np.zeros(12)
-    )  # without torsion nothing is left over
-    found = identify_mounting(sensed(wrenches), mesh, initial=NOMINAL, points=points, spreads=Spreads(placement=1e-6))
+    # without torsion nothing is left over
+    wrenches = contact_wrenches(points, BODY.normals(points), pressed(points, rng)[:, :3], np.zeros(12))
+    found = identify(sensed(wrenches), mesh, points=points, spreads=Spreads(placement=1e-6))
     # the prior draws by (posterior / prior)^2, about (1e-5 m / 1e-2 m)^2 of a millimetre
     assert np.abs(error(found)).max() < 1e-7
     assert set(found.observable) == AXES
@@ -65,9 +69,7 @@ def test_errors_are_as_large_as_the_covariance_says(mesh: Mesh) -> None:
         wrenches[:, 3:] -= np.cross(points, wrenches[:, :3])  # its torsion, replaced by one from the stated prior
         torsion = rng.normal(0.0, 2e-3, 10) * np.linalg.norm(wrenches[:, :3], axis=1)
         wrenches = contact_wrenches(points, normal, wrenches[:, :3], torsion)
-        found = identify_mounting(
-            sensed(wrenches, rng), mesh, initial=NOMINAL, points=marks, noise=NOISE, spreads=Spreads(placement=0.4e-3)
-        )
+        found = identify(sensed(wrenches, rng), mesh, points=marks, noise=NOISE, spreads=Spreads(placement=0.4e-3))
         squares.append(error(found) @ np.linalg.solve(found.covariance, error(found)))
     # chi-square with 6 degrees of freedom: a mean of 6, known to sqrt(12 / 80) = 0.39; three of these
     assert np.mean(squares) == pytest.approx(6.0, abs=1.15)
@@ -93,8 +95,8 @@ def test_turning_the_sensor_turns_the_answer(mesh: Mesh) -> None:
     turn = Pose.from_rotation_vector(np.array([0.5, -1.1, 0.4]), np.array([0.1, -0.05, 0.2]))
     isotropic = np.diag([1e-6] * 6)
     there = turn.wrench_matrix() @ isotropic @ turn.wrench_matrix().T
-    first = identify_mounting(wrenches, mesh, initial=NOMINAL, points=points, noise=isotropic)
-    second = identify_mounting(
+    first = identify(wrenches, mesh, points=points, noise=isotropic)
+    second = identify(
         sensed(wrenches, pose=turn), mesh, initial=turn @ NOMINAL, points=points, noise=(there + there.T) / 2
     )
     # both fits stop within 1e-5 standard deviations (about 1e-4 rad, 1e-4 m) of the optimum
@@ -110,7 +112,7 @@ def test_crossed_marks_are_named_and_left_out(mesh: Mesh, crossed: list[int]) ->
     marks[crossed] = BODY.on_ray(-points[crossed])
     wrenches = sensed(pressed(points, rng), rng)
     wrenches[7] = np.nan
-    found = identify_mounting(wrenches, mesh, initial=NOMINAL, points=marks, noise=NOISE, labels=list("abcdefghijkl"))
+    found = identify(wrenches, mesh, points=marks, noise=NOISE, labels=list("abcdefghijkl"))
     assert found.touches.tolist() == [k for k in range(12) if k not in (*crossed, 7)]
     left = {note[0] for note in found.notes if "is left out" in note}
     assert left == {"h", *("abcdefghijkl"[k] for k in crossed)}
@@ -120,7 +122,7 @@ def test_crossed_marks_are_named_and_left_out(mesh: Mesh, crossed: list[int]) ->
 def test_marks_off_the_surface_are_said(mesh: Mesh) -> None:
     rng = np.random.default_rng(4)
     points = BODY.sample(6, rng)
-    found = identify_mounting(sensed(pressed(points, rng)), mesh, initial=NOMINAL, points=points * 1.3)
+    found = identify(sensed(pressed(points, rng)), mesh, points=points * 1.3)
     assert any("off the surface" in note for note in found.notes)
 
 
@@ -129,7 +131,7 @@ def test_parallel_forces_do_not_see_along_themselves(mesh: Mesh) -> None:
     points = BODY.on_ray(np.abs(rng.normal(size=(10, 3))))
     force = np.tile([0.0, 0.0, -5.0], (10, 1))
     wrenches = contact_wrenches(points, BODY.normals(points), force, np.zeros(10))
-    found = identify_mounting(sensed(wrenches, rng), mesh, initial=NOMINAL, points=points, noise=NOISE)
+    found = identify(sensed(wrenches, rng), mesh, points=points, noise=NOISE)
     assert found.unobservable == ("translation along z of the surface",)
     along = TRUE.rotation[:, 2]  # there the initial pose and its prior of 10 mm stand
     assert abs(along @ (found.pose.translation - NOMINAL.translation)) < 1e-3
@@ -145,16 +147,16 @@ def test_marks_on_one_line_do_not_see_the_turn_about_it() -> None:
     )
     points = np.stack([np.linspace(-0.03, 0.03, 8), np.zeros(8), np.zeros(8)], axis=1)
     wrenches = touch_wrenches(points, np.tile([0.0, 0.0, 1.0], (8, 1)), rng, force=(2.0, 8.0))
-    found = identify_mounting(sensed(wrenches, rng), plate, initial=NOMINAL, points=points, noise=NOISE)
+    found = identify(sensed(wrenches, rng), plate, points=points, noise=NOISE)
     assert found.unobservable == ("rotation about x of the surface",)
 
 
 def test_nothing_seen_is_refused_with_what_is_missing(mesh: Mesh) -> None:
     with pytest.raises(NotIdentifiable, match="at least three marks") as refusal:
-        identify_mounting(np.full((4, 6), np.nan), mesh, initial=NOMINAL, points=np.zeros((4, 3)))
+        identify(np.full((4, 6), np.nan), mesh, points=np.zeros((4, 3)))
     assert set(refusal.value.missing) == AXES
     with pytest.raises(NotIdentifiable):  # a touch so light that the noise drowns it
-        identify_mounting(np.full((1, 6), 1e-4), mesh, initial=NOMINAL, points=np.zeros((1, 3)), noise=NOISE)
+        identify(np.full((1, 6), 1e-4), mesh, points=np.zeros((1, 3)), noise=NOISE)
 
 
 def _free(body: Body, count: int, friction: float, rng: np.random.Generator) -> np.ndarray:
@@ -170,10 +172,8 @@ def test_touches_anywhere_place_the_surface_within_the_covariance(mesh: Mesh) ->
     squares, trials = [], 12
     for seed in range(trials):
         rng = np.random.default_rng(seed)
-        wrenches = sensed(_free(BODY, 24, 0.05, rng), rng)
-        found = identify_mounting(
-            wrenches, mesh, initial=NOMINAL, noise=NOISE, spreads=Spreads(friction=0.05, torsion=1e-3)
-        )
+        wrenches = sensed(_free(BODY, 12, 0.05, rng), rng)
+        found = identify(wrenches, mesh, noise=NOISE, spreads=Spreads(friction=0.05, torsion=1e-3))
         assert found.unobservable == ()
         squares.append(error(found) @ np.linalg.solve(found.covariance, error(found)))
     # a mean of 6, known to sqrt(12 / 12) = 1; three of these
@@ -193,9 +193,7 @@ def test_a_turn_that_changes_nothing_is_named_and_stays(
     rng = np.random.default_rng(7)
     body = EllipsoidBody(axes)
     wrenches = sensed(_free(body, 30, 0.1, rng), rng)
-    found = identify_mounting(
-        wrenches, Mesh.from_arrays(*body.mesh(2000)), initial=NOMINAL, noise=NOISE, spreads=Spreads(friction=0.1)
-    )
+    found = identify(wrenches, Mesh.from_arrays(*body.mesh(2000)), noise=NOISE, spreads=Spreads(friction=0.1))
     assert found.unobservable == blind
 
 
@@ -259,7 +257,7 @@ def test_three_touches_believe_no_errors_smaller_than_a_finger_makes(mesh: Mesh,
         rng = np.random.default_rng(seed)
         points = BODY.sample(3, rng)
         wrenches = pressed(points + jitter * rng.normal(size=points.shape), rng)
-        found = identify_mounting(sensed(wrenches, rng), mesh, initial=NOMINAL, points=points, noise=NOISE)
+        found = identify(sensed(wrenches, rng), mesh, points=points, noise=NOISE)
         inside += float(error(found) @ np.linalg.solve(found.covariance, error(found))) < 12.59
         assert "fewer than 4 touches" in found.notes[0]
     assert inside >= 88
@@ -272,7 +270,7 @@ def test_a_drift_between_halves_is_in_the_covariance(mesh: Mesh) -> None:
         rng = np.random.default_rng(seed)
         points, walk = BODY.sample(30, rng), np.cumsum(rng.normal(0.0, 0.2e-3, (60, 3)), axis=0)  # 1 mm in 30 touches
         marks = points - walk[:30] + rng.normal(0.0, 0.2e-3, points.shape)
-        found = identify_mounting(sensed(pressed(points, rng), rng), mesh, initial=NOMINAL, points=marks, noise=NOISE)
+        found = identify(sensed(pressed(points, rng), rng), mesh, points=marks, noise=NOISE)
         away = error(found, TRUE @ Pose(np.eye(3), walk[30:].mean(axis=0)))
         covariance = found.covariance + found.error.drift**2 * np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
         squares.append(float(away @ np.linalg.solve(covariance, away)))
@@ -290,13 +288,13 @@ def test_touches_that_no_pose_explains_are_refused(mesh: Mesh) -> None:
     points = BODY.sample(12, rng)
     wrenches = sensed(pressed(points, rng), rng) * [1, 1, 1, -1, -1, -1]
     with pytest.raises(InputError, match="fit no pose"):
-        identify_mounting(wrenches, mesh, initial=NOMINAL, points=points, noise=NOISE)
+        identify(wrenches, mesh, points=points, noise=NOISE)
 
 
 def test_touches_left_out_lie_where_the_others_predict(mesh: Mesh) -> None:
     rng = np.random.default_rng(4)
     points = BODY.sample(24, rng)
     marks = points + rng.normal(0.0, 0.5e-3, points.shape)
-    found = identify_mounting(sensed(pressed(points, rng), rng), mesh, initial=NOMINAL, points=marks, noise=NOISE)
+    found = identify(sensed(pressed(points, rng), rng), mesh, points=marks, noise=NOISE)
     assert found.validation.parts == 4
     assert 0.2 < found.validation.ratio < 2.0

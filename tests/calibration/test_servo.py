@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,13 @@ from palpate_lab.simulation.bags import Stamped, header, nanoseconds, write_bag
 NAMES = ("time", *(f"{kind}_{joint}" for kind in ("command", "position") for joint in (1, 2, 3)))
 
 
+ROUGH = [ServoLog(rate=333.0, jitter=1e-3, hidden=1e-3, lost=0.05, noise=1e-4, seed=20 + k) for k in range(4)]
+rows = cache(ServoLog.rows)
+
+
+@cache
 def identified(log: ServoLog) -> tuple[ServoFit, int]:
-    time, commands, positions, lost = log.rows()
+    time, commands, positions, lost = rows(log)
     return identify_servo(time, commands, time, positions), lost
 
 
@@ -30,7 +36,7 @@ def identified(log: ServoLog) -> tuple[ServoFit, int]:
         ServoLog(rate=1000.0, seed=1),
         ServoLog(order=1, rate=250.0, lost=0.05, seed=2),
         ServoLog(ramp=False, period=0.008, lag=0.015, lost=0.05, seed=3),
-        ServoLog(rate=333.0, jitter=1e-3, hidden=1e-3, lost=0.05, noise=1e-4, seed=4),
+        ROUGH[0],
     ],
 )
 def test_delay_lag_and_kind_are_found_to_a_millisecond(log: ServoLog) -> None:
@@ -45,15 +51,14 @@ def test_delay_lag_and_kind_are_found_to_a_millisecond(log: ServoLog) -> None:
 
 def test_deviations_hold() -> None:
     """Of four logs whose commands come with jitter, errors are of the stated size: chi-square of 8, to 1e-4."""
-    logs = [ServoLog(rate=333.0, jitter=1e-3, hidden=1e-3, seed=20 + k) for k in range(4)]
-    found = [(identified(log)[0], log) for log in logs]
+    found = [(identified(log)[0], log) for log in ROUGH]
     errors = np.array([[f.servo.delay - log.delay, f.servo.lag - log.lag] for f, log in found])
     stated = np.array([f.deviation for f, _ in found])
     assert 0.5 < float(np.sum((errors / stated) ** 2)) < 32.0
 
 
 def test_positions_as_seldom_as_commands_leave_interpolation_assumed() -> None:
-    time, commands, positions, _ = ServoLog(rate=200.0).rows()
+    time, commands, positions, _ = rows(ServoLog(rate=200.0))
     found = identify_servo(time, commands, time[::4], positions[::4])
     assert found.servo.ramp == found.servo.period
     assert (found.servo.delay, found.servo.lag) == pytest.approx((0.021, 0.033), abs=1e-3)
@@ -81,13 +86,13 @@ def test_rows_that_do_not_show_when_commands_were_sent_widen_the_delay() -> None
     ],
 )
 def test_logs_that_cannot_tell_are_refused(motion: str, change: float, words: str) -> None:
-    time, commands, positions, _ = ServoLog().rows(motion)
+    time, commands, positions, _ = rows(ServoLog(), motion)
     with pytest.raises(PalpateError, match=words):
         identify_servo(time, commands, time, positions * change)
 
 
 def test_another_joint_or_clock_is_refused() -> None:
-    time, commands, positions, _ = ServoLog().rows()
+    time, commands, positions, _ = rows(ServoLog())
     for late, words in ((-0.1, "before the commands"), (5.0, "follow"), (1e6, "overlap")):
         with pytest.raises(InputError, match=words):
             identify_servo(time, commands, time + late, positions)
@@ -115,7 +120,7 @@ def test_a_model_of_first_order_follows_it() -> None:
 
 
 def test_the_command_writes_what_the_controller_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    time, commands, positions, _ = ServoLog(rate=200.0).rows()
+    time, commands, positions, _ = rows(ServoLog(rate=200.0))
     table = np.column_stack([time, commands, positions])
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=",".join(NAMES), comments="")
     out = tmp_path / "servo.toml"
@@ -132,7 +137,7 @@ def test_the_command_writes_what_the_controller_reads(tmp_path: Path, capsys: py
 
 def test_topics_are_joined_by_the_joints_names(tmp_path: Path) -> None:
     """Commands and positions with their own stamps, and joints in another order."""
-    time, commands, positions, _ = ServoLog(rate=200.0).rows()
+    time, commands, positions, _ = rows(ServoLog(rate=200.0))
     names = ["a", "b", "c"]
 
     def made(types: Any) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -134,36 +136,22 @@ def test_one_reading_alone_stops_nothing(held: Loop) -> None:
     """A spike of 60 N, saturation, feedback that jumps, a stamp of tomorrow: each is a single sample."""
     loop = Loop()
     loop.run(3.0)
+
+    def still_held() -> None:
+        forces, _, states = loop.run(0.5)
+        assert states == {State.HOLD}
+        assert np.abs(forces - WANTED).max() < 0.6
+
     for spike in (60.0, 250.0, -60.0):
         wrench, joints = loop.plant.read(loop.count / RATE)
         loop.controller.update(loop.count / RATE, wrench - [0.0, 0.0, spike, 0.0, 0.0, 0.0], joints)
         loop.count += 1
-        forces, _, states = loop.run(0.5)
-        assert states == {State.HOLD}
-        assert np.abs(forces - WANTED).max() < 0.6
+        still_held()
     wrench, joints = loop.plant.read(loop.count / RATE)
     loop.controller.update(loop.count / RATE, wrench, joints + 0.1)
     loop.controller.update(loop.count / RATE + 1e5, wrench, joints)
     loop.count += 1
-    forces, _, states = loop.run(0.5)
-    assert states == {State.HOLD}
-    assert np.abs(forces - WANTED).max() < 0.6
-
-
-def test_a_start_makes_a_new_object_of_it() -> None:
-    """All commands after it are to the last bit those of a controller that never ran."""
-    used, fresh = Loop(), Loop()
-    used.run(3.0, lost=10)
-    for loop in (used, fresh):
-        loop.controller.start(-0.005, bent())
-    used.plant, used.count, used.sent = fresh.plant, 0, bent()
-    for k in range(400):
-        wrench, joints = fresh.plant.read(k / RATE)
-        commands = [loop.controller.update(k / RATE, wrench, joints) for loop in (used, fresh)]
-        assert np.array_equal(*commands)
-        if k % 4 == 0:
-            fresh.plant.robot.send(k / RATE, commands[0])
-    assert used.controller.state == fresh.controller.state != State.APPROACH
+    still_held()
 
 
 def test_a_robot_that_takes_no_commands_stops_the_loop() -> None:
@@ -201,22 +189,16 @@ def test_an_estimator_that_filters_is_refused() -> None:
         AlignController(unfiltered.arm, filtered)
 
 
-class Rough:
-    """A controller that is used roughly, and the latest time that it was told."""
-
-    def __init__(self) -> None:
-        self.controller, self.time = press(elbow_arm(), Servo()), 0.0
-
-
 @pytest.fixture(scope="module")
-def rough() -> Rough:
-    return Rough()
+def rough() -> SimpleNamespace:
+    """A controller that is used roughly, and the latest time that it heard of."""
+    return SimpleNamespace(controller=press(elbow_arm(), Servo()), time=0.0)
 
 
 @settings(max_examples=40, deadline=None)
 @given(given=st.lists(st.tuples(STEP, WRENCH, JOINTS), min_size=1, max_size=30), begun=st.booleans())
 def test_limits_are_never_passed(
-    rough: Rough, given: list[tuple[float, list[float] | None, list[float]]], begun: bool
+    rough: SimpleNamespace, given: list[tuple[float, list[float] | None, list[float]]], begun: bool
 ) -> None:
     """A command is finite, in range, and no further from the last one than speed allows (1e-12 of rounding)."""
     controller = rough.controller

@@ -148,44 +148,34 @@ def test_what_is_missing_is_said(tmp_path: Path, changed: dict[str, Any], said: 
 
 
 BROKEN = [
-    ('lower="-2.5" upper="2.6" effort="1"', "joint 'joint1' has no speed limit"),
-    ('lower="2.5" upper="-2.6" velocity="1"', "joint 'joint1' has an empty range"),
-    ('velocity="1"', "joint 'joint1' has an empty range"),
-    ('lower="-2.5" upper="wide" velocity="1"', "upper of the limit of joint 'joint1' must be 1 finite numbers"),
-    ("", "joint 'joint1' has no limit"),
+    (joint("j", "revolute", "a", "b", limit='lower="-2.5" upper="2.6" effort="1"'), "joint 'j' has no speed limit"),
+    (joint("j", "revolute", "a", "b", limit='lower="2.5" upper="-2.6" velocity="1"'), "joint 'j' has an empty range"),
+    (joint("j", "revolute", "a", "b", limit='velocity="1"'), "joint 'j' has an empty range"),
+    (
+        joint("j", "revolute", "a", "b", limit='lower="-2.5" upper="wide" velocity="1"'),
+        "upper of the limit of joint 'j' must be 1 finite numbers",
+    ),
+    (joint("j", "revolute", "a", "b", limit=""), "joint 'j' has no limit"),
+    (joint("j", "revolute", "a", "b", more='<axis xyz="0 0 0"/>'), "joint 'j' has no axis"),
+    (joint("j", "floating", "a", "b", limit=""), "is floating, which one number cannot state"),
+    (
+        joint("k", "revolute", "x", "a") + joint("j", "revolute", "a", "b", more='<mimic joint="k"/>'),
+        "joint 'j' follows 'k' and cannot be commanded",
+    ),
 ]
 
 
-@pytest.mark.parametrize(("limit", "said"), BROKEN)
-def test_a_joint_without_a_limit_is_refused(tmp_path: Path, limit: str, said: str) -> None:
-    more = '<origin xyz="0 0 1"/><axis xyz="0 0 1"/>'
-    path = write_arm(
-        tmp_path,
-        '<robot name="r"><link name="a"/><link name="b"/>'
-        + joint("joint1", "revolute", "a", "b", more=more, limit=limit)
-        + "</robot>",
-    )
+@pytest.mark.parametrize(("joints", "said"), BROKEN)
+def test_a_joint_that_cannot_be_commanded_is_refused(tmp_path: Path, joints: str, said: str) -> None:
+    links = '<link name="x"/><link name="a"/><link name="b"/>'
+    path = write_arm(tmp_path, f'<robot name="r">{links}{joints}</robot>')
     with pytest.raises(InputError, match=said):
-        load_arm(path, "a", "b")
+        load_arm(path, "x" if "mimic" in joints else "a", "b")
 
 
-def test_other_joints_and_files_are_refused(tmp_path: Path) -> None:
+def test_no_file_and_arrays_of_another_shape_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="the file does not exist"):
         load_arm(tmp_path / "none.urdf", "a", "b")
-    ends = '<robot name="r"><link name="a"/><link name="b"/><link name="c"/>'
-    leads = joint("j", "revolute", "a", "b")
-    follows = joint("k", "revolute", "b", "c", more='<mimic joint="j"/>')
-    with pytest.raises(InputError, match="joint 'k' follows 'j' and cannot be commanded"):
-        load_arm(write_arm(tmp_path, f"{ends}{leads}{follows}</robot>"), "a", "c")
-    flat = joint("j", "revolute", "a", "b", more='<axis xyz="0 0 0"/>')
-    with pytest.raises(InputError, match="joint 'j' has no axis"):
-        load_arm(write_arm(tmp_path, f"{ends}{flat}</robot>"), "a", "b")
-    floats = joint("j", "floating", "a", "b", limit="")
-    with pytest.raises(InputError, match="is floating, which one number cannot state"):
-        load_arm(write_arm(tmp_path, f"{ends}{floats}</robot>"), "a", "b")
-
-
-def test_arrays_of_another_shape_are_refused(tmp_path: Path) -> None:
     arm = load_arm(write_arm(tmp_path), "base", "ft")
     with pytest.raises(InputError, match="joints must have shape"):
         arm.pose(np.zeros(5))

@@ -69,9 +69,8 @@ def test_chances_are_those_of_the_rates(changes: float, begins: float, ends: flo
 def test_the_compiled_bank_is_its_matrices() -> None:
     """Some hundred steps in another order of additions: 1e-9 of the size."""
     rng, size, variance = np.random.default_rng(1), 0.17, 2e-4
-    readings = (
-        0.17 * np.sin(np.arange(150) * 0.02) + 0.014 * rng.standard_normal(150) + np.where(np.arange(150) > 90, 0.2, 0)
-    )
+    step = np.arange(150)
+    readings = 0.17 * np.sin(0.02 * step) + 0.014 * rng.standard_normal(150) + 0.2 * (step > 90)
     bank = MotionBank([size, 0.01])
     for z in readings:
         bank.update(DT, np.array([z, np.nan]), np.array([variance, 1e-8]))

@@ -67,15 +67,11 @@ def test_without_a_normal_the_force_itself_counts() -> None:
 
 
 @pytest.mark.parametrize(
-    "row",
-    [
-        (0.0, math.nan, 0.0, Status.NO_CONTACT),
-        (0.0, math.nan, 0.0, Status.TOO_LIGHT),
-        (0.0, -1.0, 0.0, Status.CONTACT),  # it pulls
-        (0.0, 0.0, 0.0, Status.CONTACT),
-    ],
+    ("force", "status"),  # below 0 it pulls
+    [(math.nan, Status.NO_CONTACT), (math.nan, Status.TOO_LIGHT), (-1.0, Status.CONTACT), (0.0, Status.CONTACT)],
 )
-def test_rows_without_a_touch(row: tuple[float, float, float, Status]) -> None:
+def test_rows_without_a_touch(force: float, status: Status) -> None:
+    row = (0.0, force, 0.0, status)
     assert touches(row).shape == (0, 2)
     assert touches().shape == (0, 2)
     assert touches(row, (1.0, 1.0, 0.0, Status.CONTACT)).shape == (1, 2)

@@ -181,13 +181,6 @@ def test_a_robot_whose_servo_is_stated_wrongly_is_not_taken_for_one_that_loses_c
     assert off[400:].max() < 1e-4
 
 
-def test_a_start_forgets_what_was_learnt() -> None:
-    model, _ = driven(0.040, {40})
-    model.start(0.0, np.zeros(2))
-    fresh = ServoModel(Servo(), 2)
-    assert (model.found, model.missed, model.total_delay) == (fresh.found, 0, fresh.total_delay)
-
-
 def test_feedback_that_jumps_once_is_ignored_and_twice_is_followed() -> None:
     """The joints were stopped on their way, by a brake or by torque: from there the model goes on."""
     model = ServoModel(Servo(), 1)

@@ -91,8 +91,6 @@ def test_a_free_way_is_driven_straight_and_ends_within_reach() -> None:
     assert made.navigator.arrived
     assert made.path == pytest.approx(0.9, abs=0.03)  # 1 m less the reach
     assert made.navigator.update(99.0, None, np.full(3, np.nan)) == (0.0, 0.0)  # for good
-    made.navigator.reset()
-    assert not made.navigator.arrived
 
 
 @pytest.fixture(scope="module")
@@ -139,10 +137,8 @@ def test_turned_and_shifted_it_does_the_same() -> None:
     for k in range(60):
         felt = np.array([[rng.uniform(-3.0, 3.0), rng.uniform(0.3, 2.0)]]) if k % 3 else np.zeros((0, 2))
         moved = np.array([*(matrix @ pose[:2] + shift), pose[2] + turn + 2 * math.pi])
-        one, two = (
-            here.update(k * FRAME, felt, pose),
-            there.update(k * FRAME, felt + np.array([2 * math.pi, 0.0]), moved),
-        )
+        one = here.update(k * FRAME, felt, pose)
+        two = there.update(k * FRAME, felt + np.array([2 * math.pi, 0.0]), moved)
         if k < 6:  # later the cells of the map, which do not turn, make small differences
             assert one == pytest.approx(two, abs=1e-9)
         pose = pose + np.array([0.001, 0.0, 0.002])
@@ -168,28 +164,6 @@ def test_faults_are_told() -> None:
         TouchNavigator((1.0, math.inf))
     with pytest.raises(InputError, match="ground"):
         TouchNavigator((1.0, 0.0), settings=TouchNavigatorSettings(ground=0))
-
-
-def test_a_search_of_new_ground_is_believed_in_and_one_of_the_same_ground_is_not() -> None:
-    def doubted(way: Callable[[float], tuple[float, float]], goal: tuple[float, float], start: float = 0.0) -> float:
-        watch = ProgressWatch(100.0, 20)
-        times = (start + 0.5 * k for k in range(2000))
-        gone = ((time, *way(0.1 * (time - start))) for time in times)
-        for t, x, y in gone:
-            watch.update(t, x, y, math.dist((x, y), goal))
-            if watch.doubtful:
-                return t - start
-        return math.inf
-
-    def there_and_back(s: float) -> tuple[float, float]:
-        return abs(s % 4.0 - 2.0), 0.0
-
-    assert doubted(lambda s: (-s, 0.0), (3.0, 0.0)) == math.inf  # away from the goal, but always new
-    assert doubted(lambda s: (s, 0.0), (200.0, 0.0)) == math.inf
-    assert doubted(there_and_back, (-1.0, 0.0)) == pytest.approx(120.0, abs=1.0)  # nearest after 20 s
-    assert doubted(there_and_back, (-1.0, 0.0), start=1e9) == pytest.approx(120.0, abs=1.0)
-    assert doubted(lambda s: (0.001 * s, -s % 4.0), (0.0, -9.0)) < 1000.0  # new ground, but little
-    assert doubted(lambda s: (0.0, 0.0), (1.0, 0.0)) == pytest.approx(100.5)
 
 
 def test_a_push_is_judged_along_the_push() -> None:
@@ -244,7 +218,7 @@ def test_a_robot_is_doubted_by_the_times_of_its_new_places(ground: int, seed: in
     rng, watch, been, doubtful = np.random.default_rng(seed), ProgressWatch(8.0, ground), dict[object, float](), False
     nearest, since, x, y = np.inf, 0.0, 0.0, 0.0
     for step in range(400):
-        time = 0.5 * step
+        time = 0.5 * step + 1e9 * (seed % 2)  # whenever the clock began
         x, y = x + rng.normal(0.0, 0.08), y + rng.normal(0.0, 0.08)
         far = float(np.hypot(x - 2.0, y))
         if far < nearest - 0.05:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ import pytest
 
 from palpate_lab.simulation.arena.layout import ArenaLayout, Block
 from palpate_lab.simulation.arena.run_files import RunRecorder, files_of, write_arena, write_rig
+from tests.support.read_back import messages, rows
 
 pytest.importorskip("rosbags")
 
@@ -52,25 +52,8 @@ def _recorded(folder: Path, images: bool) -> Path:
     return recording
 
 
-def _messages(recording: Path) -> dict[str, list[tuple[int, object]]]:
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    found: dict[str, list[tuple[int, object]]] = {}
-    with AnyReader([recording], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        for connection, stamp, raw in reader.messages():
-            message = reader.deserialize(raw, connection.msgtype)
-            found.setdefault(connection.topic, []).append((stamp, message))
-    return found
-
-
-def _rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def test_what_robots_record(tmp_path: Path) -> None:
-    found = _messages(_recorded(tmp_path, images=False))
+    found = messages(_recorded(tmp_path, images=False))
     assert set(found) == {"/truth/blocks"} | {
         f"/robot_{k}/{name}" for k in (1, 2) for name in ("pose", "truth/pose", "wheels", "contacts", "state")
     }
@@ -93,7 +76,7 @@ def test_the_truth_beside_it(tmp_path: Path) -> None:
     recording = _recorded(tmp_path, images=False)
     files = files_of(recording, 2, False)
     assert set(tmp_path.iterdir()) == {recording, files["truth"], files["felt"]}
-    truth, felt = _rows(files["truth"]), _rows(files["felt"])
+    truth, felt = rows(files["truth"]), rows(files["felt"])
     assert len(truth) == 30
     assert {row["kind"] for row in truth} == {"edge"}
     numbers = [float(truth[0][name]) for name in ("angle_deg", "depth_mm", "force_n", "shear_n")]
@@ -107,13 +90,13 @@ def test_cameras_and_what_an_estimate_of_them_is_judged_by(tmp_path: Path) -> No
     pytest.importorskip("cv2")
     recording = _recorded(tmp_path, images=True)
     write_rig(recording)
-    images = _messages(recording)["/robot_2/camera/compressed"]
+    images = messages(recording)["/robot_2/camera/compressed"]
     assert len(images) == 30
     assert bytes(images[0][1].data[:2]) == b"\xff\xd8"
-    rows = _rows(tmp_path / "run_robot_1_truth.csv")
-    numbers = [float(rows[0][name]) for name in ("px", "py", "nx", "ny", "fx", "fy")]
+    found = rows(tmp_path / "run_robot_1_truth.csv")
+    numbers = [float(found[0][name]) for name in ("px", "py", "nx", "ny", "fx", "fy")]
     np.testing.assert_allclose(numbers, [0.0, 0.055, 0.0, 1.0, -0.5, -2.1], atol=1e-6)
-    assert not _rows(tmp_path / "run_robot_2_truth.csv")
+    assert not rows(tmp_path / "run_robot_2_truth.csv")
     rig = tomllib.loads((tmp_path / "run_rig.toml").read_text())
     assert rig["marker_ring"] == {"model": "run_ring.toml", "topic": "/robot_1/camera/compressed"}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from math import cos, hypot, pi, sin
 from pathlib import Path
 
@@ -9,8 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate_lab.simulation import engine as engines
-from palpate_lab.simulation.arena import FRAME, ArenaLayout, ArenaWorld, Block, RobotSettings, random_layout
+from palpate_lab.simulation.arena import FRAME, ArenaLayout, ArenaWorld, Block, RobotSettings
 
 pytest.importorskip("mujoco")
 
@@ -121,9 +121,8 @@ def test_a_block_is_turned_by_more_than_its_base_holds() -> None:
         _run(world, STILL, 0.5)
         turned.append(world.blocks[0, 2])
     assert 0.0 <= turned[0] < 0.01
-    assert turned[1] == pytest.approx(
-        0.5 * 0.04 * 0.4 * GRAVITY * np.hypot(x, y).mean() * 3 / (a * a + b * b) / 4, rel=0.2
-    )
+    spun_up = 0.04 * 0.4 * GRAVITY * np.hypot(x, y).mean() * 3 / (a * a + b * b)  # rad/s^2
+    assert turned[1] == pytest.approx(0.5 * spun_up * 0.5**2, rel=0.2)
 
 
 def test_blocks_are_hard_to_each_other_and_to_walls() -> None:
@@ -141,15 +140,12 @@ def test_a_free_robot_goes_as_its_tracks_do(wheels: tuple[float, float]) -> None
     """An arc, less what is lost until it is up to speed: v^2 / (2 mu g) of way, I omega^2 / (2 M) of turn."""
     world = _world(starts=[[1.0, 1.0, 0.3]])
     _run(world, np.array([wheels]), 2.0)
-    v, w = sum(wheels) / 2, (wheels[1] - wheels[0]) / EVEN.track
+    v = sum(wheels) / 2
+    w = (wheels[1] - wheels[0]) / EVEN.track or 1e-9  # straight on is a circle of 50,000 km
     lost = v * v / (2 * EVEN.grip * GRAVITY)
     late = 0.5 * EVEN.mass * EVEN.radius**2 * w * w / (EVEN.track * GRIP)
     end = 0.3 + 2.0 * w
-    way = (
-        (2 * v * cos(0.3), 2 * v * sin(0.3))
-        if w == 0.0
-        else (v / w * (sin(end) - sin(0.3)), v / w * (cos(0.3) - cos(end)))
-    )
+    way = v / w * (sin(end) - sin(0.3)), v / w * (cos(0.3) - cos(end))
     x, y, heading = world.poses[0]
     assert hypot(x - 1.0 - way[0], y - 1.0 - way[1]) < lost + v * late * 2 + 1e-5
     assert abs((heading - end + pi) % (2 * pi) - pi) < late + 1e-3
@@ -218,21 +214,6 @@ def test_touches_are_sorted_and_in_the_robots_frame() -> None:
     assert not touches.flags.writeable
 
 
-def test_a_run_is_the_same_to_the_last_bit() -> None:
-    layout = random_layout(3)
-    wheels = np.random.default_rng(1).uniform(-0.05, 0.05, (30, 4, 2)) + 0.02
-
-    def run(seed: int) -> tuple[np.ndarray, ...]:
-        world = ArenaWorld(layout, seed=seed)
-        for command in np.repeat(wheels, 5, axis=0):
-            world.step(command)
-        return world.poses, world.velocities, world.blocks, *(world.touches(k) for k in range(4))
-
-    one, two, other = run(0), run(0), run(1)
-    assert all(np.array_equal(a, b) for a, b in zip(one, two, strict=True))
-    assert not np.array_equal(one[0], other[0])  # its tracks are uneven in another way
-
-
 def test_it_says_what_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)  # where the engine writes its log
     world = _world()
@@ -248,10 +229,6 @@ def test_it_says_what_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     world.data.qvel[3] = 1e12
     with pytest.raises(RuntimeError, match="gave up"):
         world.step(STILL)
-
-    def absent(name: str) -> None:
-        raise ModuleNotFoundError(name)
-
-    monkeypatch.setattr(engines, "import_module", absent)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match="needs MuJoCo"):
         _world()

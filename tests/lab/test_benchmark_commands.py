@@ -95,10 +95,7 @@ def test_perfect_answers_of_a_stranger_score_nothing_off(folder: Path, perfect: 
         ("task,sample,px,py,pz,fx,fy,fz\ntorus,0,1,2,3,4,,6", "line 2.*fy is not a finite.*all numbers of a force"),
         ("task,sample,px,py,pz,cx\ntorus,0,1,2,3,4", "no column 'cx'.*cxx"),
         ("sample,px,py,pz\n0,1,2,3", "no column 'task'"),
-        (
-            "task,sample,px,py,pz,cxx,cxy,cxz,cyy,cyz,czz\ntorus,0,1,2,3,1,2,0,1,0,1",
-            "line 2.*variance is negative",
-        ),
+        ("task,sample,px,py,pz,cxx,cxy,cxz,cyy,cyz,czz\ntorus,0,1,2,3,1,2,0,1,0,1", "line 2.*variance is negative"),
     ],
 )
 def test_a_mistake_in_a_csv_is_one_sentence_with_its_line(folder: Path, tmp_path: Path, line: str, said: str) -> None:
@@ -116,29 +113,17 @@ def test_forces_and_covariances_may_be_left_out_row_by_row(folder: Path, tmp_pat
 
 MINE = """
 import numpy as np
-
 def truth(task):
     if task.kind != "wrench":
         return None
     known = task.table("truth.csv")
     rows = iter(np.column_stack([known[name] for name in ("px", "py", "pz")]))
     return lambda reading: next(rows) if reading.shape == (len(task.columns),) else None
-
-def never(task):
-    return lambda reading: None
-
-def wide(task):
-    return lambda reading: np.zeros(4)
-
-def many(task):
-    return lambda reading: np.zeros((2, 3))
-
-def broken(task):
-    return lambda reading: 1 / 0
-
-def odd(task):
-    return 3
-
+never = lambda task: lambda reading: None
+wide = lambda task: lambda reading: np.zeros(4)
+many = lambda task: lambda reading: np.zeros((2, 3))
+broken = lambda task: lambda reading: 1 / 0
+odd = lambda task: 3
 number = 5
 """
 

@@ -47,9 +47,8 @@ def test_both_descriptions_are_one_robot() -> None:
     """Places to 1e-9, and the mass matrix: every mass, centre and inertia is in it."""
     ours = pin.buildModelFromXML(urdf(PROBE))
     data = ours.createData()
-    engine = mujoco.MjModel.from_xml_string(
-        mjcf(PROBE, timestep=0.001, accelerometer=(0.0, 0.0, 0.0), phantom=(0.1, 0.1, 0.03))
-    )
+    text = mjcf(PROBE, timestep=0.001, accelerometer=(0.0, 0.0, 0.0), phantom=(0.1, 0.1, 0.03))
+    engine = mujoco.MjModel.from_xml_string(text)
     state, mass = mujoco.MjData(engine), np.zeros((6, 6))
     assert [engine.joint(i).name for i in range(6)] == list(JOINTS) == list(ours.names)[1:]
     for joints in _postures():

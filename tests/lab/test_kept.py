@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,19 +12,11 @@ from palpate_lab.cli import kept as keeping
 from palpate_lab.cli.kept import kept
 
 
-class Making:
-    """Counts how often it makes."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def __call__(self) -> np.ndarray:
-        """Make it."""
-        self.count += 1
-        return np.arange(12.0).reshape(3, 4)
+def table() -> np.ndarray:
+    return np.arange(12.0).reshape(3, 4)
 
 
-def skin(inputs: int, make: Making) -> np.ndarray:
+def skin(inputs: int, make: Mock) -> np.ndarray:
     """What is kept for these inputs."""
 
     def write(path: Path, value: np.ndarray) -> None:
@@ -47,27 +40,27 @@ def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path
 
 
 def test_a_second_run_makes_nothing_and_has_the_same_to_the_last_bit(folders: tuple[Path, Path]) -> None:
-    make = Making()
+    make = Mock(side_effect=table)
     first, second = skin(7, make), skin(7, make)
-    assert make.count == 1
+    assert make.call_count == 1
     np.testing.assert_array_equal(second, first, strict=True)
     assert len(list(folders[0].iterdir())) == 1
 
 
 def test_other_inputs_and_other_code_make_it_anew(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    make = Making()
+    make = Mock(side_effect=table)
     skin(7, make)
     skin(8, make)
-    assert make.count == 2
+    assert make.call_count == 2
     (tmp_path / "code/barrel.py").write_text("STIFFNESS = 2\n")
     skin(8, make)
-    assert make.count == 3
+    assert make.call_count == 3
     assert len(list(folders[0].iterdir())) == 1  # what was kept before is gone
 
 
 @pytest.mark.parametrize("damage", ["empty", "cut", "flipped", "another file"])
 def test_a_damaged_file_is_made_anew(folders: tuple[Path, Path], damage: str) -> None:
-    make = Making()
+    make = Mock(side_effect=table)
     skin(7, make)
     (file,) = folders[0].iterdir()
     whole = file.read_bytes()
@@ -75,13 +68,13 @@ def test_a_damaged_file_is_made_anew(folders: tuple[Path, Path], damage: str) ->
     flipped[len(whole) // 2] ^= 1
     file.write_bytes({"empty": b"", "cut": whole[:-5], "flipped": bytes(flipped), "another file": b"PK" * 99}[damage])
     skin(7, make)
-    assert make.count == 2
+    assert make.call_count == 2
     assert file.read_bytes() == whole
 
 
 def test_without_a_folder_to_write_into_nothing_is_kept(folders: tuple[Path, Path]) -> None:
     """Files in the place of the folders: a test that runs as root may write into any folder."""
-    make = Making()
+    make = Mock(side_effect=table)
     folders[0].touch()
     skin(7, make)
     (file,) = folders[1].iterdir()  # the user's
@@ -89,4 +82,4 @@ def test_without_a_folder_to_write_into_nothing_is_kept(folders: tuple[Path, Pat
     folders[1].rmdir()
     folders[1].touch()
     assert len(skin(7, make)) == 3
-    assert make.count == 2
+    assert make.call_count == 2

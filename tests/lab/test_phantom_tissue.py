@@ -88,9 +88,8 @@ def test_a_sphere_presses_with_k_times_the_volume_of_its_cap() -> None:
     """F = k pi d^2 (R - d/3), for any shape k times the volume below the surface; 0.1 % for 200 x 200 cells."""
     radius, depth = 0.050, 0.004
     polar, around = np.meshgrid((np.arange(200) + 0.5) * 0.5 / 200, (np.arange(200) + 0.5) * 2 * np.pi / 200)
-    normal = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1).reshape(
-        -1, 3
-    )
+    normal = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1)
+    normal = normal.reshape(-1, 3)
     area = (radius**2 * np.sin(polar) * (0.5 / 200) * (2 * np.pi / 200)).reshape(-1, 1)
     cells = np.concatenate([radius * normal + [0.0, 0.0, 0.150 - radius], normal, area], axis=1)
     found = _pressing(cells, LAW, _pressed("", depth))

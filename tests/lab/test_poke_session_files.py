@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from jaxtyping import Float
-from mcap.reader import make_reader
-from rosbags.typesys import Stores, get_typestore
 
 from palpate.files.ground_truth import read_ground_truth
 from palpate.files.urdf import Kinematics, Urdf
@@ -20,13 +16,8 @@ from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.forearm import Forearm
 from palpate_lab.simulation.poke_bench import PokeBench, PokeSession
 from palpate_lab.simulation.poke_log import EVERY, RATE, PokeLog, simulate_poke_log
-from palpate_lab.simulation.poke_session_files import (
-    JOINT_TOPIC,
-    JOINTS,
-    TAXEL_TOPIC,
-    WRENCH_TOPIC,
-    write_poke_session,
-)
+from palpate_lab.simulation.poke_session_files import JOINT_TOPIC, JOINTS, TAXEL_TOPIC, WRENCH_TOPIC, write_poke_session
+from tests.support.read_back import messages, rows
 
 Written = tuple[PokeSession, TaxelPlaces, PokeLog, Path]
 
@@ -64,8 +55,8 @@ def test_taxels_answer_while_they_are_poked_and_rest_else(written: Written) -> N
     for poke, (start, end) in enumerate(zip(log.start, log.end, strict=True)):
         poked |= (time > start - 0.16) & (time < end + 0.16)
         middle = above[(time >= start) & (time < end)].mean(axis=0)
-        rows = session.pokes.poke == poke
-        np.testing.assert_allclose(middle[session.pokes.taxel[rows]], session.pokes.response[rows], atol=1.6)
+        own = session.pokes.poke == poke
+        np.testing.assert_allclose(middle[session.pokes.taxel[own]], session.pokes.response[own], atol=1.6)
         rising = above[(time > start - 0.15) & (time < start)].mean(axis=0)
         strongest = middle.argmax()
         assert 0.3 < rising[strongest] / middle[strongest] < 0.7  # with the force, which rises evenly
@@ -88,7 +79,7 @@ def test_the_arm_stands_while_it_is_poked_and_moves_between(written: Written) ->
 def test_the_mcap_file_holds_the_log(written: Written) -> None:
     """Read by the mcap library; stamps to the nanosecond, numbers to the last bit."""
     _, _, log, folder = written
-    read = _messages(folder / "pokes.mcap")
+    read = messages(folder / "pokes.mcap")
     assert {topic: len(each) for topic, each in read.items()} == {
         WRENCH_TOPIC: len(log.time),
         JOINT_TOPIC: (len(log.time) + 1) // 2,
@@ -103,18 +94,6 @@ def test_the_mcap_file_holds_the_log(written: Written) -> None:
     np.testing.assert_array_equal(np.stack([each.position for each in joints]), log.joints[::2])
     forces = [each.wrench.force.x for _, each in read[WRENCH_TOPIC]]
     np.testing.assert_array_equal(forces, log.wrench[:, 0])
-
-
-def _messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    found: dict[str, list[tuple[int, Any]]] = {}
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            assert schema is not None
-            found.setdefault(channel.topic, []).append(
-                (message.log_time, store.deserialize_cdr(message.data, schema.name))
-            )
-    return found
 
 
 def test_the_urdf_is_the_arm(written: Written) -> None:
@@ -141,11 +120,12 @@ def test_the_mesh_is_that_of_the_link(written: Written) -> None:
 
 def test_places_and_pokes_are_written_as_they_are(written: Written) -> None:
     session, cad, _, folder = written
-    rows = np.loadtxt(folder / "cad.txt")
-    np.testing.assert_allclose(rows, np.column_stack([cad.positions, cad.normals]), atol=5.1e-7)
-    truth = np.array([[float(each) for each in row.values()] for row in _rows(folder / "truth.csv")])
+    np.testing.assert_allclose(
+        np.loadtxt(folder / "cad.txt"), np.column_stack([cad.positions, cad.normals]), atol=5.1e-7
+    )
+    truth = np.array([[float(each) for each in row.values()] for row in rows(folder / "truth.csv")])
     np.testing.assert_allclose(truth[:, :3], session.bench.skin.places.positions, rtol=1e-6)
-    pokes = _rows(folder / "pokes.csv")
+    pokes = rows(folder / "pokes.csv")
     np.testing.assert_allclose([float(row["tz"]) for row in pokes], session.pokes.wrench[:, 5], rtol=1e-6)
     answers = np.array([[float(row[f"t{k}"]) for k in range(84)] for row in pokes])
     np.testing.assert_array_equal(answers[session.pokes.poke, session.pokes.taxel], session.pokes.response)
@@ -154,20 +134,15 @@ def test_places_and_pokes_are_written_as_they_are(written: Written) -> None:
     np.testing.assert_allclose(turn.rotation, session.pokes.rotation, atol=1e-6)
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
-
-
 def test_the_truth_of_touches_is_one_that_evaluate_reads(written: Written) -> None:
     _, _, _, folder = written
     for name, together in (("touches", 1), ("pairs", 2)):
         truth = read_ground_truth(folder / f"{name}_truth.csv")
         assert (np.unique(truth.time, return_counts=True)[1] == together).all()
-        assert set(_messages(folder / f"{name}.mcap")) == {TAXEL_TOPIC}
-        frames = np.array([[float(row[f"t{k}"]) for k in range(84)] for row in _rows(folder / f"{name}.csv")])
-        np.testing.assert_array_equal(
-            frames, np.stack([m.data for _, m in _messages(folder / f"{name}.mcap")[TAXEL_TOPIC]])
-        )
+        read = messages(folder / f"{name}.mcap")
+        assert set(read) == {TAXEL_TOPIC}
+        frames = np.array([[float(row[f"t{k}"]) for k in range(84)] for row in rows(folder / f"{name}.csv")])
+        np.testing.assert_array_equal(frames, np.stack([message.data for _, message in read[TAXEL_TOPIC]]))
 
 
 def test_configurations_that_come_back_are_refused() -> None:

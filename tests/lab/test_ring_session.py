@@ -73,11 +73,6 @@ def test_faults_are_seen(calibration: RingSession) -> None:
     assert not np.array_equal(frames[0], next(iter(calibration.frames())))
 
 
-def test_a_seed_is_a_unit() -> None:
-    assert RingUnit.drawn(4) == RingUnit.drawn(4)
-    assert RingUnit.drawn(4) != RingUnit.drawn(5)
-
-
 def test_files_of_a_calibration_run(calibration: RingSession, tmp_path: Path) -> None:
     write_calibration_run(calibration, tmp_path)
     rows = np.genfromtxt(tmp_path / "truth.csv", delimiter=",", names=True)

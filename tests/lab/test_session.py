@@ -1,6 +1,5 @@
 """The demonstration's session: it is what it says it is, in memory and on disk."""
 
-import csv
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -8,14 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from mcap.reader import make_reader
 
-from claims.evidence.logs_written import ROS2
 from palpate.signals.recording import ORIENTATION
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate_lab.simulation.session import ASSEMBLY, NOISE, Session, simulate_session
 from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session
 from palpate_lab.simulation.session_mcap import CLOCK_OFFSET, POSITION, write_session_mcap
+from tests.support.read_back import messages, rows
 
 
 @pytest.fixture(scope="module")
@@ -68,16 +66,11 @@ def test_assembly_is_off_the_drawing_by_what_is_stated(session: Session) -> None
     assert np.isclose(np.linalg.norm(session.true.translation - session.nominal.translation), ASSEMBLY[1])
 
 
-def test_same_seed_same_session() -> None:
-    first, second = simulate_session(5, facets=20), simulate_session(5, facets=20)
-    assert np.array_equal(first.touches.wrenches(), second.touches.wrenches())
-
-
 def test_files_hold_the_session(session: Session, tmp_path: Path) -> None:
     write_session(session, tmp_path)
-    rows = _rows(tmp_path / "touches.csv")
-    assert list(rows[0]) == ["time", "fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]
-    read = np.array([[float(row[name]) for name in ("fx", "fy", "fz", "tx", "ty", "tz")] for row in rows])
+    table = rows(tmp_path / "touches.csv")
+    assert list(table[0]) == ["time", "fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]
+    read = np.array([[float(row[name]) for name in ("fx", "fy", "fz", "tx", "ty", "tz")] for row in table])
     assert np.abs(read - session.touches.wrenches()).max() < 1e-6  # six digits are written
     mesh = trimesh.load_mesh(tmp_path / "probe.stl")
     assert mesh.is_watertight
@@ -85,14 +78,10 @@ def test_files_hold_the_session(session: Session, tmp_path: Path) -> None:
     assert mesh.volume > 0
     rig = tomllib.loads((tmp_path / "rig.toml").read_text())
     assert rig["surface"]["pose"]["xyz"] == session.nominal.translation.tolist()
-    marks = {row["label"] for row in _rows(tmp_path / "marks.csv")}
-    truth = {row["label"] for row in _rows(tmp_path / "truth.csv")}
+    marks = {row["label"] for row in rows(tmp_path / "marks.csv")}
+    truth = {row["label"] for row in rows(tmp_path / "truth.csv")}
     assert marks | truth == set(session.truth.label)
     assert not marks & truth
-
-
-def _rows(path: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(path.read_text().splitlines()))
 
 
 def test_mcap_holds_the_session_to_the_last_bit_with_a_clock_each(tmp_path: Path) -> None:
@@ -101,36 +90,26 @@ def test_mcap_holds_the_session_to_the_last_bit_with_a_clock_each(tmp_path: Path
     write_session_mcap(session, tmp_path)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["free_motion.mcap", "touches.mcap"]
     for name, log in (("free_motion", session.free_motion), ("touches", session.touches)):
-        read = _messages(tmp_path / f"{name}.mcap")
+        read = messages(tmp_path / f"{name}.mcap")
         assert set(read) == {WRENCH_TOPIC, POSE_TOPIC}
-        stamps, messages = zip(*read[WRENCH_TOPIC], strict=True)
+        stamps, found = zip(*read[WRENCH_TOPIC], strict=True)
         assert np.array_equal(np.array(stamps), np.rint(log.time * 1e9).astype(np.int64))
-        assert [message.header.frame_id for message in messages] == ["ft_sensor"] * len(log)
-        wrenches = [_xyz(message.wrench.force) + _xyz(message.wrench.torque) for message in messages]
+        assert stamps == tuple(map(_stamp, found))
+        assert [message.header.frame_id for message in found] == ["ft_sensor"] * len(log)
+        wrenches = [_xyz(message.wrench.force) + _xyz(message.wrench.torque) for message in found]
         assert np.array_equal(np.array(wrenches), log.wrenches())
-        stamps, messages = zip(*read[POSE_TOPIC], strict=True)
+        stamps, found = zip(*read[POSE_TOPIC], strict=True)
+        assert stamps == tuple(map(_stamp, found))
         expected = np.rint((log.time[::2] - CLOCK_OFFSET) * 1e9).astype(np.int64)
         there = expected >= 0  # no header says a time before 0
         assert np.array_equal(np.array(stamps), expected[there])
-        turns = [(*_xyz(message.pose.orientation), message.pose.orientation.w) for message in messages]
+        turns = [(*_xyz(message.pose.orientation), message.pose.orientation.w) for message in found]
         assert np.array_equal(np.array(turns), log.channels[ORIENTATION][::2][there])
-        assert {_xyz(message.pose.position) for message in messages} == {POSITION}
+        assert {_xyz(message.pose.position) for message in found} == {POSITION}
 
 
-def _messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
-    """Stamp of the header [ns] and message, by topic, in the order of the file, which is that of time."""
-    found: dict[str, list[tuple[int, Any]]] = {}
-    with path.open("rb") as file:
-        times = []
-        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
-            assert schema is not None
-            read = ROS2.deserialize_cdr(message.data, schema.name)
-            stamp = read.header.stamp.sec * 10**9 + read.header.stamp.nanosec
-            assert message.log_time == stamp
-            times.append(stamp)
-            found.setdefault(channel.topic, []).append((stamp, read))
-    assert times == sorted(times)
-    return found
+def _stamp(message: Any) -> int:
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
 
 
 def _xyz(vector: Any) -> tuple[float, float, float]:

@@ -1,7 +1,4 @@
-"""`palpate simulate load-cells` and `simulate pokes`: what is asked in error is one sentence, and nothing is made.
-
-That the folders hold what the other commands need is tested by the tutorials (tests/conformance/test_front_door.py).
-"""
+"""Sessions of load cells; that a folder holds what commands need is tested by the tutorials (test_front_door.py)."""
 
 from __future__ import annotations
 
@@ -11,39 +8,9 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from palpate.cli import main
 from palpate.setup import load_rig
 from palpate_lab.simulation.load_cell_bench import BENCHES
 from palpate_lab.simulation.load_cell_files import load_cell_rig, write_load_cell_session
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("load-cells --seed -1", "--seed: must not be negative."),
-        ("pokes --seed -1", "--seed: must not be negative."),
-        ("pokes --pokes 6", "--pokes: must be from 7 (one in each pose of the elbow) to 5,000, not 6."),
-        ("pokes --pokes 1000000", "--pokes: must be from 7 (one in each pose of the elbow) to 5,000, not 1000000."),
-    ],
-)
-def test_impossible_numbers_are_one_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: str, said: str
-) -> None:
-    assert main(["simulate", *words.split(), "-o", str(tmp_path / "run")]) == 1
-    assert capsys.readouterr().err.strip() == f"palpate: {said}"
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("command", ["load-cells", "pokes"])
-def test_what_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
-    mine = tmp_path / "mine.txt"
-    mine.write_text("kept", encoding="utf-8")
-    said = {tmp_path: "is not empty", mine: "is a file", tmp_path / "nowhere/run": "there is no folder"}
-    for folder, why in said.items():
-        assert main(["simulate", command, "-o", str(folder)]) == 1
-        assert why in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
-    assert mine.read_text(encoding="utf-8") == "kept"
 
 
 def test_a_seed_is_a_fingertip(tmp_path: Path) -> None:

@@ -33,11 +33,8 @@ def test_a_walk_grows_with_the_root_of_the_time() -> None:
 
 def test_a_warm_up_dies_away_and_a_kelvin_moves_the_zero() -> None:
     zeros = _of_many(walk=0.0, warm_up=0.01, settling=20.0)
-    np.testing.assert_allclose(
-        zeros / zeros[-1],
-        np.broadcast_to(-np.expm1(-(TIME - 5) / 20)[:, None], zeros.shape) / -np.expm1(-3.0),
-        atol=1e-12,
-    )
+    share = np.expm1(-(TIME - 5) / 20) / np.expm1(-3.0)
+    np.testing.assert_allclose(zeros / zeros[-1], np.tile(share, (MANY, 1)).T, atol=1e-12)
     assert zeros[-1].std() == pytest.approx(0.01 * 20 * -np.expm1(-3.0), rel=0.05)
     straight = _of_many(walk=0.0, warm_up=0.01)
     np.testing.assert_allclose(straight, np.outer(TIME - 5, straight[-1] / 60), atol=1e-12)
@@ -47,7 +44,6 @@ def test_a_warm_up_dies_away_and_a_kelvin_moves_the_zero() -> None:
     assert warmer[3].std() == pytest.approx(0.2, rel=0.05)
 
 
-def test_the_same_seed_gives_the_same_zeros_and_time_may_not_run_back() -> None:
-    np.testing.assert_array_equal(_of_many(walk=1.0, warm_up=1.0), _of_many(walk=1.0, warm_up=1.0))
+def test_time_may_not_run_back() -> None:
     with pytest.raises(InputError, match="decrease"):
         simulate_drift([1.0, 0.5], Drift([1.0]), np.random.default_rng(0))

@@ -109,9 +109,8 @@ def test_wrenches_obey_newton_and_euler(make: Make) -> None:
         body = next(link for link in robot.links if link.mass and site in (link.name, link.parent))
         k, here = names.index(body.name), names.index(site)
         centres = [placed[:, k] + turned[:, k] @ np.array(body.centre) for turned, placed in around]
-        force = body.mass * (
-            np.array([0.0, 0.0, -GRAVITY]) - (centres[4] - 2 * centres[2] + centres[0]) / (4 * step**2)
-        )
+        pulled = (centres[4] - 2 * centres[2] + centres[0]) / (4 * step**2)
+        force = body.mass * (np.array([0.0, 0.0, -GRAVITY]) - pulled)
         spins = [
             turned[:, k]
             @ np.diag(body.inertia())
@@ -133,9 +132,8 @@ def _off(shape: SolidShape, points: np.ndarray) -> np.ndarray:
     if shape.kind == "box":
         return np.abs(np.max(np.abs(away) - shape.size, axis=1))
     if shape.kind == "cylinder":
-        return np.abs(np.hypot(away[:, 0], away[:, 1]) - shape.size[0]) + np.maximum(
-            np.abs(away[:, 2]) - shape.size[1], 0
-        )
+        beyond = np.maximum(np.abs(away[:, 2]) - shape.size[1], 0)
+        return np.abs(np.hypot(away[:, 0], away[:, 1]) - shape.size[0]) + beyond
     return np.abs(np.sum((away / shape.size) ** 2, axis=1) - 1.0)
 
 
