@@ -188,7 +188,8 @@ def _calibrate(case: Case) -> None:
     if not case.files.calibrations:
         raise Refused("there is nothing to calibrate: it reads in newtons")
     for words in case.files.calibrations:
-        run("calibrate", *words)
+        if not Path(words[-1]).exists():  # or its files were made by it
+            run("calibrate", *words)
 
 
 @_field("estimate to CSV")
