@@ -17,6 +17,7 @@ from palpate.signals.filters import Filter
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.surfaces import plane
+from tests.conformance.live import each_reading
 from tests.support.bodies import BODIES
 from tests.support.streams import pieces
 
@@ -116,6 +117,22 @@ def test_what_goes_wrong_beside_is_raised_in_its_turn_and_the_thread_ends() -> N
     next(early)
     early.close()  # whoever needs no more
     assert active_count() == before
+
+
+@pytest.mark.parametrize("made", FILTERS[:3], ids=["none", "kalman", "butterworth"])
+def test_samples_and_arrays_with_accelerations_are_the_block_to_the_last_bit(made: Filter | None) -> None:
+    """Without any, as in tests/laws/test_split_laws.py, a sample could ignore it."""
+    log = hard_log()
+    log = Recording(log.time, {name: values for name, values in log.channels.items() if name != UNSTEADY})
+    beside = {name: log.channels[name] for name in (ORIENTATION, ACCELERATION)}
+    chain = estimator(made)
+    whole = chain.run(log).estimate
+    chain.reset()
+    assert_same([chain.update(*sample).estimate for sample in each_reading(chain, log)], whole)
+    chain.reset()
+    rows = chain.empty(len(log))
+    chain.run_into(log.time, log.wrenches(), rows, np.zeros(len(log), np.int64), beside)
+    assert_same([ContactEstimate.from_rows(rows)], whole)
 
 
 def test_update_takes_what_a_caller_has() -> None:
