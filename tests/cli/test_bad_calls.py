@@ -10,7 +10,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
-from typing import IO
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -261,15 +261,9 @@ def test_bounds_that_are_too_tight_are_named_with_those_that_would_do(
     assert "stay below friction" in capsys.readouterr().out
 
 
-def _python(
-    script: str,
-    *arguments: str,
-    stdin: int | None = None,
-    stdout: int | IO[bytes] = subprocess.PIPE,
-    env: dict[str, str] | None = None,
-) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-c", script, *arguments]
-    return subprocess.Popen(command, stdin=stdin, stdout=stdout, stderr=subprocess.PIPE, env=env)
+def _python(script: str, *arguments: str, **given: Any) -> subprocess.Popen[bytes]:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen([sys.executable, "-c", script, *arguments], **pipes | given)
 
 
 CALL = "import sys; from palpate.cli import main; print('here', file=sys.stderr, flush=True); sys.exit(main())"

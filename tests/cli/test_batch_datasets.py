@@ -243,6 +243,7 @@ def test_a_data_set_is_labelled_alone_and_elsewhere(tmp_path: Path, capsys: pyte
     assert "is labelled alone" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("made", ["v2.1"], indirect=True)
 def test_workers_that_were_started_elsewhere_find_a_data_set(
     made: tuple[Path, np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -207,11 +207,3 @@ def test_calls_that_cannot_be_meant(
     columns(tmp_path / "free.csv", "fx,fy,fz,tx,ty,tz", a_zero())
     assert drift(tmp_path, "free.csv", rig, *options)[0] in (1, 2)
     assert said in capsys.readouterr().err
-
-
-def test_the_log_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    columns(tmp_path / "free.csv", "fx,fy,fz,tx,ty,tz", a_zero())
-    (tmp_path / "rig.toml").write_text(RIG)
-    words = ["calibrate", "drift", str(tmp_path / "free.csv"), "--rig", str(tmp_path / "rig.toml")]
-    assert main([*words, "-o", str(tmp_path / "free.csv")]) == 1
-    assert "free.csv" in capsys.readouterr().err

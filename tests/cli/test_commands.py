@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -49,6 +47,11 @@ def _edited(made: Path, tmp_path: Path, edit: Edit) -> Path:
 def _estimate(log: Path, made: Path, tmp_path: Path, *options: str) -> int:
     rig = [] if "--mesh" in options else ["--rig", str(made / "rig.toml")]
     return main(["estimate", str(log), *rig, "-o", str(tmp_path / "contacts.csv"), *options])
+
+
+def _mounting(made: Path, output: Path, *options: str) -> int:
+    log, rig = str(made / "touches.csv"), str(made / "rig.toml")
+    return main(["calibrate", "mounting", log, "--rig", rig, "-o", str(output), *options])
 
 
 def test_payload_is_what_the_session_carries(session: Session, made: Path) -> None:
@@ -106,14 +109,9 @@ def test_help_states_the_thresholds_that_the_code_has(capsys: pytest.CaptureFixt
 
 def test_the_chain_of_the_quick_start(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Location after calibration: under a millimetre where assembly alone puts it 1.2 mm and 1.5 degrees off."""
-    log, marks, rig = made / "touches.csv", made / "marks.csv", tmp_path / "rig.toml"
-    assert (
-        main(
-            ["calibrate", "mounting", str(log), "--rig", str(made / "rig.toml"), "--marks", str(marks), "-o", str(rig)]
-        )
-        == 0
-    )
-    assert main(["estimate", str(log), "--rig", str(rig), "-o", str(tmp_path / "contacts.csv")]) == 0
+    rig = tmp_path / "rig.toml"
+    assert _mounting(made, rig, "--marks", str(made / "marks.csv")) == 0
+    assert main(["estimate", str(made / "touches.csv"), "--rig", str(rig), "-o", str(tmp_path / "contacts.csv")]) == 0
     capsys.readouterr()
     assert main(["evaluate", str(tmp_path / "contacts.csv"), str(made / "truth.csv")]) == 0
     said = capsys.readouterr().out
@@ -125,10 +123,7 @@ def test_the_chain_of_the_quick_start(made: Path, tmp_path: Path, capsys: pytest
 
 
 def test_mounting_without_marks_uses_presses(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rig = tmp_path / "rig.toml"
-    assert (
-        main(["calibrate", "mounting", str(made / "touches.csv"), "--rig", str(made / "rig.toml"), "-o", str(rig)]) == 0
-    )
+    assert _mounting(made, tmp_path / "rig.toml") == 0
     assert "used of 8 presses somewhere on the surface" in capsys.readouterr().out
 
 
@@ -147,27 +142,9 @@ def test_the_first_five_minutes_need_a_mesh_only(
     assert set(record) >= {"palpate", "log", "mesh", "friction", "method", "noise_source"}
 
 
-def test_frames_differ_by_the_mount(made: Path, tmp_path: Path) -> None:
-    points = {}
-    for frame in ("surface", "sensor"):
-        assert _estimate(made / "touches.csv", made, tmp_path, "--frame", frame) == 0
-        points[frame] = read_contacts(tmp_path / "contacts.csv").estimate.point
-    mount = load_rig(made / "rig.toml").surface.pose.pose()
-    assert points["sensor"] == pytest.approx(mount.apply(points["surface"]), abs=1e-12, nan_ok=True)
-
-
 def test_the_base_frame_needs_a_position(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert _estimate(made / "touches.csv", made, tmp_path, "--frame", "base") == 1
     assert "sensor's position" in capsys.readouterr().err
-    log = _edited(made, tmp_path, lambda table: table.with_columns(x=pl.lit(1.0), y=pl.lit(2.0), z=pl.lit(3.0)))
-    assert _estimate(log, made, tmp_path, "--frame", "base") == 0
-    based = read_contacts(tmp_path / "contacts.csv").estimate
-    assert _estimate(log, made, tmp_path, "--frame", "sensor") == 0
-    sensed = read_contacts(tmp_path / "contacts.csv").estimate
-    away = np.linalg.norm(based.point - [1.0, 2.0, 3.0], axis=1)
-    assert away == pytest.approx(
-        np.linalg.norm(sensed.point, axis=1), abs=1e-6, nan_ok=True
-    )  # quaternions have 6 digits
 
 
 def _at(row: int, **values: float | None) -> Edit:
@@ -223,12 +200,6 @@ def test_a_log_that_cannot_be_used_is_one_sentence_and_exit_1(
     assert not (tmp_path / "contacts.csv").exists()
 
 
-def test_an_empty_file_is_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "touches.csv").write_text("")
-    assert _estimate(tmp_path / "touches.csv", made, tmp_path) == 1
-    assert "the file is empty" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [
@@ -272,22 +243,10 @@ def test_misspelt_keys_wrong_calls_and_help_have_their_exit_codes(
     assert main(["estimate"]) == 2
     assert main(["no-such-command"]) == 2
     assert main(["estimate", "--help"]) == 0
-    assert main(["estimate", str(made / "touches.csv"), "-o", str(tmp_path / "c.csv")]) == 1
-    assert (
-        main(["estimate", str(made / "touches.csv"), "--mesh", str(made / "probe.stl"), "-o", str(tmp_path / "c.csv")])
-        == 1
-    )
+    call = ["estimate", str(made / "touches.csv"), "-o", str(tmp_path / "c.csv")]
+    assert main(call) == 1
+    assert main([*call, "--mesh", str(made / "probe.stl")]) == 1
     assert "--unit mm" in capsys.readouterr().err
-
-
-def test_an_output_never_overwrites_an_input(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = (made / "touches.csv").read_bytes()
-    assert (
-        main(["estimate", str(made / "touches.csv"), "--rig", str(made / "rig.toml"), "-o", str(made / "touches.csv")])
-        == 1
-    )
-    assert "would overwrite an input" in capsys.readouterr().err
-    assert (made / "touches.csv").read_bytes() == before
 
 
 def test_times_too_coarse_for_a_filter_are_refused_with_one_and_noted_without(
@@ -336,21 +295,8 @@ def test_ctrl_c_while_calibrating_leaves_everything_as_it_was(
 
 
 def test_options_win_over_the_rig(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = (
-        "--friction",
-        "0.7",
-        "--torsion",
-        "0.01",
-        "--contact",
-        "3",
-        "2",
-        "--method",
-        "wrench_axis",
-        "--noise",
-        "0.1",
-        "0.01",
-    )
-    assert _estimate(made / "touches.csv", made, tmp_path, *options) == 0
+    options = "--friction 0.7 --torsion 0.01 --contact 3 2 --method wrench_axis --noise 0.1 0.01"
+    assert _estimate(made / "touches.csv", made, tmp_path, *options.split()) == 0
     record = load_toml(tmp_path / "contacts.csv.toml")
     assert (record["friction"], record["torsion"], record["method"]) == ("0.7", "0.01", "wrench_axis")
     assert record["contact"] == "on 3 N, off 2 N"
@@ -430,10 +376,8 @@ def test_swapped_axes_are_named_with_the_line_that_mends_them(
     swapped.write_csv(tmp_path / "free.csv")
     main(["calibrate", "payload", str(tmp_path / "free.csv"), "-o", str(tmp_path / "payload.toml")])
     assert 'Write axes = ["x", "z", "y"] and left_handed = true' in capsys.readouterr().err
-    rig = (
-        (made / "rig.toml").read_text().replace('axes = ["x", "y", "z"]', 'axes = ["x", "z", "y"]\nleft_handed = true')
-    )
-    (tmp_path / "rig.toml").write_text(rig)
+    rig, axes = (made / "rig.toml").read_text(), 'axes = ["x", "z", "y"]\nleft_handed = true'
+    (tmp_path / "rig.toml").write_text(rig.replace('axes = ["x", "y", "z"]', axes))
     call = ["calibrate", "payload", str(tmp_path / "free.csv"), "-o", str(tmp_path / "payload.toml")]
     assert main([*call, "--rig", str(tmp_path / "rig.toml")]) == 0
     assert "hint:" not in capsys.readouterr().out
@@ -444,16 +388,3 @@ def test_a_gravity_that_is_no_direction_is_refused(made: Path, tmp_path: Path, t
     call = ["calibrate", "payload", str(made / "free_motion.csv"), "-o", str(tmp_path / "p.toml"), "--gravity", text]
     assert main(call) == 1
     assert not (tmp_path / "p.toml").exists()
-
-
-def test_the_command_runs_as_a_program(made: Path) -> None:
-    run = subprocess.run(
-        [sys.executable, "-m", "palpate", "inspect", str(made / "nothing.csv")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 1
-    assert run.stdout == ""
-    assert run.stderr.startswith("palpate: ")
-    assert "Traceback" not in run.stderr

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from scipy.spatial.transform import Rotation
 
 import palpate
 from claims.evidence import logs_written
@@ -36,6 +35,7 @@ from tests.support.logs_torn import torn_pages
 
 RATE = 200
 STEP = 10**9 // RATE  # ns
+LONG = 60_000  # samples
 
 
 @pytest.fixture(scope="module")
@@ -107,14 +107,6 @@ def test_a_torn_log_is_estimated_as_far_as_it_goes(
     assert (tmp_path / "contacts.parquet.toml").exists()
 
 
-def test_the_report_of_a_torn_log_says_so(made: Path, tmp_path: Path) -> None:
-    raw = (made / "touches.mcap").read_bytes()
-    (tmp_path / "log.mcap").write_bytes(raw[: len(raw) // 2])
-    report = ("--report", str(tmp_path / "report.html"))
-    assert estimate(tmp_path / "log.mcap", made / "rig.toml", tmp_path / "contacts.csv", *report) == 3
-    assert "the file is torn" in (tmp_path / "report.html").read_text()
-
-
 def test_processes_beside_give_the_same_bits(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One reads and tells accelerations, one locates, one writes; that the log is torn, and what was met, is said."""
     raw, said = (made / "touches.mcap").read_bytes(), list[list[str]]()
@@ -144,11 +136,6 @@ def test_what_goes_wrong_in_a_process_beside_is_the_same_sentence(
     assert "cannot be read as Parquet" in said[0]
     assert said[2] == said[3]
     assert "is a folder with a file that Palpate did not write, 'mine'" in said[2]
-
-
-def test_fewer_than_one_worker_is_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert estimate(made / "touches.csv", made / "rig.toml", tmp_path / "x.csv", "--workers", "0") == 1
-    assert "--workers: must be at least 1" in capsys.readouterr().err
 
 
 # interrupted
@@ -206,15 +193,12 @@ def _interrupting(after: int) -> Callable[[int, float], None]:
 
 @pytest.fixture(scope="module")
 def long(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """60,000 samples as text, of which a reader takes some 10,000 at a time."""
+    """Samples as text, of which a reader takes some 10,000 at a time."""
     log = messages(session)
-    rows = np.arange(60_000) % len(log.stamp)
-    folder = tmp_path_factory.mktemp("long")
-    stamp = STEP * np.arange(len(rows), dtype=np.int64)
-    write_csv(
-        folder / "log.csv", logs_written.Session(stamp, log.wrench[rows], log.quaternion[rows], log.position[rows])
-    )
-    return folder / "log.csv"
+    rows = np.arange(LONG) % len(log.stamp)
+    path, stamp = tmp_path_factory.mktemp("long") / "log.csv", STEP * np.arange(len(rows), dtype=np.int64)
+    write_csv(path, logs_written.Session(stamp, log.wrench[rows], log.quaternion[rows], log.position[rows]))
+    return path
 
 
 @pytest.fixture
@@ -222,13 +206,8 @@ def answering(made: Path, long: Path, tmp_path: Path) -> Iterator[subprocess.Pop
     """A program in the middle of its work: its log is a pipe that holds back the end, and some rows are written."""
     os.mkfifo(tmp_path / "log.csv")
     call = ["estimate", "log.csv", "--rig", str(made / "mine.toml"), "-o", "contacts.csv"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "palpate", *call],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen([sys.executable, "-m", "palpate", *call], cwd=tmp_path, text=True, **pipes)
     pipe = os.open(tmp_path / "log.csv", os.O_RDWR | os.O_NONBLOCK)  # both ends: it neither waits nor ends
     left = memoryview(long.read_bytes()[:-1000])
     while process.poll() is None and not _begun(tmp_path / "contacts.csv.part"):
@@ -264,7 +243,7 @@ def test_a_signal_in_the_middle_is_130_and_a_whole_file(
     assert f"contacts.csv holds the {len(found):,} samples done until then" in said
     assert found.notes == ()
     assert not (tmp_path / "contacts.csv.part").exists()
-    assert 0 < len(found) < 60_000
+    assert 0 < len(found) < LONG
     assert_same(found, answers[: len(found)])
 
 
@@ -279,7 +258,7 @@ def test_a_kill_leaves_what_was_done_for_inspect(
     assert "contacts.csv.part" in said
     found = read_contacts(tmp_path / "contacts.csv.part")
     assert f"{len(found):,}" in said
-    assert 0 < len(found) < 60_000
+    assert 0 < len(found) < LONG
     assert_same(found, answers[: len(found)])
 
 
@@ -374,9 +353,10 @@ def test_a_filter_of_the_call_wins_over_the_rig(made: Path, tmp_path: Path, caps
         (("--filter", "none", "--cutoff", "10"), "the filter is 'none', which has no cut-off"),
         (("--tare", "-1"), "tare must be a positive time"),
         (("--tare", "0.01"), "a tare needs at least 10 usable samples"),
+        (("--workers", "0"), "--workers: must be at least 1"),
     ],
 )
-def test_a_filter_or_tare_that_cannot_be_is_a_sentence(
+def test_an_option_that_cannot_be_is_a_sentence(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], word: str
 ) -> None:
     assert estimate(made / "touches.mcap", made / "rig.toml", tmp_path / "contacts.csv", *options) == 1
@@ -440,21 +420,6 @@ def test_what_cannot_be_written_or_compared_is_said_before_the_work(
 # poses
 
 
-def test_the_base_frame_is_the_pose_of_the_sensor(made: Path, session: Session, tmp_path: Path) -> None:
-    """Poses come at every other sample, and are exact there."""
-    found = {}
-    for frame in ("base", "sensor"):
-        assert estimate(made / "touches.mcap", made / "rig.toml", tmp_path / "c.mcap", "--frame", frame) == 0
-        found[frame] = read_contacts(tmp_path / "c.mcap").estimate[::2]
-    turn = Rotation.from_quat(session.touches.channels[ORIENTATION][::2])
-    there = found["sensor"].answered
-    assert np.array_equal(found["base"].answered, there)
-    assert there.sum() > 400
-    expected = turn[there].apply(found["sensor"].point[there]) + POSITION
-    assert found["base"].point[there] == pytest.approx(expected, abs=1e-9)
-    assert found["base"].force[there] == pytest.approx(turn[there].apply(found["sensor"].force[there]), abs=1e-9)
-
-
 def test_the_base_frame_without_poses_names_what_to_record(
     bare: Path, session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -496,20 +461,14 @@ def test_poses_that_come_late_are_waited_for(made: Path, session: Session, tmp_p
 
 
 def test_contacts_that_are_not_all_say_so(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    torn, output = tmp_path / "torn.mcap", tmp_path / "contacts.csv"
+    torn, output, page = tmp_path / "torn.mcap", tmp_path / "contacts.csv", tmp_path / "report.html"
     torn.write_bytes((made / "touches.mcap").read_bytes()[:200_000])
-    assert estimate(torn, made / "rig.toml", output) == 3
+    assert estimate(torn, made / "rig.toml", output, "--report", str(page)) == 3
+    assert "the file is torn" in page.read_text()
     assert load_toml(tmp_path / "contacts.csv.toml")["ended"] == "torn"
     capsys.readouterr()
     assert main(["inspect", str(output)]) == 0
     assert "not all contacts are in it" in capsys.readouterr().out
-
-
-def test_a_report_that_is_no_page_is_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wanted = ("--report", str(tmp_path / "report.pdf"))
-    assert estimate(made / "touches.csv", made / "rig.toml", tmp_path / "contacts.csv", *wanted) == 1
-    assert "must end in .html" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
 
 
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:

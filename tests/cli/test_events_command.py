@@ -11,30 +11,15 @@ import pytest
 
 from palpate.cli import main
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import ContactEstimate, Status
 from palpate.files.contacts import open_contacts, write_contacts
-
-
-def _session(touches: int) -> Contacts:
-    """One touch a second, 0.5 s long, at 100 Hz."""
-    count = 100 * touches
-    status = np.where(np.arange(count) % 100 < 50, Status.CONTACT, Status.NO_CONTACT).astype(np.int8)
-    there = status == Status.CONTACT
-    point = np.where(there[:, None], [0.001, -0.002, 0.003], np.nan)
-    normal = np.where(there[:, None], [0.0, 0.0, 1.0], np.nan)
-    covariance = np.where(there[:, None, None], 0.25e-6 * np.diag([1.0, 1.0, 0.0]), np.nan)
-    force = np.where(there, -3.0, 0.0)[:, None] * np.array([0.0, 0.0, 1.0])
-    ones = np.ones(count, dtype=np.int64)
-    torque = np.where(there, 0.0, np.nan)
-    estimate = ContactEstimate(point, normal, force, torque, covariance, np.zeros(count), ones, status)
-    return Contacts.single(np.arange(count) / 100, estimate)
+from tests.support.pages import one_a_second
 
 
 def test_what_was_not_finished_is_read_and_many_touches_are_not_all_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with open_contacts(tmp_path / "contacts.mcap") as writer:
-        writer.write(_session(60))
+        writer.write(one_a_second(60))
         assert main(["events", str(tmp_path / "contacts.mcap.part")]) == 0
     printed = capsys.readouterr().out
     assert "60 touches" in printed
@@ -46,7 +31,7 @@ def test_what_was_not_finished_is_read_and_many_touches_are_not_all_printed(
 def test_two_touches_at_once_are_two_with_what_the_sensor_adds(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
-    one = _session(1)
+    one = one_a_second(1)
     moved = replace(one.estimate, point=one.point + np.array([0.02, 0.0, 0.0]))
     other = replace(one, identity=np.ones(100, dtype=np.int64), estimate=moved)
     both = [replace(each, features={"row": np.where(each.answered, k, np.nan)}) for k, each in ((2, one), (5, other))]
@@ -64,13 +49,13 @@ def test_two_touches_at_once_are_two_with_what_the_sensor_adds(
 
 
 def test_without_touches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_contacts(tmp_path / "contacts.csv", _session(1)[50:])
+    write_contacts(tmp_path / "contacts.csv", one_a_second(1)[50:])
     assert main(["events", str(tmp_path / "contacts.csv"), "-o", str(tmp_path / "touches.csv")]) == 0
     assert "0 touches" in capsys.readouterr().out
 
 
 def test_wrong_calls_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_contacts(tmp_path / "contacts.csv", _session(1))
+    write_contacts(tmp_path / "contacts.csv", one_a_second(1))
     assert main(["events", str(tmp_path / "contacts.csv"), "-o", str(tmp_path / "contacts.csv")]) == 1
     assert "would overwrite an input" in capsys.readouterr().err
     assert main(["events", str(tmp_path / "contacts.csv"), "--gap", "-1"]) == 1

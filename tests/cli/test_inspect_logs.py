@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from palpate.cli import main
 from palpate.cli.inspect_log import Excerpt
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.files.contacts import open_contacts
 from palpate.signals.recording import FORCE, TORQUE, Recording
 from palpate_lab.simulation.session import Session, simulate_session
@@ -36,16 +36,6 @@ def _columns(session: Session) -> pl.DataFrame:
     wrenches = session.touches.wrenches()
     names = ("fx", "fy", "fz", "tx", "ty", "tz")
     return pl.DataFrame({"time": session.touches.time, **dict(zip(names, wrenches.T, strict=True))})
-
-
-def _contacts(path: Path, blocks: int = 3) -> None:
-    rng = np.random.default_rng(0)
-    with open_contacts(path) as writer:
-        for k in range(blocks):
-            rows = rng.normal(size=(400, ROW.length))
-            rows[:, ROW.candidates] = 1
-            rows[:, ROW.status] = np.where(np.arange(400) < 100, Status.NO_CONTACT, Status.CONTACT)
-            writer.write(Contacts.single(k + np.arange(400) / 400, ContactEstimate.from_rows(rows), 400 * k))
 
 
 def _fail_after(output: Path, time: np.ndarray) -> None:
@@ -100,19 +90,6 @@ def test_a_torn_log_is_said_and_has_an_exit_code_of_its_own(
     assert code == 3
     assert "warning: " in said
     assert len(_ranges(said)) == 3
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
-def test_contacts_are_known_in_every_format(suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    _contacts(tmp_path / f"contacts{suffix}")
-    code, said = _inspect(tmp_path / f"contacts{suffix}", capsys)
-    assert code == 0
-    lines = [line.split() for line in said.splitlines()]
-    assert lines[0][-1] == "contacts"
-    assert ["rows", "1,200"] in lines
-    assert ["contact", "75.0", "%", "900"] in lines
-    assert ["no_contact", "25.0", "%", "300"] in lines
-    assert ["time", "0.000", "to", "2.998"] in lines
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])

@@ -12,28 +12,14 @@ import numpy as np
 import pytest
 
 from palpate.cli import main
-from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import ContactEstimate, Status
-from palpate.files.contacts import write_contacts
 from tests.follow import heard
+from tests.support.pages import one_a_second
 
 UNIX = 1.75e9 + 0.25  # s: 2025-06-15 15:06:40 UTC, and a quarter
 
 
-def _contacts(path: Path, start: float = 0.0) -> Path:
-    """Three touches of 0.5 s, one a second, at 100 Hz; 1 mm off the truth of `_truth`."""
-    status = np.where(np.arange(300) % 100 < 50, Status.CONTACT, Status.NO_CONTACT).astype(np.int8)
-    there = status == Status.CONTACT
-    point = np.where(there[:, None], [0.001, -0.002, 0.003], np.nan)
-    normal, force = (np.where(there[:, None], [0.0, 0.0, size], np.nan) for size in (1.0, -3.0))
-    covariance = np.where(there[:, None, None], 0.25e-6 * np.diag([1.0, 1.0, 0.0]), np.nan)
-    torque, ones = np.where(there, 0.0, np.nan), np.ones(300, dtype=np.int64)
-    estimate = ContactEstimate(point, normal, np.nan_to_num(force), torque, covariance, np.zeros(300), ones, status)
-    write_contacts(path, Contacts.single(start + np.arange(300) / 100, estimate))
-    return path
-
-
 def _truth(path: Path) -> Path:
+    """1 mm off."""
     rows = "".join(f"{k},{k + 0.49},0.002,-0.002,0.003\n" for k in range(3))
     path.write_text(f"start,end,px,py,pz\n{rows}")
     return path
@@ -54,7 +40,8 @@ def _said(capsys: pytest.CaptureFixture[str], *words: str) -> Any:
 
 
 def test_events_and_evaluate_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    contacts, truth = _contacts(tmp_path / "contacts.csv"), _truth(tmp_path / "truth.csv")
+    contacts, truth = tmp_path / "contacts.csv", _truth(tmp_path / "truth.csv")
+    one_a_second(3).save(contacts)
     said = _said(capsys, "events", str(contacts))
     (touches,) = said["tables"]
     assert [row["start [s]"] for row in touches] == [0.0, 1.0, 2.0]
@@ -73,7 +60,8 @@ def test_inspect_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     (channels,) = said["tables"]
     assert [row["name"] for row in channels] == ["fx [N]", "fy [N]", "fz [N]", "tx [N m]", "ty [N m]", "tz [N m]"]
     assert all(row["least"] < row["median"] < row["most"] and row["missing"] == 0 for row in channels)
-    said = _said(capsys, "inspect", str(_contacts(tmp_path / "contacts.mcap")))
+    one_a_second(3).save(tmp_path / "contacts.mcap")
+    said = _said(capsys, "inspect", str(tmp_path / "contacts.mcap"))
     assert said["facts"]["contact"] == {"share": 0.5, "count": 150}
 
 
@@ -97,7 +85,8 @@ def test_quiet_says_warnings_alone(tmp_path: Path, capsys: pytest.CaptureFixture
 
 
 def test_seconds_since_1970_are_counted_from_a_date(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    contacts = _contacts(tmp_path / "contacts.csv", UNIX)
+    contacts = tmp_path / "contacts.csv"
+    one_a_second(3, UNIX).save(contacts)
     assert main(["inspect", str(contacts)]) == 0
     assert "0.250 to 3.240 after 2025-06-15 15:06:40 UTC" in capsys.readouterr().out
     assert main(["events", str(contacts)]) == 0

@@ -119,6 +119,9 @@ def test_settings_are_those_of_the_rig() -> None:
     locator = Locator(RIG.resolve().link.surface(), noise=noise, on=0.5, off=0.3)
     facts = dict(wrench_settings(RIG.resolve(), locator, noise, "butterworth, 5 Hz"))
     assert facts["method"] == "soft finger"
+    assert facts["surface"].startswith("a plane, ")
+    tube = RigSurface(kind="elliptic_cylinder", a=0.02, b=0.01, half_length=0.03)
+    assert replace(RIG, surface=tube).resolve().link.name == "an elliptic cylinder"
     assert facts["a contact"] == "begins at 0.5 N, ends at 0.3 N"
     assert facts["noise of a reading"].startswith("0.02 N and 0.001 N m")
     assert facts["filter"] == "butterworth, 5 Hz"

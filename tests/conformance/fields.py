@@ -10,6 +10,7 @@ import io
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ import palpate
 from palpate.cli import main
 from palpate.errors import PalpateError
 from palpate.files.contacts import read_contacts
+from palpate.setup.kinds import KINDS
 from tests.conformance.sensors import Files, Sensor
 from tests.support.blocks import unserved
 from tests.support.simulated import POSE
@@ -163,17 +165,20 @@ def _inspect_rig(case: Case) -> None:
 
 @_field("inspect contacts")
 def _inspect_contacts(case: Case) -> None:
-    contacts = case.estimate()
-    said = _screen("inspect", contacts)
-    assert f"{len(pl.read_csv(contacts)):,}" in said, "does not say how many rows there are"
-    assert "contact " in said, "does not say what became of the samples"
+    count = f"{len(pl.read_csv(case.estimate())):,}"
+    for suffix in (".csv", ".parquet", ".mcap"):
+        said = _screen("inspect", case.estimate(suffix))
+        assert ": contacts" in said, "does not say that they are contacts"
+        assert count in said, "does not say how many rows there are"
+        assert "contact " in said, "does not say what became of the samples"
 
 
 @_field("rig new")
 def _rig_new(case: Case) -> None:
     rig = case.files.folder / "new.toml"
     mesh = [] if case.files.mesh is None else [case.files.mesh]
-    run("rig", "new", case.files.log, *mesh, "-o", rig, "--force")
+    said = run("rig", "new", case.files.log, *mesh, "-o", rig, "--force")
+    assert f"taken for {KINDS[case.sensor.table].called}: " in said, "does not say why it is this sensor's"
     assert f"[{case.sensor.table}]" in rig.read_text(), "took the log for another sensor's"
     _screen("inspect", rig)
 
@@ -183,12 +188,18 @@ def _calibrate(case: Case) -> None:
     if not case.files.calibrations:
         raise Refused("there is nothing to calibrate: it reads in newtons")
     for words in case.files.calibrations:
-        run("calibrate", *words)
+        if not Path(words[-1]).exists():  # or its files were made by it
+            run("calibrate", *words)
 
 
 @_field("estimate to CSV")
-def _to_csv(case: Case) -> None:
-    _all_right(case)
+def _all_right(case: Case, *options: str) -> None:
+    """The contacts of the log, row for row."""
+    found = read_contacts(case.estimate(".csv", *options))
+    time = pl.read_csv(case.files.table, columns=["time"])["time"].to_numpy()
+    assert np.array_equal(np.unique(found.sample), np.arange(len(time))), "a sample has no row"
+    assert np.array_equal(found.time, time[found.sample]), "times are not the log's"
+    case.right(found.time, found.estimate)
 
 
 @_field("estimate to Parquet")
@@ -220,14 +231,15 @@ def _frame_base(case: Case) -> None:
     _moved(case, "base", turns[sample] @ mount.rotation, where)
 
 
-@_field("--filter butterworth")
-def _butterworth(case: Case) -> None:
-    _filtered(case, "butterworth")
+def _filtered(case: Case, kind: str) -> None:
+    options = ("--filter", kind, "--cutoff", "15")
+    _all_right(case, *options)
+    plain, smooth = case.estimate().read_text(), case.estimate(".csv", *options).read_text()
+    assert plain != smooth, "the filter was ignored"
 
 
-@_field("--filter zero_phase")
-def _zero_phase(case: Case) -> None:
-    _filtered(case, "zero_phase")
+for _kind in ("butterworth", "zero_phase"):
+    FIELDS[f"--filter {_kind}"] = partial(_filtered, kind=_kind)
 
 
 @_field("--report")
@@ -299,22 +311,6 @@ def _recorded(case: Case) -> None:
     assert np.array_equal(np.rint(1e9 * found.time), known[found.sample]), "times are not the log's"
     case.right(found.time, found.estimate)
     _near(case, record)
-
-
-def _all_right(case: Case, *options: str) -> None:
-    """The contacts of the log, row for row."""
-    found = read_contacts(case.estimate(".csv", *options))
-    time = pl.read_csv(case.files.table, columns=["time"])["time"].to_numpy()
-    assert np.array_equal(np.unique(found.sample), np.arange(len(time))), "a sample has no row"
-    assert np.array_equal(found.time, time[found.sample]), "times are not the log's"
-    case.right(found.time, found.estimate)
-
-
-def _filtered(case: Case, kind: str) -> None:
-    options = ("--filter", kind, "--cutoff", "15")
-    _all_right(case, *options)
-    plain, smooth = case.estimate().read_text(), case.estimate(".csv", *options).read_text()
-    assert plain != smooth, "the filter was ignored"
 
 
 def _moved(case: Case, frame: str, turns: np.ndarray, places: np.ndarray) -> None:

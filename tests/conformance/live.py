@@ -13,7 +13,7 @@ import palpate
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["each_reading", "recorded", "whole"]
+__all__ = ["each_reading", "recorded", "replayed", "whole"]
 
 SPLIT = 1e9  # bytes
 BESIDE = (ORIENTATION, POSITION, ACCELERATION, UNSTEADY)  # channels that are no reading of the sensor
@@ -41,6 +41,16 @@ def each_reading(estimator: Any, recording: Recording) -> Iterator[tuple[Any, ..
     rotations = [None] * len(recording) if turns is None else rotation_from_quaternion(turns)
     pushes = recording.channels.get(ACCELERATION, [None] * len(recording))
     yield from zip(recording.time.tolist(), readings, rotations, pushes, strict=True)
+
+
+def replayed(log: Path, rig: Path) -> Any:
+    """Return a `Live` of a log that is replayed as fast as it goes."""
+    from palpate.live.live import Live
+    from palpate.live.replay import Replay, bare
+    from palpate.setup.source import RigSource
+
+    sourced = replace(palpate.load_rig(str(rig)), source=RigSource("replay", str(log), speed=0.0))
+    return Live(sourced, source=Replay(log, bare(sourced.layout()), speed=0.0))
 
 
 def recorded(log: Path, rig: Path) -> Path:

@@ -96,6 +96,13 @@ class Sensor:
     added: str | None = None
 
 
+def _files(folder: Path, truth: Truth, calibrate: tuple[str, ...] | None = None, **more: Any) -> Files:
+    """log.csv and rig.toml of a folder, and the model that a calibration wrote: its last word."""
+    made = {} if calibrate is None else {"models": (Path(calibrate[-1]),), "calibrations": (calibrate,)}
+    usual = {"log": folder / "log.csv", "rig": folder / "rig.toml", "rest": 0.8, "mount": MOUNT}
+    return Files(**usual | {"truth": truth} | made | more)
+
+
 def _six_axis(folder: Path, run: Callable[..., str]) -> Files:
     """The session's logs, with a position beside the orientation, and its rig as the probe was assembled."""
     session = simulate_session(3, touches=6, facets=1000)
@@ -107,27 +114,11 @@ def _six_axis(folder: Path, run: Callable[..., str]) -> Files:
     where = {name: pl.Series(base_poses(session.touches.time)[name]) for name in "xyz"}
     pl.read_csv(log).with_columns(**where).write_csv(folder / "log.csv")
     payload = ("payload", free, "--rig", str(rig), "--gravity", "0,0,-1", "-o", str(folder / "payload.toml"))
-    mounted = (
-        "mounting",
-        str(log),
-        "--rig",
-        str(rig),
-        "--marks",
-        f"{folder}/marks.csv",
-        "-o",
-        f"{folder}/mounted.toml",
-    )
+    marks, output = f"{folder}/marks.csv", f"{folder}/mounted.toml"
+    mounted = ("mounting", str(log), "--rig", str(rig), "--marks", marks, "-o", output)
     run("calibrate", *payload)
-    return Files(
-        log=folder / "log.csv",
-        rig=rig,
-        truth=_landed(session),
-        rest=0.3,
-        mount=session.true,
-        models=(folder / "payload.toml",),
-        calibrations=(payload, mounted),
-        mesh=folder / "probe.stl",
-    )
+    both, mesh = (payload, mounted), folder / "probe.stl"
+    return _files(folder, _landed(session), payload, rest=0.3, mount=session.true, calibrations=both, mesh=mesh)
 
 
 def _landed(session: Session) -> Truth:
@@ -167,15 +158,7 @@ def _load_cells(folder: Path, run: Callable[..., str]) -> Files:
     volts += bench.channel_noise() * rng.standard_normal(volts.shape)
     columns = dict(zip(voltage_columns(4), volts.T, strict=True))
     write_table(folder / "log.csv", {"time": time} | columns | base_poses(time))
-    return Files(
-        log=folder / "log.csv",
-        rig=folder / "rig.toml",
-        truth=truth,
-        rest=0.8,
-        mount=MOUNT,
-        models=(folder / "tip.toml",),
-        calibrations=(calibrate,),
-    )
+    return _files(folder, truth, calibrate)
 
 
 def _plate_cells(folder: Path, run: Callable[..., str]) -> Files:
@@ -196,16 +179,7 @@ def _plate_cells(folder: Path, run: Callable[..., str]) -> Files:
     volts = rng.normal(0.0, 0.02, 4) + plate.voltages(at, wrenches[:, :3], rng)
     columns = {f"u{cell + 1}": each for cell, each in enumerate(volts.T)}
     write_table(folder / "log.csv", {"time": time} | columns | base_poses(time))
-    return Files(
-        log=folder / "log.csv",
-        rig=folder / "rig.toml",
-        truth=truth,
-        rest=0.8,
-        mount=MOUNT,
-        models=(folder / "plate.toml",),
-        calibrations=(calibrate,),
-        mesh=folder / "plate.stl",
-    )
+    return _files(folder, truth, calibrate, mesh=folder / "plate.stl")
 
 
 def _fused(folder: Path, run: Callable[..., str]) -> Files:
@@ -257,16 +231,8 @@ def _session(folder: Path, run: Callable[..., str]) -> tuple[Files, SkinSession]
     corner = ("--origin", f"{1e3 * sheet.radius},0,-30", "--heading", "0,1,0")
     laid = ("--unit", "mm", "--sheet", "6x22", "--cell", "10", *corner)
     run("map", "skin", f"{folder}/link.stl", *laid, "-o", f"{folder}/laid.toml")
-    files = Files(
-        log=folder / "log.csv",
-        rig=folder / "rig.toml",
-        truth=Truth(made.start, made.end, made.point, made.force),
-        rest=0.8,
-        mount=MOUNT,
-        models=(folder / "intensity.toml", folder / "laid.toml"),
-        calibrations=(calibrate,),
-    )
-    return files, made
+    models = (folder / "intensity.toml", folder / "laid.toml")
+    return _files(folder, Truth(made.start, made.end, made.point, made.force), calibrate, models=models), made
 
 
 POKES = """[surface]
@@ -316,15 +282,7 @@ def _poked(folder: Path, run: Callable[..., str]) -> Files:
         f'{surface}\n[skin]\ntaxels = "skin.toml"\nbits = 0\ncells = {names}\ntare = 0.8\n'
     )
     felt = -np.linalg.norm(truth.force, axis=1)[:, None] * (share @ places.normals)  # each along its own normal
-    return Files(
-        log=folder / "log.csv",
-        rig=folder / "rig.toml",
-        truth=replace(truth, force=felt),
-        rest=0.8,
-        mount=MOUNT,
-        models=(folder / "skin.toml",),
-        calibrations=(calibrate,),
-    )
+    return _files(folder, replace(truth, force=felt), calibrate)
 
 
 def _three_axes(folder: Path, run: Callable[..., str]) -> Files:
@@ -353,15 +311,7 @@ def _three_axes(folder: Path, run: Callable[..., str]) -> Files:
     full = [pressed.full & (pressed.touch == touch) for touch in range(5)]
     start, end = (np.array([pick(pressed.frame[each]) for each in full]) / RATE for pick in (np.min, np.max))
     point, force = (np.array([values[each].mean(axis=0) for each in full]) for values in (pressed.place, pressed.force))
-    return Files(
-        log=folder / "log.csv",
-        rig=folder / "rig.toml",
-        truth=Truth(start, end, point, force),
-        rest=0.8,
-        mount=MOUNT,
-        models=(folder / "response.toml",),
-        calibrations=(calibrate,),
-    )
+    return _files(folder, Truth(start, end, point, force), calibrate)
 
 
 def _marker_ring(folder: Path, run: Callable[..., str]) -> Files:
@@ -392,16 +342,9 @@ def _marker_ring(folder: Path, run: Callable[..., str]) -> Files:
         f'{(folder / "run/rig.toml").read_text()}model = "ring.toml"\n'.replace("camera.toml", "run/camera.toml")
     )
     write_table(folder / "beside.csv", {"time": np.array([time for time, _ in frames])})
-    return Files(
-        log=folder / "touches.avi",
-        rig=folder / "rig.toml",
-        truth=Truth(start, start + 0.39, np.array(point), np.array(force)),
-        rest=0.8,
-        mount=Pose.identity(),
-        models=(folder / "ring.toml", folder / "run/camera.toml"),
-        calibrations=(calibrate,),
-        beside=folder / "beside.csv",
-    )
+    models, log = (folder / "ring.toml", folder / "run/camera.toml"), folder / "touches.avi"
+    truth, beside = Truth(start, start + 0.39, np.array(point), np.array(force)), folder / "beside.csv"
+    return _files(folder, truth, calibrate, models=models, log=log, beside=beside, mount=Pose.identity())
 
 
 def _film(path: Path, unit: Any, frames: list[tuple[float, np.ndarray]]) -> None:
@@ -429,7 +372,7 @@ def _plate(folder: Path, run: Callable[..., str]) -> Files:
     write_table(folder / "log.csv", {"time": time} | dict(zip(plate.COLUMNS, loads.T, strict=True)) | base_poses(time))
     surface = f'[surface]\nkind = "plane"\nhalf_width = 0.03\n{POSE}'
     (folder / "rig.toml").write_text(f"{surface}\n[estimate]\ntare = 0.8\n\n[plate]\n")
-    return Files(log=folder / "log.csv", rig=folder / "rig.toml", truth=truth, rest=0.8, mount=MOUNT)
+    return _files(folder, truth)
 
 
 def _ball(folder: Path, run: Callable[..., str]) -> Files:
@@ -456,15 +399,7 @@ def _ball(folder: Path, run: Callable[..., str]) -> Files:
     run("calibrate", *calibrate)
     felt = -size[:, None] * (share @ normals)  # of the taxels, each along its own normal
     centre = ball.RADIUS * (share @ normals) / np.linalg.norm(share @ normals, axis=1, keepdims=True)
-    return Files(
-        log=folder / "log.csv",
-        rig=folder / "rig.toml",
-        truth=replace(truth, point=centre, force=felt),
-        rest=0.8,
-        mount=MOUNT,
-        models=(folder / "gain.toml",),
-        calibrations=(calibrate,),
-    )
+    return _files(folder, replace(truth, point=centre, force=felt), calibrate)
 
 
 def _nearest(forces: np.ndarray, directions: np.ndarray) -> np.ndarray:

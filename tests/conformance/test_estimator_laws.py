@@ -17,7 +17,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import palpate
-from palpate.contact.estimate import ROW
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import PalpateError
 from palpate.signals.recording import ORIENTATION, POSITION, UNSTEADY, Recording
@@ -27,7 +26,6 @@ from tests.conformance.sensors import SENSORS, Sensor
 from tests.support.kernels import compilations
 
 LENGTH = 400  # samples: the zero and the first touch
-ROWS = 16  # of room for the contacts of one sample
 PLACED = ("px", "py", "pz", "nx", "ny", "nz", "torque", *(f"var_{k}" for k in ("xx", "xy", "xz", "yy", "yz", "zz")))
 BAD = {"NaN": np.nan, "infinite": np.inf, "too large": 1e30}
 SENSOR = pytest.mark.parametrize("sensor", SENSORS, ids=lambda sensor: sensor.name)
@@ -135,41 +133,6 @@ def test_update_run_and_stream_are_one(made: Set) -> None:
     same(_numbered(single), estimator.run(live).to_polars())
 
 
-@SENSOR
-def test_update_into_writes_the_rows_of_update(made: Set) -> None:
-    estimator, ready = made.prepared()
-    readings = list(each_reading(estimator, ready))
-    known = [estimator.update(*reading) for reading in readings]
-    estimator.reset()
-    out = estimator.empty(ROWS)
-    for (time, reading, *beside), expected in zip(readings, known, strict=True):
-        rows = out[: estimator.update_into(time, reading, out, *beside)]
-        assert np.array_equal(rows[:, ROW.point], expected.point, equal_nan=True)
-        assert np.array_equal(rows[:, ROW.force], expected.force, equal_nan=True)
-        assert np.array_equal(rows[:, ROW.status], expected.status)
-
-
-@SENSOR
-@pytest.mark.parametrize("size", [1, 16, 150])
-def test_blocks_of_arrays_give_the_rows_of_run(made: Set, size: int) -> None:
-    known = made.answers
-    estimator, ready = made.prepared()
-    readings = readings_of(estimator, ready)
-    out, counts, done = estimator.empty(max(size, 2 * estimator.most)), np.zeros(size, np.int64), 0
-    which, rows = list[np.ndarray](), list[np.ndarray]()
-    while done < len(ready):
-        piece = slice(done, done + size)
-        beside = {name: values[piece] for name, values in ready.channels.items() if name in BESIDE}
-        time = ready.time[piece]
-        step = estimator.run_into(time, readings[piece], out, counts[: len(time)], beside)
-        assert step >= 1
-        which.append(done + np.repeat(np.arange(step), counts[:step]))
-        rows.append(out[: counts[:step].sum()].copy())
-        done += step
-    of = np.concatenate(which)
-    same(palpate.Contacts.of_rows(of, ready.time[of], np.concatenate(rows), estimator.features).to_polars(), known)
-
-
 HOLDERS: dict[str, Callable[[np.ndarray], Any]] = {
     "strided": lambda a: np.repeat(a, 2, axis=0)[::2],
     "by columns": np.asfortranarray,
@@ -216,16 +179,6 @@ def test_whatever_holds_times_and_readings_gives_the_same_bits_and_compiles_noth
             estimator.update_into(when[k], alone, estimator.empty(estimator.most), *rest)
             estimator.update(np.asarray(time), alone, *rest)
     assert compilations() == before
-
-
-@SENSOR
-def test_reset_forgets(made: Set) -> None:
-    """After the middle of a touch, the same samples are answered as if they were the first."""
-    known = made.answers
-    estimator, ready = made.prepared()
-    estimator.run(ready.picked(slice(0, LENGTH * 2 // 3)))
-    estimator.reset()
-    same(estimator.run(ready).to_polars(), known)
 
 
 @SENSOR

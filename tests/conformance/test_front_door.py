@@ -113,11 +113,6 @@ def test_paths_may_be_text_everywhere(case_of: Callable[[Sensor], Case]) -> None
     assert len(read_contacts(str(files.folder / "text.parquet"))) == len(found)
 
 
-def test_a_status_prints_its_name() -> None:
-    assert f"{palpate.Status.CONTACT}" == "contact"
-    assert str(palpate.Status.NO_CONTACT) == "no_contact"
-
-
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files that `make demo` leaves, of a smaller session."""

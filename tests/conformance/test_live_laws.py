@@ -20,6 +20,7 @@ from palpate.setup.source import RigSource
 from palpate.setup.tables import RigOrientation
 from palpate.signals.recording import UNSTEADY
 from tests.conformance.fields import Case, same
+from tests.conformance.live import replayed
 from tests.conformance.sensors import SENSORS, Sensor
 
 SENSOR = pytest.mark.parametrize("sensor", SENSORS, ids=lambda sensor: sensor.name)
@@ -46,18 +47,12 @@ def test_a_source_without_poses_is_answered_or_refused_before_it_is_opened(
     assert np.isin(status, [palpate.Status.CONTACT, palpate.Status.AMBIGUOUS]).any()
 
 
-@pytest.fixture
-def live(case_of: Callable[[Sensor], Case], sensor: Sensor) -> Live:
-    """Of the rig of a log, which is replayed as fast as it goes."""
-    case = case_of(sensor)
-    rig = palpate.load_rig(str(case.files.rig))
-    rig = replace(rig, source=RigSource("replay", str(case.files.log), speed=0.0))
-    return Live(rig, source=Replay(case.files.log, bare(rig.layout()), speed=0.0))
-
-
 @SENSOR
-def test_a_replayed_log_is_answered_as_the_log_is(live: Live, tmp_path: Path) -> None:
+def test_a_replayed_log_is_answered_as_the_log_is(
+    case_of: Callable[[Sensor], Case], sensor: Sensor, tmp_path: Path
+) -> None:
     """The bits of `run` by an estimator that was prepared from the same start; times are rounded to ns."""
+    live = replayed(case_of(sensor).files.log, case_of(sensor).files.rig)
     ring = StreamBuffer.make(tmp_path / "ring", live.form(), 1 << 27)
     live.into(ring)
     found: list[AnsweredSamples] = []

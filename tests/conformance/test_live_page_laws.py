@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,15 +11,13 @@ import pytest
 
 import palpate
 from palpate.cli.live_page_stream import Stream
-from palpate.live.live import Live
-from palpate.live.replay import Replay, bare
 from palpate.live.stream_buffer import StreamBuffer
 from palpate.sensors.marker_ring.layer import RingLayer
 from palpate.sensors.taxels.layer import TaxelLayer
-from palpate.setup.source import RigSource
 from palpate.setup.view import layers_of, view_of
 from palpate.viewer.live import LivePage
 from tests.conformance.fields import Case
+from tests.conformance.live import replayed
 from tests.conformance.sensors import SENSORS, Sensor
 
 pytest.importorskip("viser")
@@ -37,9 +34,7 @@ def test_the_page_draws_what_passes_through_the_ring(
     Cells of the page's own estimator, whose rest is another, carry what the contacts do, to noise of all cells.
     """
     case = case_of(sensor)
-    rig = palpate.load_rig(str(case.files.rig))
-    rig = replace(rig, source=RigSource("replay", str(case.files.log), speed=0.0))
-    live = Live(rig, source=Replay(case.files.log, bare(rig.layout()), speed=0.0))
+    live = replayed(case.files.log, case.files.rig)
     whole = StreamBuffer.make(tmp_path / "whole", live.form(), 1 << 27)
     live.into(whole)
     with live:
@@ -47,7 +42,7 @@ def test_the_page_draws_what_passes_through_the_ring(
             live.step(0.0)
         live.finish()
     ring = StreamBuffer.make(tmp_path / "ring", live.form(), 1 << 27)
-    setup = rig.resolve(ring.form.sensor)
+    setup = palpate.load_rig(str(case.files.rig)).resolve(ring.form.sensor)
     view, layers = view_of(setup.kind), layers_of(setup, live=ring.form.shape)
     stream = Stream(ring, view.feed(setup, lambda: ring["done"], layers))
     carried, touched = list[tuple[float, float]](), 0

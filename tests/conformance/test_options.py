@@ -9,7 +9,6 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from palpate.setup.kinds import KINDS
 from tests.conformance.fields import Case, Refused, run
 from tests.conformance.sensors import SENSORS, Sensor
 
@@ -83,34 +82,6 @@ def test_a_log_of_another_sensor_is_one_sentence(case_of: Callable[[Sensor], Cas
     pl.read_csv(case.files.log).select("time", "qx", "qy", "qz", "qw", "x", "y", "z").write_csv(other)
     with pytest.raises(Refused, match=r"column"):
         run("estimate", str(other), "--rig", str(case.files.rig), "-o", str(case.files.folder / "x.csv"))
-
-
-@SENSOR
-def test_contacts_are_told_from_a_log_in_every_format(case_of: Callable[[Sensor], Case], sensor: Sensor) -> None:
-    case = case_of(sensor)
-    for suffix in (".csv", ".parquet", ".mcap"):
-        assert ": contacts" in run("inspect", str(case.estimate(suffix)))
-
-
-@SENSOR
-def test_what_is_not_what_its_name_says_is_refused(
-    case_of: Callable[[Sensor], Case], sensor: Sensor, tmp_path: Path
-) -> None:
-    case = case_of(sensor)
-    for name in ("log.mcap", "log.parquet"):
-        (tmp_path / name).write_bytes(case.files.log.read_bytes())
-        with pytest.raises(Refused, match="does not begin"):
-            run("inspect", str(tmp_path / name))
-        with pytest.raises(Refused, match="does not begin"):
-            run("estimate", str(tmp_path / name), "--rig", str(case.files.rig), "-o", str(tmp_path / "x.csv"))
-
-
-@SENSOR
-def test_a_new_rig_says_which_sensor_it_is_of_and_why(case_of: Callable[[Sensor], Case], sensor: Sensor) -> None:
-    case = case_of(sensor)
-    mesh = [] if case.files.mesh is None else [str(case.files.mesh)]
-    said = run("rig", "new", str(case.files.log), *mesh, "-o", str(case.files.folder / "said.toml"), "--force")
-    assert f"taken for {KINDS[sensor.table].called}: " in said
 
 
 def _named(option: str, sentence: str) -> bool:

@@ -7,14 +7,16 @@ import functools
 import pickle
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.contact import Locator
+from palpate.contact import Contacts, Locator
+from palpate.contact.events import Events
+from palpate.contact.touch_finder import find_touches
 from palpate.sensors.force_torque import ForceTorque
 from palpate.signals import Payload
 from palpate.spatial.pose import Pose
@@ -38,6 +40,7 @@ def superquadric() -> ImplicitSurface:
     return make_superquadric((R, R, 0.7 * R), (0.9, 0.8), pose=POSE, notes=("a note",))
 
 
+@functools.cache
 def by_hand() -> ImplicitSurface:
     """Of functions without a name to find them by."""
     radius = R
@@ -67,6 +70,12 @@ def payload() -> Payload:
     )
 
 
+def events() -> Events:
+    """One touch, with a feature."""
+    found = Locator(square(), noise=np.ones(6), on=0.0).run(np.tile(WRENCHES[0], (40, 1)))
+    return find_touches(replace(Contacts.single(np.arange(40) / 100.0, found), features={"row": np.arange(40.0)}))
+
+
 VALUES: dict[str, Callable[[], Any]] = {
     "Wrench": lambda: Wrench.from_vector(WRENCHES, np.eye(6)),
     "Wrench without covariance": lambda: Wrench.from_vector(WRENCHES[0]),
@@ -75,6 +84,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "ForceTorque": lambda: ForceTorque(np.ones(6), limits=np.full(6, 100.0), frame="base"),
     "ContactEstimate": lambda: Locator(square(), noise=np.ones(6), on=0.0).run(WRENCHES),
     "ContactEstimate, single": lambda: Locator(square(), noise=np.ones(6), on=0.0).run(WRENCHES[0]),
+    "Events": events,
     "Candidates": lambda: Locator(square()).candidates(WRENCHES[0]),
     "Mesh": square,
     "Sphere": lambda: Sphere(R, pose=POSE),
@@ -101,6 +111,9 @@ def arrays(value: Any) -> Iterator[tuple[str, np.ndarray]]:
             yield name, each
         elif isinstance(each, Pose):
             yield from arrays(each)
+        elif isinstance(value, Events):  # features by name, and paths
+            inside = each.items() if isinstance(each, Mapping) else enumerate(each or ())
+            yield from ((f"{name} {key}", array) for key, array in inside)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -116,7 +129,7 @@ def test_a_value_comes_back_the_same_and_frozen(name: str, way: str) -> None:
         assert not array.flags.writeable, field
     for field in fields(value):
         plain = getattr(value, field.name)
-        if isinstance(plain, str | tuple | int | float | Mapping | None):
+        if isinstance(plain, str | tuple | int | float | Mapping | None) and field.name not in ("features", "paths"):
             assert getattr(back, field.name) == plain
 
 

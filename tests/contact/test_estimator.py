@@ -86,11 +86,6 @@ def test_what_was_touched_is_found_through_weight_bias_and_mounting() -> None:
     assert_found(estimator(ForceTorque(NOISE)).run(made.recording()), made)
 
 
-def test_a_log_in_the_base_frame_is_turned_back() -> None:
-    made = session()
-    assert_found(estimator(ForceTorque(NOISE, frame="base")).run(made.recording(base=True)), made)
-
-
 def test_without_payload_and_mounting_the_reading_is_the_wrench() -> None:
     made = session()
     plain = Recording(np.arange(80.0), {FORCE: made.contact[:, :3], TORQUE: made.contact[:, 3:]})
@@ -144,23 +139,6 @@ def test_a_missing_orientation_is_said_with_the_file_and_the_columns(base: bool)
     chain = estimator(sensor, payload=None) if base else estimator(sensor)
     with pytest.raises(InputError, match=r"a.csv: the log has no orientation.*qx, qy, qz, qw"):
         chain.run(session().recording(orientation=False))
-
-
-def test_blocks_of_a_stream_are_the_recording() -> None:
-    made = session()
-    recording = made.recording()
-    whole, parts = estimator(ForceTorque(NOISE)), estimator(ForceTorque(NOISE))
-    expected = whole.run(recording)
-    for begin in range(0, 80, 7):
-        cut = {name: values[begin : begin + 7] for name, values in recording.channels.items()}
-        answer = parts.run(Recording(recording.time[begin : begin + 7], cut))
-        assert np.array_equal(answer.status, expected.status[begin : begin + 7])
-        assert np.array_equal(answer.point, expected.point[begin : begin + 7], equal_nan=True)  # to the last bit
-
-
-def test_an_empty_block_gives_an_empty_answer() -> None:
-    nothing = Recording(np.zeros(0), {FORCE: np.zeros((0, 3)), TORQUE: np.zeros((0, 3)), ORIENTATION: np.zeros((0, 4))})
-    assert estimator(ForceTorque(NOISE)).run(nothing).point.shape == (0, 3)
 
 
 def test_payload_and_mounting_add_to_the_covariance_what_dice_say() -> None:

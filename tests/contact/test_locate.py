@@ -117,12 +117,6 @@ def test_thresholds_have_hysteresis() -> None:
     assert status_of(locator, press(0.7)) == [light]
 
 
-def test_too_light_keeps_the_force_and_no_point() -> None:
-    answer = Locator(lid(), on=1.0, off=0.5).run(press(0.7)[None])
-    assert np.array_equal(answer.force[0], press(0.7)[:3])
-    assert np.isnan(answer.point).all()
-
-
 def test_thresholds_come_from_the_noise() -> None:
     """5.5 and 3 times the largest deviation of force, where the noise is all that is uncertain."""
     locator = Locator(lid(), noise=[0.01, 0.02, 0.03, 1, 1, 1])
@@ -351,16 +345,8 @@ def test_every_answer_is_consistent_with_its_status() -> None:
     wrenches = a_log(mesh)
     answer = Locator(mesh, noise=NOISE).run(wrenches)
     assert len(answer.status) == len(wrenches)
-    present = set(answer.status.tolist())
-    wanted = (
-        Status.CONTACT,
-        Status.NO_CONTACT,
-        Status.TOO_LIGHT,
-        Status.OFF_SURFACE,
-        Status.IMPLAUSIBLE,
-        Status.INVALID,
-    )
-    assert present >= set(wanted)
+    rare = {Status.AMBIGUOUS, Status.SATURATED, Status.NO_POSE}
+    assert set(answer.status.tolist()) >= set(Status) - rare
     located = np.isin(answer.status, [Status.CONTACT, Status.AMBIGUOUS, Status.IMPLAUSIBLE])
     assert np.isfinite(answer.point[located]).all()
     assert np.isfinite(answer.covariance[located]).all()
@@ -520,28 +506,16 @@ def test_locate_does_not_remember_between_calls_or_samples() -> None:
 
 
 @pytest.mark.parametrize("name", ["ellipsoid", "L", "open patch"])
-def test_called_in_a_loop_it_is_what_run_says(name: str) -> None:
+def test_called_in_a_loop_and_in_blocks_it_is_what_run_says(name: str) -> None:
     mesh = BODIES[name].mesh
-    wrenches = a_log(mesh, 300)
-    one, two = Locator(mesh, noise=NOISE), Locator(mesh, noise=NOISE)
-    rows = one.empty(len(wrenches))
+    wrenches = a_log(mesh, 1000)
+    one, two, three = (Locator(mesh, noise=NOISE) for _ in range(3))
+    rows, whole = one.empty(len(wrenches)), two.run(wrenches)
     for wrench, row in zip(wrenches, rows, strict=True):
         one(wrench, row)
-    same(ContactEstimate.from_rows(rows), two.run(wrenches))
+    same(ContactEstimate.from_rows(rows), whole)
     assert rows.shape[1] == ROW.length
-
-
-@pytest.mark.parametrize("block", [1, 17, 4096])
-@pytest.mark.parametrize("name", ["ellipsoid", "L"])
-def test_blocks_do_not_matter(name: str, block: int) -> None:
-    mesh = BODIES[name].mesh
-    wrenches = a_log(mesh, 5000 if block > 1 else 500)
-    whole, parts = Locator(mesh, noise=NOISE), Locator(mesh, noise=NOISE)
-    answers = [parts.run(wrenches[i : i + block]) for i in range(0, len(wrenches), block)]
-    expected = whole.run(wrenches)
-    for name_, value in vars(expected).items():
-        joined = np.concatenate([getattr(answer, name_) for answer in answers])
-        assert np.array_equal(joined, value, equal_nan=True), name_
+    same(ContactEstimate.joined([three.run(wrenches[k : k + 17]) for k in range(0, len(wrenches), 17)]), whole)
 
 
 def test_without_noise_covariances_and_residuals_outside_are_nan() -> None:
@@ -567,11 +541,6 @@ def test_noise_may_come_with_the_locator_the_call_or_the_wrench() -> None:
     assert np.allclose(locate(each, lid()).covariance, by_locator, rtol=1e-12, atol=0)
     with pytest.raises(Exception, match="covariances"):
         Locator(lid()).run(np.array([wrench] * 3), np.array([covariance] * 2))
-
-
-def test_an_unknown_method_is_named() -> None:
-    with pytest.raises(InputError, match="unknown method 'softfinger'"):
-        locate(Wrench.from_vector(press(1.0)), lid(), method="softfinger")
 
 
 def test_results_are_read_only_and_apart_from_what_was_given() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import fields
 from threading import active_count
 
@@ -18,7 +17,9 @@ from palpate.signals.filters import Filter
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.surfaces import plane
+from tests.conformance.live import each_reading
 from tests.support.bodies import BODIES
+from tests.support.streams import pieces
 
 RATE = 200.0
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
@@ -76,11 +77,6 @@ def hard_log(count: int = 500, base: bool = False) -> Recording:
     return Recording(time, channels, frame="base" if base else "sensor")
 
 
-def blocks(recording: Recording, size: int) -> Iterator[Recording]:
-    for start in range(0, len(recording), size):
-        yield recording.picked(slice(start, start + size))
-
-
 def assert_same(parts: list[ContactEstimate], whole: ContactEstimate) -> None:
     """To the last bit, NaN included."""
     for field in fields(whole):
@@ -89,68 +85,53 @@ def assert_same(parts: list[ContactEstimate], whole: ContactEstimate) -> None:
         assert np.array_equal(joined.reshape(expected.shape), expected, equal_nan=True)
 
 
-def streamed(
-    made: Filter | None, recording: Recording, size: int, base: bool, beside: bool = False
-) -> list[ContactEstimate]:
-    sensor = ForceTorque(NOISE, frame="base") if base else None
-    chain, pieces = estimator(made, sensor), list(blocks(recording, size))
+def streamed(made: Filter | None, recording: Recording, size: int, beside: bool) -> list[ContactEstimate]:
+    chain, parts = estimator(made, ForceTorque(NOISE, frame="base")), list(pieces(recording, size))
     chain.beside = beside
-    answers = list(chain.pairs(pieces))
-    assert [id(block) for block, _ in answers] == [id(block) for block in pieces]  # in order, row for row
-    assert [len(answer.status) for _, answer in answers] == [len(block) for block in pieces]
+    answers = list(chain.pairs(parts))
+    assert [id(block) for block, _ in answers] == [id(block) for block in parts]  # in order, row for row
+    assert [len(answer.status) for _, answer in answers] == [len(block) for block in parts]
     return [answer.estimate for _, answer in answers]
 
 
-@pytest.mark.parametrize("made", FILTERS, ids=["none", "kalman", "butterworth", "zero phase"])
-def test_block_sizes_make_no_difference_in_the_base_frame(made: Filter | None) -> None:
-    recording = hard_log(base=True)
-    (whole,) = streamed(made, recording, 10**6, True)
-    expected = {Status.CONTACT, Status.NO_CONTACT, Status.INVALID, Status.NO_POSE}
-    assert expected <= set(whole.status.tolist())
-    for size in (1, 17, 256):
-        assert_same(streamed(made, recording, size, True), whole)
-
-
 @pytest.mark.parametrize("made", FILTERS[2:], ids=["butterworth", "zero phase"])
-def test_large_blocks_and_a_thread_make_no_difference_either(made: Filter | None) -> None:
+def test_large_blocks_and_a_thread_make_no_difference_in_the_base_frame(made: Filter | None) -> None:
     """Larger than the pieces in which the work is done inside; the thread locates while the next ones are measured."""
-    recording = hard_log(9000)
+    recording = hard_log(9000, base=True)
     (whole,) = streamed(made, recording, 10**6, False)
+    assert {Status.CONTACT, Status.NO_CONTACT, Status.INVALID, Status.NO_POSE} <= set(whole.status.tolist())
     for size, beside in ((4096, False), (701, True), (10**6, True)):
-        assert_same(streamed(made, recording, size, False, beside), whole)
+        assert_same(streamed(made, recording, size, beside), whole)
 
 
 def test_what_goes_wrong_beside_is_raised_in_its_turn_and_the_thread_ends() -> None:
     chain, before = estimator(), active_count()
     chain.threads = 2
-    pieces = list(blocks(hard_log(), 100))
-    pieces[3] = Recording(pieces[3].time, {FORCE: pieces[3].channels[FORCE]})
-    answers = chain.stream(pieces)
+    parts = list(pieces(hard_log(), 100))
+    parts[3] = Recording(parts[3].time, {FORCE: parts[3].channels[FORCE]})
+    answers = chain.stream(parts)
     with pytest.raises(InputError, match="torque"):
         list(answers)
     assert active_count() == before
-    early = chain.stream(list(blocks(hard_log(), 100)))
+    early = chain.stream(list(pieces(hard_log(), 100)))
     next(early)
     early.close()  # whoever needs no more
     assert active_count() == before
 
 
 @pytest.mark.parametrize("made", FILTERS[:3], ids=["none", "kalman", "butterworth"])
-def test_sample_by_sample_is_the_block_to_the_last_bit(made: Filter | None) -> None:
-    recording = hard_log()
-    channels = {name: values for name, values in recording.channels.items() if name != UNSTEADY}
-    recording = Recording(recording.time, channels)
-    turn = rotation_from_quaternion(recording.channels[ORIENTATION])
-    readings = np.concatenate([channels[FORCE], channels[TORQUE]], axis=1)
+def test_samples_and_arrays_with_accelerations_are_the_block_to_the_last_bit(made: Filter | None) -> None:
+    """Without any, as in tests/laws/test_split_laws.py, a sample could ignore it."""
+    log = hard_log()
+    log = Recording(log.time, {name: values for name, values in log.channels.items() if name != UNSTEADY})
+    beside = {name: log.channels[name] for name in (ORIENTATION, ACCELERATION)}
     chain = estimator(made)
-    whole = chain.run(recording).estimate
+    whole = chain.run(log).estimate
     chain.reset()
-    samples = list(zip(recording.time, readings, turn, channels[ACCELERATION], strict=True))
-    assert_same([chain.update(*sample).estimate for sample in samples], whole)
+    assert_same([chain.update(*sample).estimate for sample in each_reading(chain, log)], whole)
     chain.reset()
-    rows = Locator.empty(len(recording))
-    for row, (time, reading, rotation, acceleration) in zip(rows, samples, strict=True):
-        assert chain.update_into(time, reading, row, rotation, acceleration) == 1
+    rows = chain.empty(len(log))
+    chain.run_into(log.time, log.wrenches(), rows, np.zeros(len(log), np.int64), beside)
     assert_same([ContactEstimate.from_rows(rows)], whole)
 
 
@@ -219,7 +200,7 @@ def test_zero_phase_keeps_a_sine_in_step() -> None:
     sine = np.sin(2 * np.pi * 6.0 * time)[:, None] * np.array([0.0, 0.0, 1.0])
     chain = WrenchEstimator(Locator(FLAT), ForceTorque(), filter=made, rate=RATE)
     recording = Recording(time, {FORCE: sine, TORQUE: np.zeros_like(sine)})
-    force = np.concatenate([answer.force for answer in chain.stream(blocks(recording, 100))])
+    force = np.concatenate([answer.force for answer in chain.stream(pieces(recording, 100))])
     inner = slice(500, 2500)
     assert np.abs(force[inner, 2] - float(made.gain(6.0, RATE)) * sine[inner, 2]).max() < 1e-6
 

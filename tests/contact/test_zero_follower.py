@@ -6,10 +6,8 @@ stated sample by sample.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import cycle
 
 import numpy as np
 import pytest
@@ -36,6 +34,7 @@ from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate.surfaces import EllipticCylinder, Mesh
 from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
 from palpate_lab.simulation.drift import simulate_drift
+from tests.support.streams import pieces
 
 HZ = 80.0
 DRIFT = drift_of(5e-3, 1.0 / 60.0)
@@ -79,67 +78,10 @@ def _estimator(
     return made
 
 
-def _blocks(log: Recording, *sizes: int) -> Iterator[Recording]:
-    """Of these sizes, over and over."""
-    start = 0
-    for size in cycle(sizes):
-        if start >= len(log):
-            return
-        yield log.picked(slice(start, start + size))
-        start += size
-
-
 def _flat(found: Contacts) -> np.ndarray:
     """Every number of contacts, a sample a row."""
     one = found.estimate
     return np.column_stack([one.point, one.force, one.covariance.reshape(-1, 9), one.status])
-
-
-def _row_by_row(made: WrenchEstimator, log: Recording) -> np.ndarray:
-    rows = made.empty(len(log))
-    wrenches, turns = log.wrenches(), rotation_from_quaternion(log.channels[ORIENTATION])
-    for k in range(len(log)):
-        made.update_into(float(log.time[k]), wrenches[k], rows[k], turns[k])
-    return rows
-
-
-@pytest.mark.parametrize("filter", [None, Butterworth(10.0)])
-def test_samples_blocks_and_arrays_have_the_same_bits(filter: Butterworth | None) -> None:
-    log, _ = _log()
-    single = _row_by_row(one := _estimator(filter=filter), log)
-    expected = _flat(Contacts.single(log.time, ContactEstimate.from_rows(single)))
-    history = one.zero_history()
-    assert history is not None
-    made, into = _estimator(filter=filter), _estimator(filter=filter)
-    cut = [_flat(made.run(each)) for each in _blocks(log, 7, 1, 90, 3)]
-    np.testing.assert_array_equal(np.concatenate(cut), expected)
-    rows = into.empty(len(log))
-    for first in range(0, len(log), 300):
-        part = log.picked(slice(first, first + 300))
-        counts = np.zeros(len(part), np.int64)
-        beside = {ORIENTATION: part.channels[ORIENTATION]}
-        into.run_into(part.time, part.wrenches(), rows[first : first + 300], counts, beside)
-    np.testing.assert_array_equal(rows, single)
-    for other in (made, into):
-        again = other.zero_history()
-        assert again is not None
-        np.testing.assert_array_equal(again.zero, history.zero)
-        np.testing.assert_array_equal(again.status, history.status)
-    streamed = np.concatenate([_flat(each) for each in _estimator(filter=filter).stream(_blocks(log, 333))])
-    np.testing.assert_array_equal(streamed, expected)
-    assert {ZeroStatus.FREE, ZeroStatus.HELD, ZeroStatus.LOST} <= set(history.status)
-
-
-@pytest.mark.parametrize("filter", [None, Butterworth(10.0, zero_phase=True)])
-def test_logs_have_the_same_bits_however_they_are_cut(filter: Butterworth | None) -> None:
-    log, _ = _log()
-    ways: list[np.ndarray] = []
-    for size in (90, 3200):
-        made = _estimator(live=False, filter=filter)
-        pairs = list(made.pairs(_blocks(log, size)))
-        assert [len(block) for block, _ in pairs] == [len(block) for block in _blocks(log, size)]
-        ways.append(np.concatenate([_flat(found) for _, found in pairs]))
-    np.testing.assert_array_equal(ways[0], ways[1])
 
 
 def test_a_zero_that_runs_away_is_followed_and_touches_stay_whole() -> None:
@@ -155,7 +97,7 @@ def test_a_zero_that_runs_away_is_followed_and_touches_stay_whole() -> None:
         "live": _estimator(),
         "log": _estimator(live=False),
     }.items():
-        found = np.concatenate([each.estimate.force for each in made.stream(_blocks(log, 500))])
+        found = np.concatenate([each.estimate.force for each in made.stream(pieces(log, 500))])
         off[name] = float(np.linalg.norm(np.nanmean((found - true[:, :3])[late], axis=0)))
     assert off["tare"] > 0.06
     assert off["live"] < 0.02
@@ -207,7 +149,7 @@ def test_a_payload_that_is_wrong_is_learnt_and_named(payload: Payload) -> None:
     for live in (True, False):
         made = _estimator(drift_of(1e-3), live=live)
         made.tare(log.picked(slice(0, 80)))
-        for _ in made.stream(_blocks(log, 400)):
+        for _ in made.stream(pieces(log, 400)):
             pass
         history = made.zero_history()
         assert history is not None
@@ -351,7 +293,7 @@ def test_temperature_has_the_same_bits_live_and_in_blocks_and_its_lack_is_said()
         one.kelvin = kelvin[k]
         one.update_into(float(log.time[k]), readings[k], rows[k], turns[k])
     expected = _flat(Contacts.single(log.time, ContactEstimate.from_rows(rows)))
-    blocks = np.concatenate([_flat(two.run(each)) for each in _blocks(warm, 7, 1, 90)])
+    blocks = np.concatenate([_flat(two.run(each)) for each in pieces(warm, 7, 1, 90)])
     np.testing.assert_array_equal(blocks, expected)
     beside = {name: warm.channels[name] for name in (ORIENTATION, TEMPERATURE)}
     again = three.empty(len(log))
@@ -388,7 +330,7 @@ def test_voltages_are_followed_too() -> None:
     for live in (True, False):
         sensor = LoadCellArray(model, zero=Zero(np.zeros(12), share=0.01))
         made = WrenchEstimator(Locator(surface, noise=sensor.noise), sensor, live=live, drift=drift)
-        found = np.concatenate([each.estimate.force for each in made.stream(_blocks(log, 400))])
+        found = np.concatenate([each.estimate.force for each in made.stream(pieces(log, 400))])
         pressed = (time > 6.2) & (time < 7.8)
         assert np.abs(np.nanmean(found[pressed] - push[pressed], axis=0)).max() < 0.02
         history = made.zero_history()
@@ -396,13 +338,6 @@ def test_voltages_are_followed_too() -> None:
         ends.append(history.zero[-1] - ran[-1])
         assert np.abs(history.zero[-1] - ran[-1]).max() < 10 * noise  # a second of rate, of which little is unknown
         assert ZeroStatus.HELD in history.status
-    made = WrenchEstimator(Locator(surface), LoadCellArray(model, zero=Zero(np.zeros(12), 0.01)), drift=drift)
-    rows = made.empty(len(time))
-    for k in range(len(time)):
-        made.update_into(float(time[k]), volts[k], rows[k])
-    sensor = LoadCellArray(model, zero=Zero(np.zeros(12), 0.01))
-    other = WrenchEstimator(Locator(surface), sensor, drift=drift)
-    np.testing.assert_array_equal(_flat(other.run(log)), _flat(Contacts.single(time, ContactEstimate.from_rows(rows))))
 
 
 def test_what_cannot_be_followed_is_refused() -> None:

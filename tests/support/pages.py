@@ -54,6 +54,19 @@ def session(count: int = 400, rate: float = 100.0) -> Contacts:
     return Contacts.single(time, estimate)
 
 
+def one_a_second(touches: int, start: float = 0.0) -> Contacts:
+    """Touches of 0.5 s, one a second, at 100 Hz: 3 N at (1, -2, 3) mm, which is known to 0.5 mm."""
+    count = 100 * touches
+    status = np.where(np.arange(count) % 100 < 50, Status.CONTACT, Status.NO_CONTACT).astype(np.int8)
+    there = status == Status.CONTACT
+    point = np.where(there[:, None], [0.001, -0.002, 0.003], np.nan)
+    normal, force = (np.where(there[:, None], [0.0, 0.0, size], np.nan) for size in (1.0, -3.0))
+    covariance = np.where(there[:, None, None], 0.25e-6 * np.diag([1.0, 1.0, 0.0]), np.nan)
+    torque, ones = np.where(there, 0.0, np.nan), np.ones(count, dtype=np.int64)
+    estimate = ContactEstimate(point, normal, np.nan_to_num(force), torque, covariance, np.zeros(count), ones, status)
+    return Contacts.single(start + np.arange(count) / 100, estimate)
+
+
 def two_contacts(count: int = 100, rate: float = 50.0) -> Contacts:
     """One contact at x > 0 all the time; a second at x < 0, twice as strong, in the middle half."""
     sample, identity = [], []
