@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate.errors import InputError
-from palpate.sensors.force_torque import Compensation, ForceTorque
-from palpate.signals import Payload, Recording
+from palpate.sensors.force_torque import ForceTorque
+from palpate.signals import Payload
 
 MASS, GRAVITY = 1.3, np.array([0.0, 0.0, -9.81])
 CENTER, FORCE_BIAS, TORQUE_BIAS = np.array([0.01, -0.02, 0.05]), np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.2, -0.3])
@@ -89,21 +89,3 @@ def test_a_sensor_takes_six_deviations_and_refuses_nonsense() -> None:
         ForceTorque(frame="tool")
     with pytest.raises(InputError, match="limit"):
         ForceTorque(limits=np.zeros(6))
-
-
-def test_readings_in_the_base_frame_are_those_of_the_sensor_turned() -> None:
-    """With a payload and a motion; what depends on the order of products agrees to rounding."""
-    rng, count = np.random.default_rng(8), 20
-    turned, reading, noise = rotations(count), rng.normal(size=(count, 6)), (0.02, 0.001)
-    channels = {
-        "orientation": Rotation.from_matrix(turned).as_quat(),
-        "acceleration": rng.normal(size=(count, 3)),
-    }
-    in_base = np.einsum("nij,nkj->nki", turned, reading.reshape(count, 2, 3)).reshape(count, 6)
-    found = list[np.ndarray]()
-    for frame, values in (("sensor", reading), ("base", in_base)):
-        sensor = Compensation(ForceTorque(noise, frame=frame), a_payload())
-        given = {"force": values[:, :3], "torque": values[:, 3:]} | channels
-        found.append(sensor.measure(Recording(np.arange(count) / 100.0, given, frame=frame)).wrench)
-    np.testing.assert_allclose(found[1], found[0], atol=1e-12)
-    assert np.ptp(found[0]) > 1.0
