@@ -1,4 +1,4 @@
-"""Models of load cells as TOML, and the rig's table of them."""
+"""The rig's table of load cells, and what it says beyond their model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of a skin: curves the same to the last bit, rigs that say what is wrong, contacts with their cells."""
+"""Files of a skin: rigs that say what is wrong, maps by rows, contacts with their cells."""
 
 from __future__ import annotations
 

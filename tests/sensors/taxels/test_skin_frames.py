@@ -1,4 +1,4 @@
-"""Logs of frames: the same frames from every format; what does not fit is said, and keeps its row."""
+"""Logs of frames: what does not fit is said, and keeps its row; a bag of ROS 1, and damage."""
 
 from __future__ import annotations
 
