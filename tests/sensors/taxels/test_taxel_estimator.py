@@ -343,6 +343,26 @@ def test_a_light_touch_below_the_thresholds_is_no_rest() -> None:
     assert eaten[0] < 0.15
 
 
+@pytest.mark.parametrize("filter", [None, Butterworth(8.0, zero_phase=True)])
+def test_rests_that_are_followed_are_the_same_however_the_log_is_cut(filter: Filter | None) -> None:
+    load = press(FLAT, [Patch(2.4, 9.3, 2.0, 3.0)]).loads
+    log, _ = _wandering(12.0, load, 3.0, 6.0, 3)
+    time, cells = log.time.copy(), log.channels[CELLS].copy()
+    time[200:] += 7.0  # a gap
+    time[250:] -= 2.5  # and time that runs back
+    time[120], cells[40, 1, 3], cells[60] = np.nan, np.nan, np.nan
+    log, body = _recording(time, cells), TaxelBody.sheet(FLAT.layout(), bits=None)
+    skin = TaxelEstimator(body, LINEAR, _health(), settings=WALK, filter=filter, rate=25.0)
+    ends: list[tuple[np.ndarray, ...]] = []
+    for size in (300, 11, 1):
+        skin.reset()
+        parts = list(skin.stream(log.picked(slice(a, a + size)) for a in range(0, 300, size)))
+        ends.append((Contacts.joined(parts).estimate.point, skin.rest))
+    for point, rest in ends[1:]:
+        np.testing.assert_array_equal(point, ends[0][0])
+        np.testing.assert_array_equal(rest, ends[0][1])
+
+
 def test_eight_bits_that_wrap_are_put_right() -> None:
     """Counts rise past 255 in the middle of a touch whose neighbours stay pressed."""
     skin = TaxelEstimator(TaxelBody.sheet(FLAT.layout()), LINEAR, _health(1.0))
