@@ -15,11 +15,8 @@ from palpate.signals import Payload
 from palpate.spatial.pose import rotation_from_quaternion
 
 WEIGHT = np.array([0.3, -0.2, -12.0])
-CENTER, FORCE_BIAS, TORQUE_BIAS = (
-    np.array([0.004, -0.01, 0.05]),
-    np.array([-3.0, 4.0, -9.0]),
-    np.array([0.1, -0.2, 0.3]),
-)
+CENTER = np.array([0.004, -0.01, 0.05])
+FORCE_BIAS, TORQUE_BIAS = np.array([-3.0, 4.0, -9.0]), np.array([0.1, -0.2, 0.3])
 NOISE = np.array([0.1, 0.1, 0.2, 0.004, 0.004, 0.002])
 TRUTH = np.concatenate([WEIGHT, FORCE_BIAS, CENTER, TORQUE_BIAS])
 SWAP = [0, 2, 1, 3, 5, 4]
@@ -60,19 +57,18 @@ def real(shared: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
 def test_exact_wrenches_give_the_truth(robust: bool, noise: np.ndarray | None) -> None:
     rotations = poses(8)
     payload = identify_payload(readings(rotations), rotations, robust=robust, noise=noise)
-    np.testing.assert_allclose(
-        parameters(payload), TRUTH, atol=1e-11
-    )  # rounding of 12 N through a well posed 8-pose fit
+    np.testing.assert_allclose(parameters(payload), TRUTH, atol=1e-11)  # rounding of 12 N through a well posed fit
     assert payload.samples == 8
     assert payload.notes == ()
 
 
 def test_gravity_of_any_length_is_only_a_direction() -> None:
     rotations = poses(5)
-    payload = identify_payload(readings(rotations), rotations, gravity=3.0 * WEIGHT, magnitude=9.81)
-    np.testing.assert_allclose(parameters(payload), TRUTH, atol=1e-11)
-    assert payload.mass == pytest.approx(np.linalg.norm(WEIGHT) / 9.81, rel=1e-12)
-    assert np.linalg.matrix_rank(payload.covariance[:3, :3]) <= 1
+    for length in (3.0, 1e-300, 1e300):
+        payload = identify_payload(readings(rotations), rotations, gravity=length * WEIGHT, magnitude=9.81)
+        np.testing.assert_allclose(parameters(payload), TRUTH, atol=1e-11)
+        assert payload.mass == pytest.approx(np.linalg.norm(WEIGHT) / 9.81, rel=1e-12)
+        assert np.linalg.matrix_rank(payload.covariance[:3, :3]) <= 1
 
 
 CASES = {
@@ -85,14 +81,14 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_covariance_holds(case: str) -> None:
-    """The mean of 60 squared distances of 12 (10) degrees of freedom scatters by sqrt(2 k / 60): 5.3 % (5.8 %) of k.
+    """The mean of 40 squared distances of 12 (10) degrees of freedom scatters by sqrt(2 k / 40): 6.5 % (7.1 %) of k.
 
     Estimated from 40 poses' residuals, the covariance's own error adds about (k + 1) / (3 x 40) = 11 %; with the noise
-    known it adds nothing. Both within two and a half deviations, of dice that are always the same.
+    known it adds nothing. Both within two deviations, of dice that are always the same.
     """
     settings, unknowns = CASES[case]
     squared = []
-    for seed in range(60):
+    for seed in range(40):
         rotations = poses(40, seed)
         payload = identify_payload(readings(rotations, noise=1.0, seed=1000 + seed), rotations, **settings)
         error = parameters(payload) - TRUTH
@@ -163,8 +159,7 @@ def test_the_centre_is_not_pulled_by_the_noise_of_the_force() -> None:
     """
     deviations, rotations = np.array([1.5, 1.5, 1.5, 0.01, 0.01, 0.01]), poses(1200)
     wrenches = readings(rotations) + np.random.default_rng(3).normal(size=(1200, 6)) * deviations
-    found = identify_payload(wrenches, rotations, robust=False)
-    assert found.center_of_mass[2] == pytest.approx(CENTER[2], rel=0.01)
+    assert two_stage(wrenches, rotations, None)[8] == pytest.approx(CENTER[2], rel=0.01)
 
 
 # --- bad samples
@@ -194,11 +189,12 @@ def test_good_samples_are_rarely_set_aside() -> None:
     assert away <= 4  # of 1,650; a few come from the deviations of seven poses
 
 
-def test_rows_with_nan_are_ignored_and_said_by_their_own_number() -> None:
+@pytest.mark.parametrize("lost", [np.nan, 1e200], ids=["none", "beyond any sensor"])
+def test_rows_without_numbers_are_ignored_and_said_by_their_own_number(lost: float) -> None:
     rotations = poses(30)
     wrenches = readings(rotations, noise=1.0)
     good = identify_payload(np.delete(wrenches, [2, 9], axis=0), np.delete(rotations, [2, 9], axis=0))
-    wrenches[2, 4], rotations[9, 0, 0] = np.nan, np.inf
+    wrenches[2, 4], rotations[9, 0, 0] = lost, np.inf
     payload = identify_payload(wrenches, rotations)
     np.testing.assert_array_equal(parameters(payload), parameters(good))
     assert "2 of 30 rows hold NaN or infinity" in payload.notes[0]
@@ -370,23 +366,6 @@ def test_a_hundred_real_poses(shared: Path) -> None:
     assert payload.residual[0] == pytest.approx(0.281, abs=0.0005)
 
 
-def test_real_poses_with_y_and_z_swapped_are_named(shared: Path) -> None:
-    wrenches, rotations = real(shared, "_100")
-    sensor = np.einsum("nji,nkj->nki", rotations, wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
-    with pytest.raises(InputError, match="hypothesis='y and z swapped'"):
-        identify_payload(sensor[:, SWAP], rotations)
-
-
-def test_only_the_direction_of_gravity_counts() -> None:
-    rotations = poses(30)
-    wrenches = readings(rotations)
-    for length in (1e-300, 1e300):
-        payload = identify_payload(wrenches, rotations, gravity=[0.0, 0.0, -length])
-        np.testing.assert_array_equal(
-            parameters(payload), parameters(identify_payload(wrenches, rotations, gravity=[0, 0, -1]))
-        )
-
-
 def test_a_centre_of_mass_beyond_reach_is_said() -> None:
     rotations = poses(30)
     wrenches = readings(rotations)
@@ -394,14 +373,6 @@ def test_a_centre_of_mass_beyond_reach_is_said() -> None:
     wrenches[:, 3:] *= 1e3  # N mm taken for N m
     with pytest.raises(InputError, match=r"centre of mass .* is implausible; it is nearer if the torque is in N mm"):
         identify_payload(wrenches, rotations)
-
-
-def test_rows_beyond_any_sensor_are_ignored_like_infinity() -> None:
-    rotations = poses(30)
-    wrenches = readings(rotations, noise=1.0)
-    good = identify_payload(np.delete(wrenches, [2], axis=0), np.delete(rotations, [2], axis=0))
-    wrenches[2, 4] = 1e200
-    np.testing.assert_array_equal(parameters(identify_payload(wrenches, rotations)), parameters(good))
 
 
 def test_the_noise_that_a_fit_leaves_is_corrected_for_its_unknowns() -> None:

@@ -85,16 +85,6 @@ def test_without_a_tare_the_zero_of_the_calibration_is_doubted() -> None:
     assert "no zero of the cells was taken" in LoadCellArray(CELLS).warnings()[0]
 
 
-def test_faults_are_found_on_the_way() -> None:
-    log = recording(start(0.0, 0.02))
-    volts = log.channels[VOLTAGE].copy()
-    volts[:, 3:6] = 0.0
-    estimator, found = answered(Recording(log.time, {VOLTAGE: volts}))
-    assert "cell 2" in estimator.warnings()[0]
-    assert "dead" in estimator.warnings()[0]
-    assert found.answered[-500:].all()
-
-
 # --- which channel or cell is believed
 
 

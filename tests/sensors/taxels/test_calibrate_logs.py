@@ -101,12 +101,13 @@ def test_pressures_give_each_cell_its_gain(sign: float) -> None:
 
 def test_a_mat_is_calibrated_by_the_command(tmp_path: Path) -> None:
     names = ",".join(f"r{row}c{column}" for row in range(3) for column in range(4))
-    log, rig = _saved(tmp_path / "mat.csv", names, _mat(PRESSURES)), tmp_path / "rig.toml"
+    few = PRESSURES[:5]
+    log, rig = _saved(tmp_path / "mat.csv", names, _mat(few)), tmp_path / "rig.toml"
     rig.write_text("[skin]\npitch = 0.01\nrows = 3\ncolumns = 4\nbits = 16\n", encoding="utf-8")
-    command = CalibrateIntensity(log=log, output=tmp_path / "mat.toml", rig=rig, pressures=tuple(PRESSURES / 1e3))
+    command = CalibrateIntensity(log=log, output=tmp_path / "mat.toml", rig=rig, pressures=tuple(few / 1e3))
     command.run()
     assert read_model(tmp_path / "mat.toml", Intensity).numbers((3, 4)).min() == 1
-    with pytest.raises(InputError, match="8 frames, and 2 pressures"):
+    with pytest.raises(InputError, match="5 frames, and 2 pressures"):
         CalibrateIntensity(log=log, output=tmp_path / "mat.toml", rig=rig, pressures=(0.0, 10.0)).identify()
     with pytest.raises(InputError, match=r"no \[skin\]"):
         CalibrateIntensity(log=log, output=tmp_path / "mat.toml", pressures=(0.0, 10.0)).identify()

@@ -13,7 +13,6 @@ from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking import Priors, TaxelCalibration, calibrate_taxels, paper
 from palpate.sensors.taxels.poking import solve as solving
-from palpate.sensors.taxels.poking.module_placement import common_layout, place_modules
 from palpate.sensors.taxels.poking.paper import nearest_in_metric
 from palpate.sensors.taxels.poking.plan import candidates, known_after, plan_pokes
 from palpate.sensors.taxels.poking.pokes import Pokes
@@ -357,15 +356,6 @@ def test_a_mirrored_layout_is_refused(skin: Forearm, link: Mesh) -> None:
             calibrate_taxels(pokes, surface=link, layout=mirrored, start=start, priors=priors_of(MIX))
 
 
-def test_a_mirrored_ring_is_a_ring_numbered_backwards(skin: Forearm, link: Mesh, session: PokeSession) -> None:
-    mirrored = ModuleLayout(skin.layout.places * [-1.0, 1.0], skin.layout.module)
-    found = calibrate_taxels(
-        session.pokes, surface=link, layout=mirrored, start=skin.cad(RNG(5)), priors=priors_of(MIX)
-    )
-    assert any("run backwards" in said for said in found.warnings)
-    assert np.linalg.norm(found.places.positions - skin.places.positions, axis=1).mean() < 2.5e-3
-
-
 def test_pokes_that_were_left_out_lie_where_the_others_predict(from_cad: TaxelCalibration) -> None:
     """The median of 300 squared distances with three degrees of freedom has a deviation of 8 %."""
     assert from_cad.validation.parts == 2
@@ -409,17 +399,6 @@ def test_a_planned_poke_shrinks_the_covariance_as_if_it_had_been_made(skin: Fore
     random = np.bincount(RNG(3).integers(0, len(options.taxel), 6), minlength=len(options.taxel)).astype(float)
     worse = plan_pokes(units, known_after(units, options, random, priors, 3, deviations), options, pokes=0)
     assert plan.worst[-1] <= worse.worst[0]
-
-
-def test_modules_are_laid_where_their_taxels_were_thought(skin: Forearm, link: Mesh) -> None:
-    rough = replace(skin.places, positions=skin.places.positions + 1e-3 * RNG(4).normal(size=(84, 3)))
-    laid = place_modules(rough, skin.layout, link).places
-    before, after = (np.linalg.norm(each.positions - skin.places.positions, axis=1) for each in (rough, laid))
-    assert after.mean() < 0.5 * before.mean()  # 36 numbers of a module make three
-    own = place_modules(rough, common_layout(rough, link), link).places
-    assert np.linalg.norm(own.positions - skin.places.positions, axis=1).mean() < 0.7 * before.mean()
-    with pytest.raises(InputError, match="belongs to another skin"):
-        place_modules(rough, ModuleLayout.repeated(LAYOUTS["ring12"], 2), link)
 
 
 def test_known_distances_pull_as_their_squares_fall() -> None:

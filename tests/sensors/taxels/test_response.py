@@ -156,6 +156,8 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     assert "left_out" in found.provenance
     assert found.late[:2] == pytest.approx([0.5, 0.025], rel=0.1)  # the laboratory's, of which it knows nothing
     assert np.isinf(found.limits).all()
+    if not sums:
+        return  # the end of a range and wrong truths have nothing to do with the kind of skin
     end = 0.7 * cells.max()
     clipped = replace(recording, channels={CELLS: np.minimum(cells, end)})
     full = identify_response(body, clipped, known)

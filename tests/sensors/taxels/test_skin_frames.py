@@ -1,4 +1,4 @@
-"""Logs of frames: the same frames from every format; what does not fit is said, and keeps its row."""
+"""Logs of frames: what does not fit is said, and keeps its row; a bag of ROS 1, and damage."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import pytest
 from palpate.errors import InputError
 from palpate.files.logs import ArrayChannel, LogLayout, open_log
 from palpate.signals.recording import CELLS as CHANNEL
+from tests.support.skin_formats import RIGHT
 
 CELLS = np.random.default_rng(1).integers(0, 256, (9, 3, 4)).astype(np.float64)
-KINDS = ("sensor_msgs/msg/Image", *(f"std_msgs/msg/{name}MultiArray" for name in ("UInt8", "UInt16", "Float32")))
 TIME = 100.0 + np.arange(9) / 50.0
 
 
@@ -34,72 +34,12 @@ def _read(path: Path, layout: LogLayout | None = None) -> tuple[np.ndarray, np.n
     return np.concatenate([b.time for b in blocks]), np.concatenate([b.channels[CHANNEL] for b in blocks]), log.notes()
 
 
-def _mcap(path: Path, kind: str) -> Path:
-    """Written by rosbags, so that what is read was not written by the code that reads it."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types: Any = store.types
-    with Writer(path.with_suffix(""), version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topic = writer.add_connection("/skin", kind, typestore=store)
-        for time, cells in zip(TIME, CELLS, strict=True):
-            stamp = round(time * 1e9)
-            writer.write(topic, stamp, store.serialize_cdr(_message(types, kind, stamp, cells), kind))
-    return next(path.with_suffix("").glob("*.mcap"))
-
-
-def _message(types: Any, kind: str, stamp: int, cells: np.ndarray) -> Any:
-    if kind == "sensor_msgs/msg/Image":
-        seconds, rest = divmod(stamp, 10**9)
-        header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](seconds, rest), "skin")
-        wide = np.zeros((3, 6), dtype=np.uint8)  # rows longer than their pixels
-        wide[:, :4] = cells
-        return types[kind](header, 3, 4, "mono8", 0, 6, wide.ravel())
-    dimension = types["std_msgs/msg/MultiArrayDimension"]
-    layout = types["std_msgs/msg/MultiArrayLayout"]([dimension("rows", 3, 12), dimension("columns", 4, 4)], 0)
-    depth = {"UInt8": np.uint8, "UInt16": np.uint16, "Float32": np.float32}[
-        kind.split("/")[2].removesuffix("MultiArray")
-    ]
-    return types[kind](layout, cells.ravel().astype(depth))
-
-
-def test_a_table_is_read_row_by_row(tmp_path: Path) -> None:
-    time, cells, notes = _read(_csv(tmp_path / "log.csv"))
-    np.testing.assert_array_equal(cells, CELLS)
-    np.testing.assert_array_equal(time, TIME)
-    assert notes == ()
-
-
-@pytest.mark.parametrize("flat", [False, True])
-def test_numpy_files_are_read(tmp_path: Path, flat: bool) -> None:
-    stored = CELLS.reshape(9, 12) if flat else CELLS
-    np.savez(tmp_path / "log.npz", time=TIME, frames=stored.astype(np.uint8))
-    time, cells, _ = _read(tmp_path / "log.npz")
-    np.testing.assert_array_equal(cells, CELLS)
-    np.testing.assert_array_equal(time, TIME)
-    np.save(tmp_path / "log.npy", stored)
-    time, cells, notes = _read(tmp_path / "log.npy", _layout(rate=50.0))
-    np.testing.assert_array_equal(cells, CELLS)
-    assert "a rate of 50 Hz is assumed" in notes[0]
-    with pytest.raises(InputError, match="no array of times"):
-        _read(tmp_path / "log.npy")
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_messages_are_read(tmp_path: Path, name: str) -> None:
-    time, cells, notes = _read(_mcap(tmp_path / "log.mcap", name))
-    np.testing.assert_array_equal(cells, CELLS)
-    np.testing.assert_allclose(time, TIME, atol=1e-9)
-    assert bool(notes) == ("Image" not in name)  # arrays have no stamps, which is said
-
-
 def test_messages_of_another_size_keep_their_rows(tmp_path: Path) -> None:
-    log = _mcap(tmp_path / "log.mcap", "std_msgs/msg/UInt8MultiArray")
-    _, cells, notes = _read(log, _layout(3, 5))
-    assert cells.shape == (9, 3, 5)
+    RIGHT["multi_array"][1](tmp_path / "bag")
+    _, cells, notes = _read(tmp_path / "bag", _layout(3, 5))
+    assert cells.shape == (40, 3, 5)
     assert np.isnan(cells).all()
-    assert "9 of 9 messages of '/skin' are cut short, or do not hold 3 x 5 numbers" in notes[0]
+    assert "40 of 40 messages of '/skin' are cut short, or do not hold 3 x 5 numbers" in notes[0]
 
 
 def test_a_table_of_another_sheet_is_refused_with_both_sizes(tmp_path: Path) -> None:
@@ -137,17 +77,6 @@ def test_pickles_are_never_opened(tmp_path: Path) -> None:
     np.save(tmp_path / "evil.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(InputError, match="not a NumPy file that can be read"):
         _read(tmp_path / "evil.npy")
-
-
-def test_what_is_no_log_of_frames_is_said(tmp_path: Path) -> None:
-    (tmp_path / "log.npz").write_bytes(b"nothing of the kind")
-    with pytest.raises(InputError, match="does not begin as an archive of NumPy arrays"):
-        _read(tmp_path / "log.npz")
-    with pytest.raises(InputError, match="the file does not exist"):
-        _read(tmp_path / "none.csv")
-    pl.DataFrame({"a": [1.0], "b": [2.0]}).write_csv(tmp_path / "t.csv")
-    with pytest.raises(InputError, match="no column 'time'"):
-        _read(tmp_path / "t.csv")
 
 
 def test_a_bag_of_ros_1_is_read(tmp_path: Path) -> None:

@@ -125,12 +125,8 @@ def test_evaluate_says_errors_and_writes_a_page(folder: Path, capsys: pytest.Cap
 
 
 def test_inspect_says_what_each_file_is(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name, said in (
-        ("skin.toml", "places of taxels"),
-        ("cad.txt", "84"),
-        ("truth.csv", "84"),
-        ("rig.toml", "pokes"),
-    ):
+    told = {"skin.toml": "places of taxels", "cad.txt": "84", "truth.csv": "84", "rig.toml": "pokes"}
+    for name, said in told.items():
         assert main(["inspect", f"{folder}/{name}"]) == 0
         assert said in capsys.readouterr().out
 
@@ -182,9 +178,7 @@ def _degrees(folder: Path) -> str:
 
 
 def _jointless(folder: Path) -> str:
-    return "\n".join(
-        line.replace("elbow_roll", "wrist") for line in (folder / "pokes_log.csv").read_text().splitlines()
-    )
+    return (folder / "pokes_log.csv").read_text().replace("elbow_roll", "wrist")
 
 
 @pytest.mark.parametrize(

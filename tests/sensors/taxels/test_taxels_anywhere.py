@@ -32,10 +32,16 @@ def _pressed(middle: np.ndarray, force: float, width: float = 1.0) -> tuple[np.n
     return np.bincount(NEAREST, pressure, COUNT), -pressure @ FINE
 
 
+def _rested(body: TaxelBody, noise: float = NOISE, settings: TaxelSettings | None = None) -> TaxelEstimator:
+    """An estimator of taxels that rest at 0."""
+    none = np.zeros(len(body), dtype=bool)
+    health = Health(np.zeros(len(body)), np.full(len(body), noise), none, none)
+    return TaxelEstimator(body, None, health, settings=settings)
+
+
 def _estimator(pose: Pose | None = None) -> TaxelEstimator:
-    pose, none = pose or Pose.identity(), np.zeros(COUNT, dtype=bool)
-    body = TaxelBody.anywhere(pose.apply(RADIUS * TAXELS), pose.rotate(TAXELS))
-    return TaxelEstimator(body, None, Health(np.zeros(COUNT), np.full(COUNT, NOISE), none, none))
+    pose = pose or Pose.identity()
+    return _rested(TaxelBody.anywhere(pose.apply(RADIUS * TAXELS), pose.rotate(TAXELS)))
 
 
 def test_neighbours_are_those_around_and_each_is_the_others() -> None:
@@ -61,9 +67,7 @@ def test_place_and_force_are_those_of_the_pressure(width: float) -> None:
 
 
 def _with_places(covariance: np.ndarray | None) -> TaxelEstimator:
-    none = np.zeros(COUNT, dtype=bool)
-    body = TaxelBody.placed(RADIUS * TAXELS, TAXELS, covariance=covariance)
-    return TaxelEstimator(body, None, Health(np.zeros(COUNT), np.full(COUNT, NOISE), none, none))
+    return _rested(TaxelBody.placed(RADIUS * TAXELS, TAXELS, covariance=covariance))
 
 
 def test_a_contact_carries_what_is_not_known_of_its_taxels_places() -> None:
@@ -113,20 +117,22 @@ def _unrolled(length: np.ndarray, around: np.ndarray) -> tuple[np.ndarray, np.nd
     return RADIUS * out + length[..., None] * [0.0, 0.0, 1.0], out
 
 
+def _around(pitch: float) -> tuple[np.ndarray, np.ndarray, TaxelEstimator]:
+    """Taxels round a link: their places along it and around it."""
+    length, around = (each.ravel() for each in np.meshgrid(pitch * np.arange(-6, 7), pitch * np.arange(11.0)))
+    return length, around, _rested(TaxelBody.anywhere(*_unrolled(length, around)))
+
+
 @pytest.mark.parametrize("width", [0.6, 0.75])
 def test_touches_whose_skirts_connect_around_a_link_are_each_at_their_place(width: float) -> None:
     """Taxels 17 mm apart around 30 mm, touches 47 mm apart: in one tangent plane 30 % of them are 2 mm off or more."""
     rng, pitch = np.random.default_rng(4), 2.0 * np.pi * RADIUS / 11
-    length, around = (each.ravel() for each in np.meshgrid(pitch * np.arange(-6, 7), pitch * np.arange(11.0)))
-    points, normals = _unrolled(length, around)
-    none = np.zeros(len(points), dtype=bool)
-    health = Health(np.zeros(len(points)), np.full(len(points), NOISE), none, none)
-    estimator = TaxelEstimator(TaxelBody.anywhere(points, normals), health=health)
+    length, around, estimator = _around(pitch)
     part = pitch * (np.arange(6) - 2.5) / 6
     for k in range(40):
         one, turn = rng.uniform((-0.05, 0.0), (0.05, 0.19)), rng.uniform(0.0, 2.0 * np.pi)
         pair = np.stack([one, one + 0.047 * np.array([np.cos(turn), np.sin(turn)])])
-        loads = NOISE * rng.standard_normal(len(points))
+        loads = NOISE * rng.standard_normal(len(length))
         for place in pair:
             along = length[:, None] + part - place[0]
             across = (around[:, None] + part - place[1] + np.pi * RADIUS) % (2.0 * np.pi * RADIUS) - np.pi * RADIUS
@@ -142,15 +148,11 @@ def test_touches_whose_skirts_connect_around_a_link_are_each_at_their_place(widt
 def test_touches_two_spacings_apart_are_as_uncertain_as_each_makes_the_other() -> None:
     """Stress under a soft layer has wider skirts than the Gaussians: fitted one by one, 5 % are 5 deviations off."""
     rng, pitch, depth = np.random.default_rng(3), 2.0 * np.pi * RADIUS / 11, 0.009
-    length, around = (each.ravel() for each in np.meshgrid(pitch * np.arange(-6, 7), pitch * np.arange(11.0)))
-    points, normals = _unrolled(length, around)
-    none, deviations = np.zeros(len(points), dtype=bool), list[float]()
-    health = Health(np.zeros(len(points)), np.full(len(points), NOISE), none, none)
-    estimator = TaxelEstimator(TaxelBody.anywhere(points, normals), health=health)
+    (length, around, estimator), deviations = _around(pitch), list[float]()
     for k in range(60):
         one, turn = rng.uniform((-0.05, 0.0), (0.05, 0.19)), rng.uniform(0.0, 2.0 * np.pi)
         pair = np.stack([one, one + 2.0 * pitch * np.array([np.cos(turn), np.sin(turn)])])
-        loads = NOISE * rng.standard_normal(len(points))
+        loads = NOISE * rng.standard_normal(len(length))
         for (along, across), newtons in zip(pair, rng.uniform(2.0, 6.0, 2), strict=True):
             way = (around - across + np.pi * RADIUS) % (2.0 * np.pi * RADIUS) - np.pi * RADIUS
             square = (length - along) ** 2 + way**2 + depth**2
@@ -203,9 +205,7 @@ def _felt(body: TaxelBody, middle: np.ndarray, depth: float) -> np.ndarray:
 
 
 def _plate_estimator(body: TaxelBody, noise: float = 0.05, unequal: float = 0.02) -> TaxelEstimator:
-    none, rest = np.zeros(len(body), dtype=bool), np.zeros(len(body))
-    health = Health(rest, np.full(len(body), noise), none, none)
-    return TaxelEstimator(body, None, health, settings=TaxelSettings(unequal=unequal))
+    return _rested(body, noise, TaxelSettings(unequal=unequal))
 
 
 @pytest.mark.parametrize("bend", [0.0, 30.0], ids=["plane", "cylinder"])
