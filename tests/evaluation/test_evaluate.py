@@ -117,10 +117,7 @@ def test_only_answered_samples_with_a_truth_have_errors() -> None:
     status = np.array([Status.CONTACT, Status.AMBIGUOUS, Status.IMPLAUSIBLE, Status.NO_CONTACT, Status.CONTACT])
     point = np.array([[1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0], [np.nan] * 3, [5.0, 0, 0]])
     truth = TrueSamples(
-        np.array([0.0, 1, 2, 3]),
-        np.zeros((4, 3)),
-        np.tile([0.0, 1.0, 0.0], (4, 1)),
-        np.tile([0.0, 0.0, -3.0], (4, 1)),
+        np.array([0.0, 1, 2, 3]), np.zeros((4, 3)), np.tile([0.0, 1.0, 0.0], (4, 1)), np.tile([0.0, 0.0, -3.0], (4, 1))
     )
     report = evaluate(Contacts.single(np.arange(5.0), _estimate(point, status=status)), truth)
     assert (report.samples, report.matched, report.answered) == (5, 4, 2)

@@ -7,14 +7,7 @@ import pytest
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.evaluation.instruments import (
-    judge,
-    perfect,
-    touch_rows,
-    touches_of,
-    wand_points,
-    wrench_points,
-)
+from palpate.evaluation.instruments import judge, perfect, touch_rows, touches_of, wand_points, wrench_points
 from palpate_lab.simulation.shapes import icosphere
 from palpate_lab.simulation.skin_bench import Rolled
 

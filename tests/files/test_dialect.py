@@ -191,12 +191,7 @@ def test_stamps_are_seconds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "code", "word"),
-    [
-        ("", 1, 'write kind = "imu"'),
-        ('kind = "imu"', 0, ""),
-        ('kind = "none"', 0, ""),
-    ],
+    ("line", "code", "word"), [("", 1, 'write kind = "imu"'), ('kind = "imu"', 0, ""), ('kind = "none"', 0, "")]
 )
 def test_gravity_among_accelerations_is_not_taken_for_motion(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, code: int, word: str

@@ -123,8 +123,7 @@ def test_a_sensor_is_posed_by_the_joints_and_its_surface_by_fixed_ones(rig: Path
 
 
 @pytest.mark.parametrize(
-    ("gravity", "names"),
-    [("fixed", ("world", None)), ("odom", ("odom", None)), ("/imu", ("world", "/imu"))],
+    ("gravity", "names"), [("fixed", ("world", None)), ("odom", ("odom", None)), ("/imu", ("world", "/imu"))]
 )
 def test_gravity_is_that_of_the_base_a_frame_or_an_imu(rig: Path, gravity: str, names: tuple[str, str | None]) -> None:
     robot = load_robot(_written(rig, '"fixed"', f'"{gravity}"'))
