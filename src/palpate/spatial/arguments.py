@@ -122,10 +122,11 @@ def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
 
     @wraps(function)
     def taking(*args: Any, **kwargs: Any) -> Any:
-        nonlocal plan
+        nonlocal plan, places
         if plan is None:  # not earlier: annotations may name what its module defines later
-            plan = _plan(function, vars(sys.modules[module]))
-            places.extend((place, plan[name]) for place, name in enumerate(names) if name in plan)
+            made = _plan(function, vars(sys.modules[module]))
+            places = [(place, made[name]) for place, name in enumerate(names) if name in made]
+            plan = made  # last, as another thread may look
         given = args
         form = _form(args) if not kwargs else (*_form(args), *kwargs, *_form(kwargs.values()))
         if form not in fitting:
