@@ -40,7 +40,6 @@ def _estimate(
 
 def test_a_summary_is_of_the_finite_errors() -> None:
     summary = ErrorSummary.of(np.array([1.0, 2.0, np.nan, 6.0]))
-    assert summary is not None
     assert (summary.count, summary.mean, summary.median, summary.worst) == (3, 3.0, 2.0, 6.0)
     assert ErrorSummary.of(np.array([np.nan])) is None
 
@@ -121,13 +120,9 @@ def test_only_answered_samples_with_a_truth_have_errors() -> None:
     )
     report = evaluate(Contacts.single(np.arange(5.0), _estimate(point, status=status)), truth)
     assert (report.samples, report.matched, report.answered) == (5, 4, 2)
-    assert report.location is not None
     assert (report.location.count, report.location.mean) == (2, 1.5)
-    assert report.normal is not None
     assert report.normal.median == pytest.approx(pi / 2)
-    assert report.force is not None
     assert report.force.worst == 2.0
-    assert report.force_angle is not None
     assert report.force_angle.worst == 0.0
     assert report.statuses.tolist() == [1, 1, 1, 0, 0, 1, 0, 0, 0]
 
@@ -144,7 +139,6 @@ def test_a_touch_is_the_median_of_its_answered_samples() -> None:
     assert tip.error == pytest.approx(sqrt(2))
     assert (missed.samples, missed.answered) == (0, 0)
     assert np.isnan(missed.error)
-    assert report.location is not None
     assert report.location.count == 1
     assert report.normal is None
 
@@ -170,7 +164,6 @@ def test_several_contacts_have_each_the_truth_that_is_its_own() -> None:
     report = evaluate(_several(rows), truth)
     assert (report.samples, report.matched, report.answered) == (100, 100, 100)
     assert (report.unmatched, report.missed) == (0, 0)
-    assert report.location is not None
     assert report.location.mean == pytest.approx(1.5e-3)
     assert report.location.worst == pytest.approx(2e-3)
 
@@ -189,7 +182,6 @@ def test_the_pairs_of_an_instant_are_those_whose_distances_are_least_together() 
             sum(apart[k, other] for k, other in enumerate(chosen))
             for chosen in permutations(range(apart.shape[1]), apart.shape[0])
         )
-        assert found.location is not None
         assert found.location.count == min(contacts, truths)
         assert found.location.mean * found.location.count == pytest.approx(least)
         assert (found.unmatched, found.missed) == (max(contacts - truths, 0), max(truths - contacts, 0))
@@ -199,7 +191,6 @@ def test_a_contact_that_is_not_answered_takes_no_truth_from_one_that_is() -> Non
     contacts = _several([(0, 1, [0.0, 0, 0]), (0, 2, [0.01, 0, 0])], [int(Status.IMPLAUSIBLE), int(Status.CONTACT)])
     report = evaluate(contacts, TrueSamples(np.zeros(1), np.zeros((1, 3))))
     assert (report.matched, report.answered, report.unmatched) == (1, 1, 0)
-    assert report.location is not None
     assert report.location.mean == pytest.approx(0.01)
 
 
@@ -208,7 +199,6 @@ def test_contacts_of_one_sample_do_not_meet_truths_of_another_time() -> None:
     contacts = _several([(0, 1, [0.0, 0, 0]), (0, 2, [1.0, 0, 0]), (1, 1, [0.1, 0, 0]), (1, 2, [1.1, 0, 0])])
     truth = TrueSamples(np.array([1.0, 1.0, 0.0]), np.array([[1.2, 0, 0], [0.0, 0, 0], [0.9, 0, 0]]))
     report = evaluate(contacts, truth, tolerance=0.01)
-    assert report.location is not None
     assert report.location.count == 3
     assert report.location.mean == pytest.approx(0.1)
     assert (report.unmatched, report.missed) == (1, 0)
@@ -262,7 +252,6 @@ def test_samples_beyond_the_ends_of_the_truth_have_none_and_are_counted() -> Non
     contacts = Contacts.single(time, _estimate(np.zeros((3000, 3)), force=force))
     known = TrueSamples(time[pressed] + 2e-4, np.zeros((1000, 3)), force=force[pressed])
     report = evaluate(contacts, known)
-    assert report.force is not None
     assert (report.matched, report.outside, report.force.worst) == (
         1000,
         39,

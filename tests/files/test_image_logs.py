@@ -78,28 +78,26 @@ def test_a_video_is_every_frame_once_in_its_order(tmp_path: Path, name: str) -> 
     np.testing.assert_allclose(recording.time, np.arange(COUNT) / RATE, rtol=0, atol=1e-9)
     assert recording.notes == ()
     said = contents(path).images
-    assert said is not None
     assert (said.size, said.count, said.rate) == ((HEIGHT, WIDTH, 3), COUNT, RATE)
     assert image_size(path) == (HEIGHT, WIDTH, 3)
 
 
-@pytest.mark.parametrize("rows", [1, 7, 1000])
-def test_blocks_of_any_size_are_the_same_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
+@pytest.mark.parametrize(
+    ("limit", "value", "rows"),
+    [("ROWS", 1, 1), ("ROWS", 7, 7), ("ROWS", 1000, 40), ("BYTES", 5 * 3 * HEIGHT * WIDTH, 5)],
+)
+def test_blocks_of_any_size_are_the_same_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, value: int, rows: int
+) -> None:
     path = write_video(tmp_path / "log.avi", 40)
     whole = read_recording(path, LAYOUT)
-    monkeypatch.setattr("palpate.files.logs.images.ROWS", rows)
+    monkeypatch.setattr(f"palpate.files.logs.images.{limit}", value)
     log = open_log(path, LAYOUT)
     blocks = list(log.blocks())
-    assert max(map(len, blocks)) == min(rows, 40)
+    assert [len(block) for block in blocks[:-1]] == [rows] * (len(blocks) - 1)
     assert np.array_equal(images(join(blocks)), images(whole))
     assert np.array_equal(join(blocks).time, whole.time)
     assert log.position == log.size
-
-
-def test_a_block_of_large_frames_has_fewer_of_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.files.logs.images.BYTES", 5 * 3 * HEIGHT * WIDTH)
-    log = open_log(write_video(tmp_path / "log.avi", 12), LAYOUT)
-    assert [len(block) for block in log.blocks()] == [5, 5, 2]
 
 
 def test_the_rate_of_the_rig_is_taken_before_that_of_the_video(tmp_path: Path) -> None:

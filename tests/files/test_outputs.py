@@ -96,7 +96,6 @@ def test_one_process_writes_an_output_whatever_its_spelling(tmp_path: Path, monk
     monkeypatch.chdir(tmp_path)
     pipe = subprocess.PIPE
     with subprocess.Popen([sys.executable, "-c", HOLD, output], stdin=pipe, stdout=pipe, text=True) as other:
-        assert other.stdout is not None
         assert other.stdout.readline() == "holds\n"
         for name in (output, link, Path("contacts.csv"), tmp_path / ".." / tmp_path.name / "contacts.csv"):
             with pytest.raises(InputError, match=rf"is already being written by process {other.pid} on"):

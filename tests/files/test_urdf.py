@@ -84,7 +84,6 @@ def test_a_rig_reads_the_link_as_its_surface(robots: dict[str, Path], tmp_path: 
     arguments = ["rig", "new", str(tmp_path / "log.csv"), str(robots["gripper"]), "--link", "right", "-o", str(rig)]
     assert main([*arguments, "--package", f"fingers={tmp_path / 'checkout-1.2'}"]) == 0
     made = load_rig(rig)
-    assert made.surface is not None
     assert made.surface.packages == {"fingers": "../checkout-1.2"}
     surface = made.resolve().link.surface()
     assert isinstance(surface, Mesh)

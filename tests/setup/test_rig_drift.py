@@ -37,7 +37,6 @@ def test_it_becomes_a_drift_of_six_channels_in_si(tmp_path: Path) -> None:
     )
     rig = load_rig(a_rig(tmp_path, WRENCH + text))
     drift = rig.resolve().followed(6)
-    assert drift is not None
     np.testing.assert_array_equal(drift.walk, [0.003] * 3 + [1e-4, 1e-4, 2e-4])
     np.testing.assert_allclose(drift.warm_up, [0.01] * 3 + [2e-4] * 3, rtol=1e-15)  # a minute has 60 seconds
     np.testing.assert_array_equal(drift.thermal, [-0.02] * 3 + [0.001] * 3)
@@ -48,7 +47,6 @@ def test_it_becomes_a_drift_of_six_channels_in_si(tmp_path: Path) -> None:
 
 def test_what_is_not_said_is_none(tmp_path: Path) -> None:
     drift = load_rig(a_rig(tmp_path, WRENCH + WALK)).resolve().followed(6)
-    assert drift is not None
     assert not drift.warm_up.any()
     assert np.isinf(drift.settling)
     assert load_rig(a_rig(tmp_path, WRENCH)).resolve().followed(6) is None
@@ -58,7 +56,6 @@ def test_what_is_not_said_is_none(tmp_path: Path) -> None:
 def test_of_load_cells_it_is_a_number_or_a_list(tmp_path: Path, walk: str, expected: list[float] | None) -> None:
     rig = load_rig(a_rig(tmp_path, CELLS + f"[drift]\nwalk = {walk}\n"))
     drift = rig.resolve().followed(9)
-    assert drift is not None
     np.testing.assert_allclose(drift.walk, expected or 1e-6 * np.arange(1, 10), rtol=1e-12)
     with pytest.raises(InputError, match="12 channels") if expected is None else pytest.raises(InputError):
         rig.resolve().followed(12 if expected is None else 6)
@@ -120,7 +117,6 @@ def test_it_finds_its_place_in_any_form_of_rig(tmp_path: Path, before: str) -> N
     path = a_rig(tmp_path, text)
     update_drift(path, path, drift_table(FOUND, temperature="T"), {"walk": "from a log"})
     drift, written = load_rig(path).resolve().followed(6), path.read_text()
-    assert drift is not None
     for name in ("walk", "warm_up", "thermal", "thermal_deviation"):
         np.testing.assert_allclose(getattr(drift, name), getattr(FOUND, name), rtol=5e-4)  # four digits are written
     assert drift.settling == pytest.approx(123.456, rel=5e-4)

@@ -68,5 +68,4 @@ def test_lengths_that_are_no_metres_are_doubted() -> None:
 def test_a_mesh_takes_the_place_of_an_equation_and_keeps_its_pose() -> None:
     table = {"kind": "sphere", "radius": 0.01, "pose": {"xyz": [0.0, 0.0, 0.1]}}
     surface = with_mesh(check_rig({"surface": table}, RIG), "probe.stl", "mm").surface
-    assert surface is not None
     assert (surface.kind, surface.unit, surface.radius, surface.pose.xyz) == ("mesh", "mm", None, (0.0, 0.0, 0.1))
