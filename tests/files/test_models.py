@@ -254,6 +254,10 @@ def test_files_written_before_are_read(tmp_path: Path) -> None:
         ("intensity", "[0, 1],", "[0, 0.5],", r"which\[0\]\[1\] must be a whole number"),
         ("intensity", "knots = [0.7, 2.0]", "knots = [nan, 2.0]", r"curve\[1\].knots\[0\] must be a finite number"),
         ("payload", "weight = [", "weight = [[1.0], ", r"weight\[0\] must be a number, not a list"),
+        ("payload", "weight = [", "weight = [1.0, ", "weight must be a list of 3 numbers, not 4 values"),
+        ("payload", 'kind = "payload"', 'kind = "skin"', "not a payload model"),
+        ("payload", "force_bias", "force_bais", "unknown key 'force_bais'.*'force_bias'"),
+        ("payload", "samples = 7", "samples = ", "not TOML.*line"),
     ],
 )
 def test_a_value_that_cannot_be_meant_is_named_with_its_place(
@@ -264,26 +268,8 @@ def test_a_value_that_cannot_be_meant_is_named_with_its_place(
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(InputError, match=word) as refused:
-        read_model(path)
+        read_model(path, MODELS[kind].holds)
     assert str(path) in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "word"),
-    [
-        ('kind = "payload"', 'kind = "skin"', "not a payload model"),
-        ("force_bias", "force_bais", "unknown key 'force_bais'.*'force_bias'"),
-        ("weight = [", "weight = [1.0, ", "weight must be a list of 3 numbers, not 4 values"),
-        ("samples = 7", "samples = ", "not TOML.*line"),
-    ],
-)
-def test_a_model_that_was_spoilt_is_refused(tmp_path: Path, old: str, new: str, word: str) -> None:
-    path = tmp_path / "payload.toml"
-    write_model(path, _payload(0))
-    path.write_text(path.read_text().replace(old, new))
-    with pytest.raises(InputError, match=word) as refused:
-        read_model(path, Payload)
-    assert "payload" in str(refused.value)
 
 
 def test_provenance_names_inputs_by_their_content(tmp_path: Path) -> None:
