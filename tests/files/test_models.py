@@ -245,6 +245,7 @@ def test_files_written_before_are_read(tmp_path: Path) -> None:
         ("load_cells", "bias = [", "bias = [1.0, ", "bias must be a list of 12 numbers, not 13"),
         ("load_cells", "correlation = 5.1", "correlation = 0.5", "correlation must not be below 1"),
         ("load_cells", "depth = 0.00033", "depth = 3", "indentation: an indentation cannot have a depth of 3 m"),
+        ("load_cells", "samples = 1000", "samples = -1", "must not be negative"),
         ("skin map", "rows = 3", "rows = 4", "cells must be 4 x 4 rows of 9 numbers"),
         ("skin map", "shape = [6, 6]", "shape = [6, 7]", "surface: control must have 6 x 7 points, not 36"),
         ("skin map", "overlap = [", "overlap = [true, ", "overlap must be 12 values true or false"),
@@ -258,6 +259,7 @@ def test_files_written_before_are_read(tmp_path: Path) -> None:
         ("payload", 'kind = "payload"', 'kind = "skin"', "not a payload model"),
         ("payload", "force_bias", "force_bais", "unknown key 'force_bais'.*'force_bias'"),
         ("payload", "samples = 7", "samples = ", "not TOML.*line"),
+        ("intensity", "largest", "largset", "Did you mean .largest."),
     ],
 )
 def test_a_value_that_cannot_be_meant_is_named_with_its_place(
