@@ -286,7 +286,6 @@ sys.exit(main())
 def test_an_early_ctrl_c_is_130_and_a_word() -> None:
     """While the commands are imported: the program waits there for the signal."""
     process = _python(WAITING, *ESTIMATE.split(), "out.csv", stdin=subprocess.PIPE)
-    assert process.stderr is not None
     assert process.stderr.readline() == b"here\n"
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(b"\n", timeout=60)

@@ -152,7 +152,6 @@ def test_a_payload_that_is_wrong_is_learnt_and_named(payload: Payload) -> None:
         for _ in made.stream(pieces(log, 400)):
             pass
         history = made.zero_history()
-        assert history is not None
         assert np.all(np.abs(history.coefficient[-1] - _errors_of(payload)) < [0.02, *[2e-3] * 3])
         assert np.mean(history.status == ZeroStatus.FREE) > 0.9
         assert any("(+3.0%) more than stated" in said for said in made.warnings()) == (payload is WRONG)

@@ -118,9 +118,7 @@ def test_truth_at_instants_with_and_without_what_is_optional(tmp_path: Path) -> 
     truth = read_ground_truth(path)
     assert isinstance(truth, TrueSamples)
     assert truth.point.tolist() == [[1, 2, 3]]
-    assert truth.normal is not None
     assert truth.normal.tolist() == [[0, 0, 1]]
-    assert truth.force is not None
     assert truth.force.tolist() == [[4, 5, 6]]
 
 

@@ -1,6 +1,6 @@
 """What a rig says of a log's units, clock and frames means just that, for contacts and for drift.
 
-Axes, points of reference and forms of orientations are those of `tests/files/test_wrench_meaning.py`.
+Axes, other points of reference and forms of orientations are those of `tests/files/test_wrench_meaning.py`.
 """
 
 from __future__ import annotations
@@ -42,6 +42,13 @@ def _turned(*groups: tuple[str, ...]) -> Rewritten:
     return rewritten
 
 
+def _about_base(log: Log) -> Log:
+    """Torques about the origin of the base."""
+    turn, place = (np.column_stack([log[name] for name in names]) for names in (TURN, "xyz"))
+    more = np.cross(Rotation.from_quat(turn).inv().apply(place), np.column_stack([log[name] for name in FORCE]))
+    return log | {name: log[name] + more[:, k] for k, name in enumerate(TORQUE)}
+
+
 MEANT: list[tuple[str, Rewritten]] = [
     ("time.unit = 'ms'", _scaled(1e3, "time")),
     ("force_torque.units.force = 'kN'", _scaled(1e-3, *FORCE)),
@@ -50,6 +57,7 @@ MEANT: list[tuple[str, Rewritten]] = [
     ("force_torque.frame = 'base'", _turned(FORCE, TORQUE)),
     ("force_torque.torque_frame = 'base'", _turned(TORQUE)),
     ("force_torque = {frame = 'base', torque_frame = 'sensor'}", _turned(FORCE)),
+    ("force_torque.reference = 'base'", _about_base),
     ("acceleration.unit = 'g'", _scaled(1.0 / 9.80665, "ax", "ay", "az")),
 ]
 
@@ -69,7 +77,7 @@ def _plain(scene: str) -> dict[str, Any]:
 @pytest.mark.parametrize(("key", "rewritten"), MEANT, ids=lambda each: each if isinstance(each, str) else "")
 def test_a_rewritten_log_has_the_same_answers(key: str, rewritten: Rewritten, tmp_path: Path) -> None:
     for scene, (log, answer, rtol) in MADE.items():
-        if scene == "six" or "acceleration" not in key:
+        if scene == "six" or not ("acceleration" in key or "reference" in key):
             rig = merged(rig_of(scene), tomllib.loads(key))
             assert same(_plain(scene), Scene(answer(lambda log=log: rewritten(log()))).of(rig, tmp_path), rtol), scene
 

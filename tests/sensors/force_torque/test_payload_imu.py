@@ -181,7 +181,6 @@ def test_a_log_of_columns_is_calibrated_and_its_touches_are_found(
     assert f"used: {len(rests.readings)} rests of" in capsys.readouterr().out
     payload = Payload.load(tmp_path / "payload.toml")
     assert payload.mass == pytest.approx(MASS, rel=5e-3)
-    assert payload.imu is not None
     assert payload.imu.noise == pytest.approx(NOISE[-1], rel=0.1)
     (tmp_path / "rig.toml").write_text(RIG, encoding="utf-8")
     touched = csv(tmp_path / "touch.csv", pressed, pressed.readings)
