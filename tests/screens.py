@@ -18,7 +18,7 @@ from typing import Any
 
 from palpate.cli import main as palpate_command
 from tests.conformance.sensors import SENSORS, Sensor
-from tests.support.browser import PATIENCE, chromium
+from tests.support.browser import PATIENCE, chromium, opened
 
 SIZES = ((1440, 900), (390, 844))
 ADDRESS = re.compile(r"http://\S+")
@@ -82,9 +82,7 @@ def _served(words: tuple[str, ...]) -> Iterator[str]:
 
 def _photograph(browser: Any, address: str, size: tuple[int, int], picture: Path) -> None:
     """A page as it opens, once it is drawn; one that moves stands still."""
-    view = browser.new_page(viewport={"width": size[0], "height": size[1]}, has_touch=size[0] < 600)
-    view.set_default_timeout(1e3 * PATIENCE)
-    view.goto(address)
+    view: Any = opened(browser, address, *size, has_touch=size[0] < 600)
     view.wait_for_selector("canvas")
     view.locator(".mantine-Notification-closeButton").first.click()  # that there is no graphics card here
     view.wait_for_timeout(1e3 * DRAWN)

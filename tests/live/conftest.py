@@ -1,16 +1,22 @@
-"""What tests of ROS 2 share: a domain of their own, and the real ROS 2 client in an environment of its own."""
+"""What tests of a stream share: who listens, a domain of ROS 2 of their own, and the real ROS 2 in an environment."""
 
 from __future__ import annotations
 
 import fcntl
 import os
 import shutil
+import socket
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import closing
 from itertools import count
 from pathlib import Path
 
 import pytest
+
+from palpate.live.dds import DdsNode
+from tests.support.listened import PATIENCE
 
 _tests = count()
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,6 +36,24 @@ LOOPBACK_ONLY = """<?xml version="1.0" encoding="UTF-8" ?>
 def domain() -> int:
     """Of each test of each process another; ports of higher ones belong to others, too."""
     return 1 + (13 * os.getpid() + next(_tests)) % 100
+
+
+@pytest.fixture
+def node(domain: int) -> Iterator[DdsNode]:
+    """A participant of that domain, open, with the loopback interface."""
+    pytest.importorskip("cyclonedds", reason="ROS 2 is reached through cyclonedds")
+    with closing(DdsNode(domain)) as made:
+        assert made.open() == ""
+        yield made
+
+
+@pytest.fixture
+def udp() -> Iterator[socket.socket]:
+    """A listener on loopback."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.settimeout(PATIENCE)
+        yield listener
 
 
 @pytest.fixture(scope="session")

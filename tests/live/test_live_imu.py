@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -15,17 +14,18 @@ import palpate
 from claims.evidence.payload_imu import NOISE, G, Rests, touches
 from palpate.contact.estimate import ROW, Status
 from palpate.errors import InputError
-from palpate.files.messages import MessageBlock, Topic
+from palpate.files.messages import MessageBlock
 from palpate.live.dds import DdsNode
 from palpate.live.imu_source import ImuSource
 from palpate.live.live import Live
-from palpate.live.source import Batch, Source
+from palpate.live.source import Batch, Source, source_of
 from palpate.setup.source import RigSource
 from palpate.signals.payload import Payload
 from palpate_lab.simulation.bags import nanoseconds, wrenches, write_bag
 from tests.conformance.live import recorded
 from tests.sensors.force_torque.test_payload_imu import RIG as OF_LOGS
-from tests.support.given_source import Given
+from tests.support.given_source import Given, block
+from tests.support.listened import PATIENCE
 from tests.support.ros_kinds import TYPES, packed
 
 STEP = 0.02  # s between wrenches
@@ -43,11 +43,8 @@ def messages(time: np.ndarray, felt: np.ndarray) -> list[Any]:
     ]
 
 
-def block(made: list[Any]) -> MessageBlock:
-    raws = [packed("sensor_msgs/Imu", each) for each in made]
-    length, zero = np.array([len(raw) for raw in raws], dtype=np.int64), np.zeros(len(raws), dtype=np.int64)
-    topic = Topic("/imu", "sensor_msgs/Imu", "cdr")
-    return MessageBlock(b"".join(raws), {0: topic}, zero, zero, np.cumsum(length) - length, length)
+def heard(time: np.ndarray, felt: np.ndarray) -> MessageBlock:
+    return block("/imu", "sensor_msgs/Imu", [packed("sensor_msgs/Imu", each) for each in messages(time, felt)])
 
 
 @pytest.fixture
@@ -55,7 +52,7 @@ def streams(tmp_path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndar
     """Write a payload, a rig and log.mcap of touches; return times and wrenches, times and accelerations of an IMU."""
     Rests.of(0).identified().save(tmp_path / "payload.toml")
     (tmp_path / "rig.toml").write_text(RIG, encoding="utf-8")
-    pressed = np.repeat(touches(0)[0].readings, 10, axis=0)
+    pressed = np.repeat(touches(0)[0].readings, 5, axis=0)
     pressed = pressed + NOISE * np.random.default_rng(3).normal(size=pressed.shape)
     time_ = 1.0 + STEP * np.arange(len(pressed))
     own = np.arange(0.99, time_[-1] + 0.05, 0.0073)
@@ -88,7 +85,7 @@ def test_a_stream_is_answered_as_a_log_of_the_same_messages(
         begun, end = times[start], times[min(start + 7, len(times)) - 1] + STEP / 2
         first = 0 if start == 0 else np.searchsorted(own, begun - STEP / 2)
         some = slice(first, np.searchsorted(own, end))
-        source.add(block(messages(own[some], felt[some])))
+        source.add(heard(own[some], felt[some]))
         rows += [row for _, row in live.step(0.0)]
     assert len(rows) == len(times)
     assert np.mean(np.array(rows)[:, ROW.status] == Status.CONTACT) > 0.5
@@ -107,7 +104,7 @@ def test_an_imu_that_stops_is_a_status(
     """A wrench later than the last message, or within a long gap of them, has no acceleration, so no contact."""
     (times, readings, own, felt), some = streams, slice(0, 3)
     live, given, source = answered(tmp_path / "rig.toml")
-    source.add(block(messages(own[:5], felt[:5])))
+    source.add(heard(own[:5], felt[:5]))
     stamps = np.array(nanoseconds(np.array([times[0], own[4] + 1e-3, own[4] + 0.2])))
     given.give(stamps, readings[some])
     statuses = [row[ROW.status] for _, row in live.step(0.0)]
@@ -123,7 +120,7 @@ def test_an_imu_that_stops_is_a_status(
     assert "no acceleration has the time of a sample" in " ".join(live.events())
     later = stamps[2:] + 2 * 10**8
     given.give(later, readings[2:3])
-    source.add(block(messages(1e-9 * later[0] + np.array([-0.001, 0.001]), felt[:2])))  # 0.37 s after the fifth
+    source.add(heard(1e-9 * later[0] + np.array([-0.001, 0.001]), felt[:2]))  # 0.37 s after the fifth
     assert [row[ROW.status] for _, row in live.step(0.0)] != [Status.NO_POSE]
     assert "samples have accelerations again" in " ".join(live.events())
 
@@ -161,21 +158,17 @@ def test_the_gravity_in_accelerations_is_taken_off_with_poses_too(tmp_path: Path
     np.testing.assert_allclose(rows[touched][:, ROW.force].mean(axis=0), [0.0, 0.0, -5.0], atol=5 * 0.05 / 20)
 
 
-def test_a_topic_of_ros_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("cyclonedds", reason="ROS 2 is reached through cyclonedds")
-    domain, patience = 101 + os.getpid() % 100, 60.0
-    monkeypatch.setattr("palpate.live.imu_source._PATIENCE", patience)
-    monkeypatch.setattr("palpate.live.waiting_source.WAITS", patience)  # or it would be given without
-    node, given = DdsNode(domain), Given((6,))
-    assert node.open() == ""
-    writer = node.writer("/imu", "sensor_msgs/Imu")
+def test_a_topic_of_ros_is_heard(node: DdsNode, domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.live.imu_source._PATIENCE", PATIENCE)
+    monkeypatch.setattr("palpate.live.waiting_source.WAITS", PATIENCE)  # or it would be given without
+    given, writer = Given((6,)), node.writer("/imu", "sensor_msgs/Imu")
     other = node.writer("/wrench", "geometry_msgs/WrenchStamped")
     wrong = ImuSource(given, "/wrench", DdsNode(domain))
     with pytest.raises(InputError, match="not an acceleration"):
         wrong.open()
     source = ImuSource(given, "/imu", DdsNode(domain))
     source.open()
-    batch, count, deadline = Batch((6,)), 0, time.monotonic() + patience
+    batch, count, deadline = Batch((6,)), 0, time.monotonic() + PATIENCE
     given.give(np.array([10**9]), np.ones((1, 6)))
     while not count and time.monotonic() < deadline:
         for each in messages(np.array([0.9, 1.1]), np.array([[1.0, 2.0, 9.0], [3.0, 2.0, 9.0]])):
@@ -183,7 +176,6 @@ def test_a_topic_of_ros_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         count = source.receive(batch, 0.2)
     assert batch.acceleration[:count].tolist() == [pytest.approx([2.0, 2.0, 9.0])]
     source.close()
-    node.close()
     assert other is not None
 
 
@@ -192,8 +184,6 @@ def test_a_combined_source_is_wrapped_once(tmp_path: Path) -> None:
     Rests.of(0).identified().save(tmp_path / "payload.toml")
     rig.write_text(f'{RIG}\n[source]\nkind = "ros2"\n', encoding="utf-8")
     setup = palpate.load_rig(rig).resolve("force_torque")
-    from palpate.live.source import source_of
-
     made = source_of(RigSource("ros2"), setup)
     assert isinstance(made, ImuSource)
     assert type(made._samples).__name__ == "RosTopics"

@@ -24,14 +24,6 @@ from tests.support.live_rings import answered, sphere_rig, sphere_ring, touches
 
 
 @pytest.fixture
-def udp() -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.bind(("127.0.0.1", 0))
-        listener.settimeout(20.0)
-        yield listener
-
-
-@pytest.fixture
 def opened() -> Iterator[Callable[..., JsonLines]]:
     """What makes senders, which are closed in the end."""
     with ExitStack() as stack:
@@ -129,12 +121,6 @@ def test_the_newest_goes_out_at_the_rate_and_a_change_of_status_at_once(
     now[0] = 0.06
     sender.publish(whole[:0])
     assert [line["sample"] for line in _lines(udp)] == [39]  # what waited goes when it is due
-
-
-def test_every_sample_goes_out_where_that_is_asked(opened: Callable[..., JsonLines], udp: socket.socket) -> None:
-    sender = opened(_to(udp), rate=0.0)
-    sender.publish(touches(0, 30))
-    assert [line["sample"] for line in _lines(udp)] == list(range(30))
 
 
 def test_where_nobody_listens_nothing_happens_and_who_comes_late_is_served(

@@ -10,7 +10,7 @@ import time
 import tomllib
 from collections.abc import Callable, Generator, Iterator
 from collections.abc import Sequence as Listed
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,11 +27,11 @@ from palpate.live.netft_device import NetFtDevice
 from palpate.live.sequence import SequenceCounters
 from palpate.live.source import Batch, Device, Source
 from palpate.setup.rig import check_rig
+from tests.support.listened import PATIENCE, received, said_until, until
 
 HOST = "127.0.0.1"
 ROUND = 2**32
 PAGE = {"prodname": "Box", "cfgcalsn": "FT1", "cfgcpf": "1000000", "cfgcpt": "1000000", "scfgfu": "N", "scfgtu": "N-m"}
-LONG = 60.0  # s: a test that hangs ends
 
 
 class Wire:
@@ -50,7 +50,7 @@ class Wire:
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
-                ending.wait(LONG if wire.silent else 0.0)
+                ending.wait(PATIENCE if wire.silent else 0.0)
                 self.send_response(wire.status)
                 self.end_headers()
                 self.wfile.write(wire.page)
@@ -110,28 +110,24 @@ def sample(rdt: int, ft: int, status: int = 0, counts: Listed[int] = (1, -2, 3, 
 
 @pytest.fixture
 def wire() -> Iterator[Wire]:
-    made = Wire()
-    yield made
-    made.close()
+    with closing(Wire()) as made:
+        yield made
 
 
 @contextmanager
 def connected(wire: Wire | NetFtDevice) -> Generator[NetFt]:
     """The source, opened, its first sample and sentences taken."""
-    source = NetFt(HOST, wire.port, wire.web)
-    if isinstance(wire, Wire):
-        source.open()
-        collect(source, 1)
-    else:
-        with sending(wire):
+    with closing(NetFt(HOST, wire.port, wire.web)) as source:
+        if isinstance(wire, Wire):
             source.open()
-        while source.receive(Batch((6,)), 0.0):
-            pass
-    source.events()
-    try:
+            received(source, 1)
+        else:
+            with sending(wire):
+                source.open()
+            while source.receive(Batch((6,)), 0.0):
+                pass
+        source.events()
         yield source
-    finally:
-        source.close()
 
 
 @contextmanager
@@ -152,34 +148,6 @@ def sending(device: NetFtDevice, value: float = 0.0) -> Generator[None]:
         thread.join()
 
 
-class Got:
-    """Samples that a source gave."""
-
-    def __init__(self, rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
-        self.stamp, self.lost, self.values = (np.concatenate(each) for each in zip(*rows, strict=True))
-
-
-def collect(source: Source, count: int, size: int = 64) -> Got:
-    batch, rows, had, end = Batch((6,), size), [], 0, time.monotonic() + LONG
-    while had < count and time.monotonic() < end:
-        n = source.receive(batch, 0.1)
-        assert n <= size
-        had += n
-        rows.append((batch.stamp[:n].copy(), batch.lost[:n].copy(), batch.values[:n].copy()))
-    assert had == count
-    return Got(rows)
-
-
-def told(source: NetFt, *words: str) -> str:
-    """Everything said until all these words were."""
-    end, said = time.monotonic() + LONG, ""
-    while not all(word in said for word in words) and time.monotonic() < end:
-        said += "\n".join(source.events())
-        source.receive(Batch((6,)), 0.02)
-    assert all(word in said for word in words), said
-    return said
-
-
 def test_both_are_what_their_protocols_say() -> None:
     assert isinstance(NetFt(HOST), Source)
     assert isinstance(NetFtDevice(), Device)
@@ -196,7 +164,7 @@ def test_samples_arrive_as_counts_over_the_counts_of_a_unit_with_a_stamp_between
     with connected(wire) as source:
         before = time.time_ns()
         wire.put(*(sample(2 + k, 2 + k, 0, row.tolist()) for k, row in enumerate(counts)))
-        got = collect(source, 300)
+        got = received(source, 300)
         after = time.time_ns()
     np.testing.assert_array_equal(got.values, counts / 1e6)
     assert (got.lost == 0).all()
@@ -217,85 +185,70 @@ def test_samples_arrive_as_counts_over_the_counts_of_a_unit_with_a_stamp_between
     ],
 )
 def test_units_of_the_device_become_newtons(force: str, torque: str, newton: float, newton_metre: float) -> None:
-    wire = Wire(scfgfu=force, scfgtu=torque, cfgcpf="1000", cfgcpt="500")
-    try:
-        source = NetFt(HOST, wire.port, wire.web)
+    page = {"scfgfu": force, "scfgtu": torque, "cfgcpf": "1000", "cfgcpt": "500"}
+    with closing(Wire(**page)) as wire, closing(NetFt(HOST, wire.port, wire.web)) as source:
         source.open()
-        got = collect(source, 1)
-        source.close()
-    finally:
-        wire.close()
+        got = received(source, 1)
     expected = [newton / 1000] * 3 + [newton_metre / 500] * 3
     np.testing.assert_allclose(got.values[0], np.array([1, -2, 3, -4, 5, -6]) * expected, rtol=1e-15)
 
 
 def test_connection_is_said_with_what_the_device_is_and_what_the_buffer_holds() -> None:
-    wire = Wire(comrdtrate="7000")
-    source = NetFt(HOST, wire.port, wire.web, rate=1000.0)
-    try:
+    with closing(Wire(comrdtrate="7000")) as wire, closing(NetFt(HOST, wire.port, wire.web, rate=1000.0)) as source:
         source.open()
-    finally:
-        wire.close()
-    said = "\n".join(source.events())
-    source.close()
-    for word in (
-        "connected to Box, calibration FT1",
-        "7000 samples/s, 1000000 counts per N",
-        "the rig states 1000",
-        "KiB",
-        "ms",
-    ):
-        assert word in said
+        what = "connected to Box, calibration FT1", "7000 samples/s, 1000000 counts per N"
+        said_until(source, *what, "the rig states 1000", "KiB", "ms")
 
 
 def test_missing_samples_are_counted_where_they_are_missing(wire: Wire) -> None:
     sent = [2, 3, 7, 8, 20, 21]
     with connected(wire) as source:
         wire.put(*(sample(k, k) for k in sent))
-        got = collect(source, len(sent))
+        got = received(source, len(sent))
         assert got.lost.tolist() == [0, 0, 3, 0, 11, 0]
-        told(source, "missing samples: 14, gaps: 2")
+        said_until(source, "missing samples: 14, gaps: 2")
 
 
 def test_a_buffer_that_overflows_loses_what_is_said_and_no_count(wire: Wire) -> None:
     with connected(wire) as source:
         source._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
         wire.put(*(sample(k, k) for k in range(2, 2002)))
-        first = collect_waiting(source)
+        first = waiting(source)
         wire.put(sample(2002, 2002))
-        last = collect(source, 1)
-        assert 0 < len(first.stamp) < 2000
-        assert len(first.stamp) + len(last.stamp) + first.lost.sum() + last.lost.sum() == 2001
-        told(source, f"which read too slowly: {last.lost.sum()}", f"missing samples: {last.lost.sum()}, gaps: 1")
+        last = received(source, 1)
+        assert 0 < len(first) < 2000
+        assert len(first) + 1 + first.sum() + last.lost.sum() == 2001
+        said_until(source, f"which read too slowly: {last.lost.sum()}", f"missing samples: {last.lost.sum()}, gaps: 1")
 
 
-def collect_waiting(source: NetFt) -> Got:
-    batch, rows = Batch((6,)), []
+def waiting(source: NetFt) -> np.ndarray:
+    """The samples lost before each of those that wait."""
+    batch, rows = Batch((6,)), list[np.ndarray]()
     while n := source.receive(batch, 0.0):
-        rows.append((batch.stamp[:n].copy(), batch.lost[:n].copy(), batch.values[:n].copy()))
-    return Got(rows)
+        rows.append(batch.lost[:n].copy())
+    return np.concatenate(rows)
 
 
 def test_a_sample_that_comes_twice_is_given_once_and_one_that_comes_late_is_given(wire: Wire) -> None:
     with connected(wire) as source:
         wire.put(*(sample(k, k, 0, [k] * 6) for k in (2, 3, 3, 2, 5, 4, 6, 4)))
-        got = collect(source, 5)
+        got = received(source, 5)
         assert (got.values[:, 0] * 1e6).round().tolist() == [2, 3, 5, 4, 6]
-        told(source, "used once: 3", "first counted as missing: 1")
+        said_until(source, "used once: 3", "first counted as missing: 1")
 
 
 def test_a_stream_that_begins_anew_loses_what_the_other_counter_says(wire: Wire) -> None:
     with connected(wire) as source:
         wire.put(sample(2, 4), sample(3, 7), sample(1, 7 + 3 * 11), sample(2, 7 + 3 * 12))  # 3 measured for one sent
-        assert collect(source, 4).lost.tolist() == [0, 0, 10, 0]
-        told(source, "sending began again")
+        assert received(source, 4).lost.tolist() == [0, 0, 10, 0]
+        said_until(source, "sending began again")
 
 
 def test_a_device_that_restarts_has_not_lost_four_billion(wire: Wire) -> None:
     with connected(wire) as source:
         wire.put(sample(4000, 4000), sample(8000, 8000), sample(1, 1), sample(2, 2), sample(4, 4))
-        assert collect(source, 5).lost.tolist() == [3998, 3999, 0, 0, 1]
-        told(source, "the number of missing samples is unknown")
+        assert received(source, 5).lost.tolist() == [3998, 3999, 0, 0, 1]
+        said_until(source, "the number of missing samples is unknown")
 
 
 numbers = st.one_of(st.integers(0, ROUND - 1), st.integers(ROUND - 300, ROUND - 1))
@@ -364,14 +317,10 @@ def test_counters_that_wrap_go_on() -> None:
 def test_samples_that_the_device_does_not_stand_by_are_nan(
     product: str, status: int, believed: bool, word: str
 ) -> None:
-    wire = Wire(prodname=product)
-    try:
-        with connected(wire) as source:
-            wire.put(sample(2, 2), sample(3, 3, status), sample(4, 4, status), sample(5, 5))
-            got = collect(source, 4)
-            said = told(source, word, f"0x{status:08x}", "no error")
-    finally:
-        wire.close()
+    with closing(Wire(prodname=product)) as wire, connected(wire) as source:
+        wire.put(sample(2, 2), sample(3, 3, status), sample(4, 4, status), sample(5, 5))
+        got = received(source, 4)
+        said = "\n".join(said_until(source, word, f"0x{status:08x}", "no error"))
     bad = np.isnan(got.values).all(axis=1)
     assert bad.tolist() == [False, not believed, not believed, False]
     assert np.isfinite(got.values[~bad]).all()
@@ -384,18 +333,16 @@ def test_what_is_no_sample_or_of_another_sender_is_counted_and_not_believed(wire
         assert wire.peer is not None
         stranger.sendto(sample(2, 2, 0, [9] * 6), (HOST, wire.peer[1]))
         wire.put(sample(2, 2)[:-1], sample(2, 2) + b"x", b"", sample(2, 2) * 30, sample(2, 2))
-        got = collect(source, 1)
+        got = received(source, 1)
         assert got.values[0, 0] == 1e-6
         assert got.lost[0] == 0
-        told(source, "length of a sample, ignored: 4", "another sender, ignored: 1")
+        said_until(source, "length of a sample, ignored: 4", "another sender, ignored: 1")
 
 
 @pytest.fixture(scope="module")
 def battered() -> Iterator[tuple[Wire, NetFt]]:
-    wire = Wire()
-    with connected(wire) as source:
+    with closing(Wire()) as wire, connected(wire) as source:
         yield wire, source
-    wire.close()
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
@@ -498,11 +445,11 @@ def test_a_device_that_falls_silent_is_asked_again_and_what_it_lost_is_said(
     monkeypatch.setattr("palpate.live.netft._ASK", 0.05)
     monkeypatch.setattr("palpate.live.netft.SILENT", 0.3)
     with connected(wire) as source:
-        told(source, "no samples for 0.", "requesting them again", "check its power")
+        said_until(source, "no samples for 0.", "requesting them again", "check its power")
         assert wire.asked.count(2) >= 3
         wire.put(sample(12, 12))
-        assert collect(source, 1).lost.tolist() == [10]
-        told(source, "samples come again after", "10 missing")
+        assert received(source, 1).lost.tolist() == [10]
+        said_until(source, "samples come again after", "10 missing")
 
 
 def test_another_calibration_is_noticed_when_the_device_comes_back(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -510,13 +457,13 @@ def test_another_calibration_is_noticed_when_the_device_comes_back(wire: Wire, m
     with connected(wire) as source:
         wire.status = 503  # its web server starts after the samples do
         wire.put(sample(2, 2), sample(1, 13, 0, [8] * 6))
-        assert collect(source, 2).values[1].tolist() == [8e-6] * 6
-        told(source, "page cannot be read again", "503")
+        assert received(source, 2).values[1].tolist() == [8e-6] * 6
+        said_until(source, "page cannot be read again", "503")
         wire.page, wire.status = xml(**{**PAGE, "cfgcpf": "500000", "cfgcalsn": "FT2"}), 200
         time.sleep(0.03)
         wire.put(sample(2, 14, 0, [8] * 6))
-        assert collect(source, 1).values[0].tolist() == [16e-6] * 3 + [8e-6] * 3
-        told(source, "calibration changed: now Box, calibration FT2, 500000 counts per N")
+        assert received(source, 1).values[0].tolist() == [16e-6] * 3 + [8e-6] * 3
+        said_until(source, "calibration changed: now Box, calibration FT2, 500000 counts per N")
 
 
 def test_the_page_is_not_waited_for_longer_than_the_buffer_holds(wire: Wire) -> None:
@@ -526,17 +473,15 @@ def test_the_page_is_not_waited_for_longer_than_the_buffer_holds(wire: Wire) -> 
         wire.put(sample(1, 13))
         ending = threading.Timer(0.05, lambda: wire.put(*(sample(k, 12 + k) for k in range(2, 400))))
         ending.start()
-        assert collect(source, 399).lost.tolist() == [11] + [0] * 398
-        told(source, "page cannot be read again")
+        assert received(source, 399).lost.tolist() == [11] + [0] * 398
+        said_until(source, "page cannot be read again")
 
 
 def test_closing_asks_the_device_to_stop_and_may_be_done_twice(wire: Wire) -> None:
     with connected(wire) as source:
         source.close()
         source.close()
-    end = time.monotonic() + LONG
-    while 0 not in wire.asked and time.monotonic() < end:
-        time.sleep(0.005)
+    until(lambda: 0 in wire.asked)
     assert wire.asked == [2, 0]
     NetFt(HOST).close()
 
@@ -566,21 +511,13 @@ def test_a_rig_of_other_units_or_another_sensor_is_refused() -> None:
 
 @pytest.fixture
 def device() -> Iterator[NetFtDevice]:
-    made = NetFtDevice()
-    made.open()
-    yield made
-    made.close()
+    with closing(NetFtDevice()) as made:
+        made.open()
+        yield made
 
 
 def send(device: NetFtDevice, *rows: Listed[float]) -> int:
     return device.send(np.zeros(len(rows), dtype=np.int64), np.array(rows, dtype=np.float64))
-
-
-def heard(device: NetFtDevice) -> None:
-    """Wait until somebody listens."""
-    end = time.monotonic() + LONG
-    while not send(device, [0.0] * 6) and time.monotonic() < end:
-        time.sleep(0.005)
 
 
 def test_the_real_client_takes_the_stand_in_for_a_net_ft(device: NetFtDevice) -> None:
@@ -589,17 +526,17 @@ def test_the_real_client_takes_the_stand_in_for_a_net_ft(device: NetFtDevice) ->
     rng = np.random.default_rng(2)
     values = rng.integers(-(10**9), 10**9, (50, 6)) / 1e6
     with pynetft.Client(config, queue_size=1000) as client:
-        got = until(device, client, values, lambda each: each.wrench == tuple(values[-1]))
+        got = taken(device, client, values, lambda each: each.wrench == tuple(values[-1]))
         assert [each.wrench for each in got[-50:]] == [tuple(row) for row in values.tolist()]
         assert {(each.force_unit.value, each.torque_unit.value, each.status) for each in got} == {("N", "N-m", 0)}
         assert client.health().lost_count == client.health().malformed_count == 0
         client.bias()
-        until(device, client, values[-1:], lambda each: not any(each.wrench))
+        taken(device, client, values[-1:], lambda each: not any(each.wrench))
 
 
-def until(device: NetFtDevice, client: Any, values: np.ndarray, done: Callable[[Any], bool]) -> list[Any]:
+def taken(device: NetFtDevice, client: Any, values: np.ndarray, done: Callable[[Any], bool]) -> list[Any]:
     """Send the same again, for a client on a busy machine may begin anew, until it has what is awaited."""
-    end = time.monotonic() + LONG
+    end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         send(device, *values.tolist())
         got: list[Any] = []
@@ -618,8 +555,8 @@ def test_the_stand_in_gives_back_what_was_sent_through_it(device: NetFtDevice) -
     values[7, 2], values[9, 0] = math.nan, 2148.0
     with connected(device) as source:
         assert send(device, *values.tolist()) == 500
-        got = collect(source, 500)
-        told(source, "transducer saturated")
+        got = received(source, 500)
+        said_until(source, "transducer saturated")
     believed = np.delete(values, [7, 9], axis=0)
     np.testing.assert_array_equal(np.delete(got.values, [7, 9], axis=0), believed)
     assert np.isnan(got.values[[7, 9]]).all()
@@ -630,11 +567,11 @@ def test_the_stand_in_unplugged_and_plugged_in_again_is_found_again(device: NetF
     send(device, *np.zeros((100_000, 6)).tolist())  # it has run for long, and nobody listened
     with connected(device) as source:
         device.close()
-        told(source, "requesting them again")
+        said_until(source, "requesting them again")
         again = NetFtDevice(device.port, device.web)
         again.open()
         with sending(again):
-            told(source, "samples come again after", "the number of missing samples is unknown")
+            said_until(source, "samples come again after", "the number of missing samples is unknown")
         again.close()
 
 
@@ -647,7 +584,7 @@ def test_the_stand_in_sends_as_many_as_asked_to_each_who_asks_and_passes_over_wh
         for strange in (b"", b"x" * 64, struct.pack(">HHI", 0x4321, 2, 0), struct.pack(">HHI", 0x1234, 99, 0)):
             three.sendto(strange, (HOST, device.port))
         three.sendto(struct.pack(">HHI", 0x1234, 2, 3), (HOST, device.port))
-        heard(device)
+        until(lambda: send(device, [0.0] * 6))
         assert [send(device, row, row), send(device, row)] == [2, 0]
         assert numbers_of(three) == [1, 2, 3]
         for listener in (ever, three):
@@ -659,10 +596,7 @@ def test_the_stand_in_sends_as_many_as_asked_to_each_who_asks_and_passes_over_wh
         assert np.diff(numbers_of(ever)).tolist() == np.diff(numbers_of(three)).tolist() == [1]
         ever.sendto(struct.pack(">HHI", 0x1234, 0, 0), (HOST, device.port))
         three.sendto(struct.pack(">HHI", 0x1234, 0, 0), (HOST, device.port))
-        end = time.monotonic() + LONG
-        while send(device, row) and time.monotonic() < end:
-            time.sleep(0.005)
-        assert send(device, row) == 0
+        until(lambda: send(device, row) == 0)
 
 
 def numbers_of(listener: socket.socket) -> list[int]:
@@ -673,14 +607,14 @@ def numbers_of(listener: socket.socket) -> list[int]:
         while True:
             numbers.append(struct.unpack(">I", listener.recv(64)[:4])[0])
     except BlockingIOError:
-        listener.settimeout(LONG)
+        listener.settimeout(PATIENCE)
     return numbers
 
 
 @contextmanager
 def udp() -> Generator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
-        made.settimeout(LONG)
+        made.settimeout(PATIENCE)
         yield made
 
 
@@ -697,6 +631,6 @@ def test_the_source_that_the_stand_in_names_reaches_it(device: NetFtDevice) -> N
     source = _device({**SPHERE, "force_torque": {}, **told_source})
     with sending(device, 2.5):
         source.open()
-        got = collect(source, 1, size=1)
+        got = received(source, 1, size=1)
     source.close()
     assert (got.values == 2.5).all()

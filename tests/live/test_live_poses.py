@@ -11,10 +11,12 @@ from pytransform3d import transformations as pt
 from pytransform3d.transform_manager import TransformManager
 from scipy.spatial.transform import Rotation
 
-from palpate.files.messages import MessageBlock, Topic
+from claims.evidence.robot import transform
+from palpate.files.messages import MessageBlock
 from palpate.live.poses import LivePoses
 from palpate.spatial.live_track import LiveTrack
-from tests.support.ros_kinds import TYPES, packed
+from tests.support.given_source import block
+from tests.support.ros_kinds import TYPES, packed, packed_tree
 
 SECOND = 10**9
 START = 1_700_000_000 * SECOND  # doubles of seconds since 1970 would be good to 2e-7 s only
@@ -25,32 +27,7 @@ def _tree(
     name: str, rows: list[tuple[int, str, str, np.ndarray, np.ndarray]], sent: int | np.ndarray = START
 ) -> MessageBlock:
     """One message a row: stamp [ns], parent, child, position, quaternion x, y, z, w; and when it was sent."""
-    time, header = TYPES["builtin_interfaces/msg/Time"], TYPES["std_msgs/msg/Header"]
-    vector, turn = TYPES["geometry_msgs/msg/Vector3"], TYPES["geometry_msgs/msg/Quaternion"]
-    raws = [
-        packed(
-            "tf2_msgs/TFMessage",
-            TYPES["tf2_msgs/msg/TFMessage"](
-                [
-                    TYPES["geometry_msgs/msg/TransformStamped"](
-                        header(time(*divmod(stamp, SECOND)), parent),
-                        child,
-                        TYPES["geometry_msgs/msg/Transform"](
-                            vector(*map(float, position)), turn(*map(float, quaternion))
-                        ),
-                    )
-                ]
-            ),
-        )
-        for stamp, parent, child, position, quaternion in rows
-    ]
-    return _messages(Topic(name, "tf2_msgs/TFMessage", "cdr"), raws, sent)
-
-
-def _messages(topic: Topic, raws: list[bytes], sent: int | np.ndarray = START) -> MessageBlock:
-    length = np.array([len(raw) for raw in raws], dtype=np.int64)
-    nothing = np.zeros(len(raws), dtype=np.int64)
-    return MessageBlock(b"".join(raws), {0: topic}, nothing, nothing + sent, np.cumsum(length) - length, length)
+    return block(name, "tf2_msgs/TFMessage", [packed_tree(transform(*row)) for row in rows], sent)
 
 
 def _between(
@@ -187,10 +164,10 @@ def test_poses_without_stamps_are_of_when_they_were_sent() -> None:
     turn, point = TYPES["geometry_msgs/msg/Quaternion"], TYPES["geometry_msgs/msg/Point"]
     raw = packed(kind, TYPES["geometry_msgs/msg/Pose"](point(1.0, 2.0, 3.0), turn(0.0, 0.0, 0.0, 1.0)))
     poses = LivePoses()
-    poses.add(_messages(Topic("/pose", kind, "cdr"), [raw], START))
+    poses.add(block("/pose", kind, [raw], START))
     found = poses.at(np.array([START]))
     assert found.position.tolist() == [[1.0, 2.0, 3.0]]
-    poses.add(_messages(Topic("/pose", kind, "cdr"), [raw[:40]], START + 1))
+    poses.add(block("/pose", kind, [raw[:40]], START + 1))
     assert poses.events() == ["some messages of poses are incomplete or of another type, and are ignored"]
 
 

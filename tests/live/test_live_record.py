@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +16,23 @@ import numpy as np
 import pytest
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, make_reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-import palpate
 from palpate.errors import InputError
 from palpate.files.atomic import part
 from palpate.files.contacts import read_contacts
-from palpate.files.logs import LogLayout, read_recording
+from palpate.files.logs import ArrayChannel, ImageChannel, LogLayout, read_recording
 from palpate.files.mcap.regain import regained
 from palpate.live.record import Recorder, only_one, record, require_record, ring_of
 from palpate.live.recover import cut_short, recover
 from palpate.live.source import Batch
 from palpate.live.stream_buffer import READERS, SlotForm, StreamBuffer
-from palpate.setup import load_rig
-from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, Recording
+from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION
 from tests.support.kill_recorder import BEGIN, FORM, RATE, answers, batch, numbers
 
+parsed = cache(get_types_from_msg)
 ROOT = Path(__file__).resolve().parents[2]
 FOREVER = float("inf")
-RIG = '[surface]\nkind = "sphere"\nradius = 0.05\n[force_torque]\n'
 
 
 @pytest.fixture
@@ -51,6 +52,13 @@ def _feed(ring: StreamBuffer, count: int, *, answered: bool = True, made: Batch 
         ring.answer(answers(first, count), np.ones(count, dtype=np.int64))
 
 
+def _written(output: Path, made: Batch, form: SlotForm = FORM) -> None:
+    """A whole record of a batch; of an array or of images in the form of its samples."""
+    ring = _ring(output, form)
+    _feed(ring, len(made), made=made)
+    Recorder(ring, output, FOREVER).finish()
+
+
 def _recorded(ring: StreamBuffer, output: Path, blocks: Iterator[int] | list[int], split: float = FOREVER) -> Recorder:
     """A recorder that was fed, not ended."""
     recorder = Recorder(ring, output, split)
@@ -60,20 +68,21 @@ def _recorded(ring: StreamBuffer, output: Path, blocks: Iterator[int] | list[int
     return recorder
 
 
-def _events(path: Path) -> list[str]:
+def _decoded(path: Path, *topics: str) -> dict[str, list[Any]]:
+    """Messages of these topics, or of all, as rosbags reads them, by the definitions in the file alone."""
+    store = get_typestore(Stores.EMPTY)
+    found: dict[str, list[Any]] = {}
     with path.open("rb") as file:
-        messages = list(make_reader(file, validate_crcs=True).iter_messages(topics=["/palpate/live/events"]))
-    return [_sentence(message.data) for _, _, message in messages]
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages(topics or None):
+            assert schema is not None
+            if schema.name not in store.fielddefs:
+                store.register(parsed(schema.data.decode(), schema.name))
+            found.setdefault(channel.topic, []).append(store.deserialize_cdr(message.data, schema.name))
+    return found
 
 
-def _sentence(data: bytes) -> str:
-    """The second string of an rcl_interfaces/msg/Log, by CDR's rules."""
-    at = 4 + 8 + 1 + 3
-    length = int.from_bytes(data[at : at + 4], "little")
-    at += 4 + length
-    at += -(at - 4) % 4
-    length = int.from_bytes(data[at : at + 4], "little")
-    return data[at + 4 : at + 3 + length].decode()
+def _events(path: Path) -> list[str]:
+    return [each.msg for each in _decoded(path, "/palpate/live/events").get("/palpate/live/events", [])]
 
 
 def _known(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -100,39 +109,15 @@ def test_a_log_of_the_same_rig_reads_readings_times_and_contacts_again(output: P
     assert not part(output).exists()
 
 
-def test_what_estimate_makes_of_the_record_is_what_it_makes_of_the_samples(output: Path) -> None:
-    (output.parent / "rig.toml").write_text(RIG)
-    rig, rng = load_rig(output.parent / "rig.toml"), np.random.default_rng(3)
-    made = batch(0, 900)
-    direction = rng.normal(size=(900, 3))
-    made.values[:, :3] = 10.0 * direction
-    made.values[:, 3:] = 0.01 * rng.normal(size=(900, 3))
-    ring = _ring(output)
-    _feed(ring, 900, made=made)
-    Recorder(ring, output, FOREVER).finish()
-    with palpate.open_log(output, rig) as log:
-        found = [contacts for _, contacts in rig.estimator().pairs(log)]
-    time = np.array([stamp // 10**9 + stamp % 10**9 / 1e9 for stamp in made.stamp.tolist()])
-    channels = {"force": made.values[:, :3].copy(), "torque": made.values[:, 3:].copy()}
-    known = rig.estimator().run(Recording(time, channels))
-    for name in ("point", "normal", "force", "torque", "covariance", "status"):
-        there = np.concatenate([getattr(each.estimate, name) for each in found])
-        np.testing.assert_array_equal(there, getattr(known.estimate, name))
-
-
-@pytest.mark.parametrize("topic", ["", "/ft/wrench"])
-def test_the_readings_are_under_the_name_that_the_rig_says(output: Path, topic: str) -> None:
+def test_the_readings_are_under_the_name_that_the_rig_says(output: Path) -> None:
     """And the wrenches of the contacts are never taken for readings."""
-    ring = _ring(output, replace(FORM, topic=topic))
-    _recorded(ring, output, [50]).finish()
-    found = read_recording(output, LogLayout(wrench_topic=topic or None))
+    _written(output, batch(0, 50), replace(FORM, topic="/ft/wrench"))
+    found = read_recording(output, LogLayout(wrench_topic="/ft/wrench"))
     np.testing.assert_array_equal(found.wrenches(), _known(50)[1])
 
 
 @pytest.mark.parametrize("shape", [(12,), (6, 22)])
 def test_arrays(output: Path, shape: tuple[int, ...]) -> None:
-    from palpate.files.logs import ArrayChannel
-
     ring = _ring(output, replace(FORM, sensor="skin", shape=shape, wrenches=False))
     _recorded(ring, output, [50]).finish()
     layout = LogLayout(wrench=None, arrays=(ArrayChannel("cells", shape, table="skin"),))
@@ -141,30 +126,13 @@ def test_arrays(output: Path, shape: tuple[int, ...]) -> None:
     assert found.time[1] == (BEGIN + 10**9 // RATE) // 10**9 + (BEGIN + 10**9 // RATE) % 10**9 / 1e9
 
 
-def test_images(output: Path) -> None:
-    pytest.importorskip("cv2", reason="OpenCV reads images (pip install 'palpate[camera]')")
-    from palpate.files.logs import ImageChannel
-
-    form = replace(FORM, sensor="marker_ring", shape=(5, 7, 3), images=True, wrenches=False)
-    made = Batch(form.shape, 20, np.uint8)
-    made.values[:] = np.random.default_rng(1).integers(0, 256, made.values.shape, dtype=np.uint8)
-    made.stamp[:] = batch(0, 20).stamp
-    ring = _ring(output, form)
-    _feed(ring, 20, made=made)
-    Recorder(ring, output, FOREVER).finish()
-    found = read_recording(output, LogLayout(wrench=None, images=ImageChannel()))
-    np.testing.assert_array_equal(found.channels["image"], made.values)
-
-
 def test_poses_and_accelerations_stand_where_they_were_known_and_nowhere_between(output: Path) -> None:
     made, rng = batch(0, 400), np.random.default_rng(2)
     quaternion = rng.normal(size=(400, 4))
     made.orientation[:] = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
     made.position[:], made.acceleration[:] = rng.normal(size=(2, 400, 3))
     made.orientation[100:110] = made.acceleration[300:320] = np.nan
-    ring = _ring(output, replace(FORM, poses=True))
-    _feed(ring, 400, made=made)
-    Recorder(ring, output, FOREVER).finish()
+    _written(output, made, replace(FORM, poses=True))
     made.position[100:110] = np.nan
     found = read_recording(output, LogLayout(frames=("base", "tool"), offset=0.5))  # of /tf in other logs of this rig
     np.testing.assert_array_equal(found.channels[ORIENTATION], made.orientation)
@@ -172,24 +140,8 @@ def test_poses_and_accelerations_stand_where_they_were_known_and_nowhere_between
     np.testing.assert_array_equal(found.channels[ACCELERATION], made.acceleration)
 
 
-def _decoded(path: Path) -> dict[str, list[Any]]:
-    """Messages of each topic as rosbags reads them, by the definitions in the file alone."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.EMPTY)
-    found: dict[str, list[Any]] = {}
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-            assert schema is not None
-            if schema.name not in store.fielddefs:
-                store.register(get_types_from_msg(schema.data.decode(), schema.name))
-            found.setdefault(channel.topic, []).append(store.deserialize_cdr(message.data, schema.name))
-    return found
-
-
 def test_messages_are_what_their_definitions_say(output: Path) -> None:
     """As Foxglove reads them: it knows nothing but the file."""
-    pytest.importorskip("rosbags", reason="rosbags reads the messages (pip install 'palpate[ros]')")
     made = batch(0, 3, (2, 5))
     made.lost[1] = 4
     made.orientation[:], made.position[:], made.acceleration[:] = (0.0, 0.0, 0.6, 0.8), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
@@ -212,25 +164,19 @@ def test_messages_are_what_their_definitions_say(output: Path) -> None:
     assert [contact.sample for contact in there["/palpate/contact/estimate"]] == [0, 1, 2]
 
 
-def test_images_are_what_their_definition_says(output: Path) -> None:
-    pytest.importorskip("rosbags", reason="rosbags reads the messages (pip install 'palpate[ros]')")
-    made = Batch((3, 7, 3), 2, np.uint8)
-    made.values[:] = np.arange(126, dtype=np.uint8).reshape(2, 3, 7, 3)
-    ring = _ring(output, replace(FORM, sensor="marker_ring", shape=(3, 7, 3), images=True, wrenches=False))
-    _feed(ring, 2, made=made)
-    Recorder(ring, output, FOREVER).finish()
+def test_images(output: Path) -> None:
+    """As they were, for a log's reader and for one that knows nothing but the file."""
+    pytest.importorskip("cv2", reason="OpenCV reads images (pip install 'palpate[camera]')")
+    form = replace(FORM, sensor="marker_ring", shape=(5, 7, 3), images=True, wrenches=False)
+    made = Batch(form.shape, 20, np.uint8)
+    made.values[:] = np.random.default_rng(1).integers(0, 256, made.values.shape, dtype=np.uint8)
+    made.stamp[:] = batch(0, 20).stamp
+    _written(output, made, form)
+    found = read_recording(output, LogLayout(wrench=None, images=ImageChannel()))
+    np.testing.assert_array_equal(found.channels["image"], made.values)
     image = _decoded(output)["/palpate/live/image"][1]
-    assert (image.height, image.width, image.encoding, image.step, image.is_bigendian) == (3, 7, "bgr8", 21, 0)
+    assert (image.height, image.width, image.encoding, image.step, image.is_bigendian) == (5, 7, "bgr8", 21, 0)
     np.testing.assert_array_equal(image.data, made.values[1].ravel())
-
-
-def test_lost_samples_are_said(output: Path) -> None:
-    made = batch(0, 100)
-    made.lost[40] = 7
-    ring = _ring(output)
-    _feed(ring, 100, made=made)
-    Recorder(ring, output, FOREVER).finish()
-    assert _events(output) == ["7 samples are missing before sample 40"]
 
 
 def test_a_file_that_is_large_enough_gives_way_to_the_next_and_each_opens_on_its_own(output: Path) -> None:
@@ -387,31 +333,23 @@ def test_slots_that_never_reached_the_disk_are_left_out(output: Path) -> None:
     assert numbers([output])[0] == list(range(1200))
 
 
-FULL = """
-import resource, sys
-from pathlib import Path
-import tests.live.test_live_record as t
-from palpate.live.record import Recorder
-output = Path(sys.argv[1])
-ring = t._ring(output)
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
-recorder = t._recorded(ring, output, [1024] * 12)
-assert recorder.full
-recorder.step()
-recorder.finish()
-"""
-
-
 def test_a_full_disk_ends_the_record_and_keeps_what_was_written(output: Path) -> None:
+    """As a limit on the size of files, which neither all chunks nor, behind three of them, the summary have room in."""
     _recorded(_ring(output), output, [1024] * 4).finish()
-    limit = output.stat().st_size - 4000  # so that neither all chunks nor, behind three of them, the summary have room
+    limit = output.stat().st_size - 4000
     output.unlink()
-    run = [sys.executable, "-c", FULL, str(output), str(max(limit, ring_of(output).stat().st_size // 64))]
-    subprocess.run(run, cwd=ROOT, check=True, timeout=120)
+    ring, usual = _ring(output), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (max(limit, ring_of(output).stat().st_size // 64), usual[1]))
+    try:
+        recorder = _recorded(ring, output, [1024] * 12)
+        assert recorder.full
+        recorder.step()
+        recorder.finish()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
     count = len(numbers([output])[0])
     assert count % 1024 == 0
     assert count >= 1024
-    ring = StreamBuffer(ring_of(output))
     said = [text for _, text in ring.events(0)[0]]
     assert len(said) == 1
     assert f"recording has stopped: run.mcap cannot be written (File too large); the {count:,} samples" in said[0]
@@ -432,9 +370,7 @@ def test_the_process_ends_when_the_ring_says_stop_or_the_parent_is_gone(output: 
 
 def test_nothing_that_was_received_is_lost_by_kills(tmp_path: Path) -> None:
     """Of the writer, of the recorder, of both; `kill_recorder 200` is the same for longer."""
-    script = ROOT / "tests/support/kill_recorder.py"
     run = [sys.executable, "-m", "tests.support.kill_recorder", "6"]
-    assert script.exists()
     done = subprocess.run(run, cwd=ROOT, env={**os.environ, "TMPDIR": str(tmp_path)}, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "2 records put together: all of" in done.stdout
@@ -442,12 +378,10 @@ def test_nothing_that_was_received_is_lost_by_kills(tmp_path: Path) -> None:
 
 def test_memory_of_a_chunk_is_small(output: Path) -> None:
     """What the index keeps of a chunk until the file is split: a few hundred bytes."""
-    recorder = _recorded(_ring(output), output, [2048])
-    assert recorder.file is not None
+    _recorded(_ring(output), output, [2048])
     found = regained(part(output))
     assert found is not None
-    entry = found.writer.chunks[-1].entry
-    assert sys.getsizeof(entry) < 300
+    assert sys.getsizeof(found.writer.chunks[-1].entry) < 300
 
 
 def test_a_record_that_cannot_begin_is_refused(output: Path) -> None:

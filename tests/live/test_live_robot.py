@@ -76,11 +76,7 @@ def _robot(folder: Path, speed: float, *more: str) -> Path:
 def test_the_record_of_a_robot_reads_as_the_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Readings and joint states of all sensors: in the base, too, the record gives what the log gives."""
     rig, record = _robot(tmp_path, 0.0, "lost"), tmp_path / "run.mcap"
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.bind(("127.0.0.1", 0))
-        listener.setblocking(False)
-        call = ["live", "--rig", str(rig), "--record", str(record), "--publish", f"udp:127.0.0.1:{_port(listener)}"]
-        assert main([*call, "--realtime", "False"]) == LEFT_OUT
+    assert main(["live", "--rig", str(rig), "--record", str(record), "--realtime", "False"]) == LEFT_OUT
     heard = capsys.readouterr()
     assert "lost is left out" in heard.err + heard.out
     assert "nowhere.mcap" in heard.err + heard.out
@@ -99,30 +95,24 @@ def test_the_record_of_a_robot_reads_as_the_log(tmp_path: Path, capsys: pytest.C
     np.testing.assert_array_equal(live.of("elbow").force, known.of("elbow").force)
 
 
-def _port(listener: socket.socket) -> int:
-    return int(listener.getsockname()[1])
-
-
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks Linux which processes there are")
-def test_what_was_received_outlives_a_kill_of_all_processes(tmp_path: Path) -> None:
+def test_what_was_received_outlives_a_kill_of_all_processes(udp: socket.socket, tmp_path: Path) -> None:
     """Killed while it streams, and recovered: each sensor's samples from the first on, and none twice."""
     rig, record = _robot(tmp_path, 0.1), tmp_path / "run.mcap"
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.bind(("127.0.0.1", 0))
-        listener.settimeout(LONG)
-        call = [sys.executable, "-m", "palpate", "live", "--rig", str(rig), "--record", str(record)]
-        call += ["--publish", f"udp:127.0.0.1:{_port(listener)}", "--realtime", "False"]
-        said = tmp_path / "said.txt"
-        with said.open("wb") as output:
-            running = subprocess.Popen(call, stdout=output, stderr=subprocess.STDOUT, env=_environment())
-        try:
-            lines = list[dict[str, object]]()
-            while {"wrist", "elbow"} - {line["sensor"] for line in lines} or not _grew(record):
-                lines.append(json.loads(listener.recv(1 << 16)))
-        finally:
-            for pid in [running.pid, *_children(running.pid)]:
-                os.kill(pid, signal.SIGKILL)
-            running.wait(LONG)
+    udp.settimeout(LONG)
+    call = [sys.executable, "-m", "palpate", "live", "--rig", str(rig), "--record", str(record)]
+    call += ["--publish", f"udp:127.0.0.1:{udp.getsockname()[1]}", "--realtime", "False"]
+    said = tmp_path / "said.txt"
+    with said.open("wb") as output:
+        running = subprocess.Popen(call, stdout=output, stderr=subprocess.STDOUT, env=_environment())
+    try:
+        lines = list[dict[str, object]]()
+        while {"wrist", "elbow"} - {line["sensor"] for line in lines} or not _grew(record):
+            lines.append(json.loads(udp.recv(1 << 16)))
+    finally:
+        for pid in [running.pid, *_children(running.pid)]:
+            os.kill(pid, signal.SIGKILL)
+        running.wait(LONG)
     links = {(line["sensor"], line["link"]) for line in lines}
     assert links == {("wrist", "ft_sensor"), ("elbow", "shoulder")}
     end = time.monotonic() + LONG

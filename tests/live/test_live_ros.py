@@ -7,8 +7,9 @@ import os
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from subprocess import PIPE
@@ -19,7 +20,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from claims.evidence.robot import FLANGE_SENSOR, GROUND, URDF, Posture, joints
+from claims.evidence.robot import FLANGE_SENSOR, GROUND, URDF, Posture, joints, transform
 from palpate.contact import ContactEstimate, Contacts, Status
 from palpate.errors import InputError
 from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
@@ -34,37 +35,27 @@ from palpate.setup.rig import Rig
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigOrientation
 from palpate.setup.wrench_table import RigForceTorque
-from tests.support.ros_kinds import ROS2, TYPES, drawn, full, members, packed, read
+from tests.support.listened import PATIENCE, received, said_until, until
+from tests.support.ros_kinds import ROS2, TYPES, drawn, full, members, packed, packed_tree, read
 
 pytest.importorskip("cyclonedds", reason="ROS 2 is reached through cyclonedds")
 
 ROOT = Path(__file__).resolve().parents[2]
 SECOND = 10**9
-PATIENCE = 60.0  # s: on a busy machine two processes take seconds to hear of each other
 
 
 @pytest.fixture
-def ends(domain: int) -> Iterator[tuple[DdsNode, DdsNode]]:
+def ends(domain: int, node: DdsNode) -> Iterator[tuple[DdsNode, DdsNode]]:
     """Two participants, with the loopback interface between them."""
-    pair = DdsNode(domain), DdsNode(domain)
-    for node in pair:
-        assert node.open() == ""
-    yield pair
-    for node in pair:
-        node.close()
-
-
-def _until(holds: Callable[[], Any]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not holds():
-        assert time.monotonic() < deadline, "it never came"
-        time.sleep(0.005)
+    with closing(DdsNode(domain)) as other:
+        assert other.open() == ""
+        yield node, other
 
 
 def _join(writer: Writer | None, reader: DdsReader | None) -> None:
     assert writer is not None
     assert reader is not None
-    _until(lambda: writer.readers and reader.publishers)
+    until(lambda: writer.readers and reader.publishers)
 
 
 def _received(reader: DdsReader, wanted: int = 1) -> list[bytes]:
@@ -76,19 +67,6 @@ def _received(reader: DdsReader, wanted: int = 1) -> list[bytes]:
         found += [some.data[a : a + n] for a, n in zip(some.start.tolist(), some.length.tolist(), strict=True)]
     assert len(found) == wanted
     return found
-
-
-def _gathered(source: RosTopics, wanted: int, batch: Batch | None = None) -> tuple[np.ndarray, np.ndarray, int]:
-    """Stamps, values and how many were lost."""
-    batch = Batch(source.shape, dtype=source.dtype) if batch is None else batch
-    stamps, values, lost = [np.zeros(0, dtype=int)], [np.zeros((0, *source.shape))], 0
-    deadline = time.monotonic() + PATIENCE
-    while sum(map(len, stamps)) < wanted and time.monotonic() < deadline:
-        found = source.receive(batch, 0.2)
-        stamps.append(batch.stamp[:found].copy())
-        values.append(batch.values[:found].copy())
-        lost += int(batch.lost[:found].sum())
-    return np.concatenate(stamps), np.concatenate(values), lost
 
 
 def test_types_are_those_of_ros() -> None:
@@ -144,50 +122,46 @@ def test_who_comes_late_hears_what_holds(ends: tuple[DdsNode, DdsNode]) -> None:
 
 def _meet(device: RosDevice, source: RosTopics, publishers: int = 1) -> None:
     """Both ends know of each other: what is sent before the reader knows its writer is dropped, and never counted."""
-    _until(lambda: device._writer is not None and device._writer.readers)
-    _until(lambda: source._reader is not None and source._reader.publishers == publishers)
+    until(lambda: device._writer is not None and device._writer.readers)
+    until(lambda: source._reader is not None and source._reader.publishers == publishers)
 
 
+@contextmanager
 def _opened(
     domain: int, shape: tuple[int, ...] = (6,), topic: str = "/ft", layout: LogLayout | None = None
-) -> tuple[RosDevice, RosTopics]:
-    device = RosDevice(topic, shape, domain)
-    device.open()
-    source = RosTopics(LogLayout(wrench_topic=topic) if layout is None else layout, DdsNode(domain))
-    source.open()
-    nothing = np.zeros((0, int(np.prod(shape))))
-    _meet(device, source)
-    assert device.send(np.zeros(0, dtype=int), nothing) == 0
-    return device, source
+) -> Iterator[tuple[RosDevice, RosTopics]]:
+    layout = LogLayout(wrench_topic=topic) if layout is None else layout
+    with closing(RosDevice(topic, shape, domain)) as device, closing(RosTopics(layout, DdsNode(domain))) as source:
+        device.open()
+        source.open()
+        _meet(device, source)
+        assert device.send(np.zeros(0, dtype=int), np.zeros((0, int(np.prod(shape))))) == 0
+        yield device, source
 
 
 def test_a_thousand_samples_a_second_arrive_to_the_last_bit(domain: int) -> None:
-    device, source = _opened(domain)
-    assert isinstance(device, Device)
-    assert isinstance(source, Source)
-    rng, wanted = np.random.default_rng(3), 1500
+    rng, wanted = np.random.default_rng(3), 600
     stamp, values = np.arange(wanted) * 10**6, rng.normal(size=(wanted, 6))  # a log may begin at 0
     batch, found = Batch((6,)), [np.zeros((0, 7))]
-    begun = time.monotonic()
-    for k in range(wanted):
-        assert device.send(stamp[k : k + 1], values[k : k + 1]) == 1
-        time.sleep(max(0.0, begun + 1e-3 * (k + 1) - time.monotonic()))
-        if k % 3 == 0 and (n := source.receive(batch, 0.0)):
-            assert not batch.lost[:n].any()
-            found.append(np.column_stack([batch.stamp[:n], batch.values[:n]]))
-    have = sum(map(len, found))
-    stamps, rest, lost = _gathered(source, wanted - have, batch)
-    assert lost == 0
-    found.append(np.column_stack([stamps, rest]))
+    with _opened(domain) as (device, source):
+        assert isinstance(device, Device)
+        assert isinstance(source, Source)
+        begun = time.monotonic()
+        for k in range(wanted):
+            assert device.send(stamp[k : k + 1], values[k : k + 1]) == 1
+            time.sleep(max(0.0, begun + 1e-3 * (k + 1) - time.monotonic()))
+            if k % 3 == 0 and (n := source.receive(batch, 0.0)):
+                assert not batch.lost[:n].any()
+                found.append(np.column_stack([batch.stamp[:n], batch.values[:n]]))
+        rest = received(source, wanted - sum(map(len, found)))
+        source.close()  # and once more
+    assert not rest.lost.any()
+    found.append(np.column_stack([rest.stamp, rest.values]))
     assert np.array_equal(np.concatenate(found), np.column_stack([stamp, values]))
-    source.close()
-    device.close()
-    source.close()
 
 
-def test_wrenches_of_any_make_are_read_alike(domain: int) -> None:
-    node, source = DdsNode(domain), RosTopics(LogLayout(wrench_topic="/ft"), DdsNode(domain))
-    node.open()
+def test_wrenches_of_any_make_are_read_alike(domain: int, node: DdsNode) -> None:
+    source = RosTopics(LogLayout(wrench_topic="/ft"), DdsNode(domain))
     kind, rng = "geometry_msgs/WrenchStamped", np.random.default_rng(9)
     writer = node.writer("/ft", kind)
     source.open()
@@ -204,68 +178,60 @@ def test_wrenches_of_any_make_are_read_alike(domain: int) -> None:
         data = bytes(ROS2.serialize_cdr(message, full(kind), little_endian=not big))
         assert writer.write(data)
         if len(sent) < 6:  # one by one, then several at once
-            stamps, values, _ = _gathered(source, 1)
-            assert stamps.tolist() == [len(sent) * SECOND + len(sent) - 1]
-            assert np.array_equal(values, sent[-1:], equal_nan=True)
-    stamps, values, lost = _gathered(source, 4)
-    assert np.array_equal(values, sent[5:], equal_nan=True)
-    assert lost == 0
+            one = received(source, 1)
+            assert one.stamp.tolist() == [len(sent) * SECOND + len(sent) - 1]
+            assert np.array_equal(one.values, sent[-1:], equal_nan=True)
+    rest = received(source, 4)
+    assert np.array_equal(rest.values, sent[5:], equal_nan=True)
+    assert not rest.lost.any()
     source.close()
-    node.close()
 
 
 def test_what_has_no_room_is_counted(domain: int) -> None:
-    device, source = _opened(domain)
-    sent = 0
-    for _ in range(18):
-        sent += device.send(1 + np.arange(1000), np.zeros((1000, 6)))
-        time.sleep(0.02)
-    batch, stamps, lost = Batch((6,)), 0, 0
-    while found := source.receive(batch, 0.3):
-        stamps, lost = stamps + found, lost + int(batch.lost[:found].sum())
-    sent += device.send(np.array([SECOND]), np.zeros((1, 6)))
-    assert sent == 18_001
-    more, _, rest = _gathered(source, 1)
-    assert stamps + len(more) + lost + rest == sent
-    assert lost + rest > 0  # how many depends on what was still under way when reading began
-    source.close()
-    device.close()
+    batch, sent, stamps, lost = Batch((6,)), 0, 0, 0
+    with _opened(domain) as (device, source):
+        for _ in range(18):
+            sent += device.send(1 + np.arange(1000), np.zeros((1000, 6)))
+            time.sleep(0.02)
+        while found := source.receive(batch, 0.3):
+            stamps, lost = stamps + found, lost + int(batch.lost[:found].sum())
+        sent += device.send(np.array([SECOND]), np.zeros((1, 6)))
+        assert sent == 18_001
+        lost += received(source, 1).lost[0]
+    assert stamps + 1 + lost == sent
+    assert lost > 0  # how many depends on what was still under way when reading began
 
 
 def test_arrays_and_images_come_in_their_shape(domain: int) -> None:
     rng = np.random.default_rng(4)
     cells = LogLayout(wrench=None, arrays=(ArrayChannel("cells", (6, 22), topic="/skin"),))
-    device, source = _opened(domain, (6, 22), "/skin", cells)
     sent = rng.normal(size=(4, 132))
-    begun = time.time_ns()
-    assert device.send(np.arange(4), sent) == 4
-    stamps, values, _ = _gathered(source, 4)
-    assert np.array_equal(values, sent.reshape(4, 6, 22))
-    assert ((stamps >= begun - SECOND) & (stamps <= time.time_ns() + SECOND)).all()
-    assert "have no stamps: the times at which they were sent" in " ".join(source.events())
     other = RosDevice("/skin", (5,), domain)
-    other.open()
-    _meet(other, source, publishers=2)
-    assert other.send(np.zeros(1, dtype=int), np.zeros((1, 5))) == 1
-    assert device.send(np.arange(1), sent[:1]) == 1
-    _, values, lost = _gathered(source, 1)
-    source.receive(Batch(source.shape), 0.3)
-    assert np.array_equal(values, sent[:1].reshape(1, 6, 22))
-    assert lost in (0, 1)  # the odd one may come behind
-    assert ["that do not contain 6 x 22 numbers are ignored" in said for said in source.events()] == [True]
-    for each in (source, device, other):
-        each.close()
+    with _opened(domain, (6, 22), "/skin", cells) as (device, source), closing(other):
+        begun = time.time_ns()
+        assert device.send(np.arange(4), sent) == 4
+        four = received(source, 4)
+        assert np.array_equal(four.values, sent.reshape(4, 6, 22))
+        assert ((four.stamp >= begun - SECOND) & (four.stamp <= time.time_ns() + SECOND)).all()
+        assert "have no stamps: the times at which they were sent" in " ".join(source.events())
+        other.open()
+        _meet(other, source, publishers=2)
+        assert other.send(np.zeros(1, dtype=int), np.zeros((1, 5))) == 1
+        assert device.send(np.arange(1), sent[:1]) == 1
+        one = received(source, 1)
+        source.receive(Batch(source.shape), 0.3)
+        assert np.array_equal(one.values, sent[:1].reshape(1, 6, 22))
+        assert one.lost[0] in (0, 1)  # the odd one may come behind
+        assert ["that do not contain 6 x 22 numbers are ignored" in said for said in source.events()] == [True]
 
 
 @pytest.mark.parametrize("shape", [(24, 3), (3, 24), (72,)])
 def test_axes_come_last_whatever_the_layout_of_arrays_states(domain: int, shape: tuple[int, ...]) -> None:
     cells = ArrayChannel("cells", (6, 4, 3), topic="/skin", axes=("x", "y", "z"))
-    device, source = _opened(domain, shape, "/skin", LogLayout(wrench=None, arrays=(cells,)))
     sent = np.random.default_rng(4).normal(size=(2, 24, 3))
-    assert device.send(np.arange(2), (sent.swapaxes(1, 2) if shape[0] == 3 else sent).reshape(2, -1)) == 2
-    np.testing.assert_array_equal(_gathered(source, 2)[1], sent.reshape(2, 6, 4, 3))
-    for each in (source, device):
-        each.close()
+    with _opened(domain, shape, "/skin", LogLayout(wrench=None, arrays=(cells,))) as (device, source):
+        assert device.send(np.arange(2), (sent.swapaxes(1, 2) if shape[0] == 3 else sent).reshape(2, -1)) == 2
+        np.testing.assert_array_equal(received(source, 2).values, sent.reshape(2, 6, 4, 3))
 
 
 def test_images_come_as_they_were_sent(domain: int) -> None:
@@ -289,14 +255,14 @@ def test_images_come_as_they_were_sent(domain: int) -> None:
     try:
         source.open()
         assert source.shape == image.shape
-        stamps, values, _ = _gathered(source, 2)
+        found = received(source, 2, size=1)
     finally:
         stop = True
         sender.join()
         source.close()
         device.close()
-    assert (values == image).all()
-    assert (stamps == SECOND).all()
+    assert (found.values == image).all()
+    assert (found.stamp == SECOND).all()
 
 
 class _Knowing(DdsNode):
@@ -308,7 +274,7 @@ class _Knowing(DdsNode):
 
     def open(self) -> str:
         said = super().open()
-        _until(lambda: self._names <= {topic.name for topic in self.topics()})
+        until(lambda: self._names <= {topic.name for topic in self.topics()})
         return said
 
 
@@ -336,11 +302,10 @@ def test_the_only_fitting_topic_is_found_and_others_are_named(domain: int) -> No
         ("/ft", "'/ft' has messages of geometry_msgs/WrenchStamped"),
         ("/no", "no node publishes '/no'"),
     ):
-        node = _Knowing(domain, *known)
-        node.open()
-        with pytest.raises(InputError, match=said):
-            RosPoses(RigOrientation(topic=topic), node, patience=0.0).open()
-        node.close()
+        with closing(_Knowing(domain, *known)) as node:
+            node.open()
+            with pytest.raises(InputError, match=said):
+                RosPoses(RigOrientation(topic=topic), node, patience=0.0).open()
     devices.append(RosDevice("/second", domain=domain))
     devices[-1].open()
     with pytest.raises(InputError, match="2 topics hold a wrench: /ft, /second"):
@@ -355,34 +320,28 @@ def test_the_only_fitting_topic_is_found_and_others_are_named(domain: int) -> No
 
 def test_silence_return_and_jumping_stamps_are_said(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.live.ros2.SILENT", 0.1)
-    device, source = _opened(domain)
-    batch = Batch((6,))
-    device.send(np.array([SECOND]), np.zeros((1, 6)))
-    _gathered(source, 1, batch)
-    time.sleep(0.15)
-    assert source.receive(batch, 0.0) == 0
-    assert [said.startswith("no message on '/ft' for 0.1 s; one node publishes it") for said in source.events()] == [
-        True
-    ]
-    for stamp, jump in ((2 * SECOND, ""), (100 * SECOND, "+98 s"), (50 * SECOND, "-50 s")):
-        device.send(np.array([stamp]), np.zeros((1, 6)))
-        _gathered(source, 1, batch)
-        jumped = [said for said in source.events() if "jumped" in said]
-        assert jumped == ([] if not jump else [f"the stamps of '/ft' jumped by {jump}"])
-    monkeypatch.setattr("palpate.live.ros2.SILENT", 1.0)  # its leaving is known by then, on a busy machine too
-    device.close()
-    _until(
-        lambda: source.receive(batch, 0.0) == 0 and any("nobody publishes it now" in said for said in source.events())
-    )
-    device.open()
-    _until(lambda: device.send(np.array([51 * SECOND]), np.ones((1, 6))))
-    assert _gathered(source, 1, batch)[1].tolist() == [[1.0] * 6]
-    assert [said.startswith("messages on '/ft' again, after ") for said in source.events()][:1] == [True]
-    source.close()
-    device.close()
+    with _opened(domain) as (device, source):
+        device.send(np.array([SECOND]), np.zeros((1, 6)))
+        received(source, 1)
+        time.sleep(0.15)
+        assert source.receive(Batch((6,)), 0.0) == 0
+        (said,) = source.events()
+        assert said.startswith("no message on '/ft' for 0.1 s; one node publishes it")
+        for stamp, jump in ((2 * SECOND, ""), (900 * SECOND, "+898 s"), (450 * SECOND, "-450 s")):
+            device.send(np.array([stamp]), np.zeros((1, 6)))
+            received(source, 1)
+            jumped = [said for said in source.events() if "jumped" in said]
+            assert jumped == ([] if not jump else [f"the stamps of '/ft' jumped by {jump}"])
+        monkeypatch.setattr("palpate.live.ros2.SILENT", 1.0)  # its leaving is known by then, on a busy machine too
+        device.close()
+        said_until(source, "nobody publishes it now")
+        device.open()
+        until(lambda: device.send(np.array([451 * SECOND]), np.ones((1, 6))))
+        assert received(source, 1).values.tolist() == [[1.0] * 6]
+        assert source.events()[0].startswith("messages on '/ft' again, after ")
 
 
-def test_a_rig_says_what_is_heard(domain: int) -> None:
+def test_a_rig_says_what_is_heard(domain: int, node: DdsNode) -> None:
     device = RosDevice("/arm/ft", domain=domain)
     assert f"domain = {domain}" in device.open()
     rig = Rig(
@@ -391,51 +350,29 @@ def test_a_rig_says_what_is_heard(domain: int) -> None:
     source = source_of(RigSource("ros2", domain=domain), rig.resolve())
     assert isinstance(source, RosTopics)
     source.open()
-    node = DdsNode(domain)
-    node.open()
-    static, moving = (node.writer(name, "tf2_msgs/TFMessage", latched=name != "tf") for name in ("tf", "tf_static"))
-    moving, static = static, moving
-    _until(lambda: static.readers and moving.readers)
+    moving, static = (node.writer(name, "tf2_msgs/TFMessage", latched=name != "tf") for name in ("tf", "tf_static"))
+    until(lambda: static.readers and moving.readers)
     assert source._poses is not None
     heard = [reader for reader, _ in source._poses._readers]
-    _until(lambda: all(reader.publishers for reader in heard))
+    until(lambda: all(reader.publishers for reader in heard))
     now = time.time_ns()
-    assert static.write(_tree(now, ("tool", "ft", [0.0, 0.0, 0.1], [0.0, 0.0, 0.0, 1.0])))
+    assert static.write(packed_tree(transform(now, "tool", "ft", (0, 0, 0.1))))
     for k in range(4):
-        assert moving.write(_tree(now + k * 10**7, ("base", "tool", [0.1 * k, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])))
+        assert moving.write(packed_tree(transform(now + k * 10**7, "base", "tool", (0.1 * k, 0, 0), (1, 0, 0, 0))))
     _meet(device, source)
     time.sleep(0.2)
     device.send(np.array([now + 15 * 10**6, now + 5 * 10**7, now + SECOND]), np.zeros((3, 6)))
-    batch = Batch((6,))
-    time.sleep(0.5)  # all are there then, and come as one batch
-    stamps, _, _ = _gathered(source, 3, batch)
-    assert len(stamps) == 3
-    assert np.allclose(batch.orientation[:2], [1.0, 0.0, 0.0, 0.0])
-    assert np.allclose(batch.position[:2], [[0.15, 0.0, -0.1], [0.5, 0.0, -0.1]])  # between two, and ahead of the last
-    assert np.isnan(batch.orientation[2]).all()  # too old
-    assert np.allclose(source._poses.at(stamps).age, [0.0, 0.02, 0.97])
+    found = received(source, 3)
+    assert np.allclose(found.orientation[:2], [1.0, 0.0, 0.0, 0.0])
+    assert np.allclose(found.position[:2], [[0.15, 0.0, -0.1], [0.5, 0.0, -0.1]])  # between two, and ahead of the last
+    assert np.isnan(found.orientation[2]).all()  # too old
+    assert np.allclose(source._poses.at(found.stamp).age, [0.0, 0.02, 0.97])
     assert "the sensor's pose is taken from base -> tool -> ft in the tree of /tf" in source.events()
-    for each in (source, device, node):
-        each.close()
+    source.close()
+    device.close()
 
 
-def _tree(stamp: int, *edges: tuple[str, str, list[float], list[float]]) -> bytes:
-    time_, header = TYPES["builtin_interfaces/msg/Time"], TYPES["std_msgs/msg/Header"]
-    vector, turn = TYPES["geometry_msgs/msg/Vector3"], TYPES["geometry_msgs/msg/Quaternion"]
-    made = [
-        TYPES["geometry_msgs/msg/TransformStamped"](
-            header(time_(*divmod(stamp, SECOND)), parent),
-            child,
-            TYPES["geometry_msgs/msg/Transform"](vector(*position), turn(*quaternion)),
-        )
-        for parent, child, position, quaternion in edges
-    ]
-    return packed("tf2_msgs/TFMessage", TYPES["tf2_msgs/msg/TFMessage"](made))
-
-
-def test_poses_of_a_topic_stand_for_any_source(domain: int) -> None:
-    node = DdsNode(domain)
-    node.open()
+def test_poses_of_a_topic_stand_for_any_source(domain: int, node: DdsNode) -> None:
     rng = np.random.default_rng(6)
     for number, kind in enumerate(("PoseStamped", "PoseWithCovarianceStamped", "TransformStamped")):
         kind, name = f"geometry_msgs/{kind}", f"/pose{number}"
@@ -444,7 +381,7 @@ def test_poses_of_a_topic_stand_for_any_source(domain: int) -> None:
         poses = RosPoses.of(orientation, RigSource("netft", "nobody", domain=domain))
         assert poses is not None
         poses.open()
-        _until(lambda writer=writer: writer.readers)
+        until(lambda writer=writer: writer.readers)
         message = drawn(full(kind), rng)
         message.header.stamp = TYPES["builtin_interfaces/msg/Time"](7, 0)
         body = message.transform if hasattr(message, "transform") else getattr(message.pose, "pose", message.pose)
@@ -452,23 +389,20 @@ def test_poses_of_a_topic_stand_for_any_source(domain: int) -> None:
         turned.x, turned.y, turned.z, turned.w = 0.0, 0.6, 0.0, 0.8
         data = packed(kind, message)
         writer.write(data)
-        _until(lambda poses=poses: np.isfinite(poses.at(np.array([7 * SECOND])).quaternion).all())
+        until(lambda poses=poses: np.isfinite(poses.at(np.array([7 * SECOND])).quaternion).all())
         assert poses.at(np.array([7 * SECOND])).quaternion[0].tolist() == [0.0, 0.6, 0.0, 0.8]
         poses.close()
     assert RosPoses.of(RigOrientation(), None) is None
     with pytest.raises(InputError, match="name of the topic of joint states"):
         RosPoses.of(RigOrientation(urdf="arm.urdf", base="base", sensor="ft", joints={"a": "a"}), None)
-    node.close()
 
 
 @pytest.mark.parametrize("above", ["nothing", "base called sensor", "tf", "imu"])
-def test_joint_states_pose_the_sensor(domain: int, tmp_path: Path, above: str) -> None:
+def test_joint_states_pose_the_sensor(node: DdsNode, tmp_path: Path, above: str) -> None:
     """Of a wrist, as its joints turn one after the other; its base in /tf, or turned as an IMU on it states."""
     pytest.importorskip("pinocchio")
     root = "sensor" if "called" in above else "base_link"
     (tmp_path / "wrist.urdf").write_text(URDF.replace('"base_link"', f'"{root}"'))
-    node = DdsNode(domain)
-    node.open()
     base, imu = ("odom" if above == "tf" else root), ("/imu" if above == "imu" else None)
     table = RigOrientation(urdf="wrist.urdf", base=base, sensor="ft_sensor", joints="/joint_states", imu=imu)
     kinds = {"/joint_states": "sensor_msgs/JointState"}
@@ -482,10 +416,9 @@ def test_joint_states_pose_the_sensor(domain: int, tmp_path: Path, above: str) -
         for stamp, row in zip(stamps.tolist(), angles, strict=True):
             writers["/joint_states"].write(packed("sensor_msgs/JointState", joints(stamp, row)))
             if above == "tf":
-                writers["/tf"].write(_tree(stamp, ("odom", "world", [3.0, 2.0, 0.0], turned.as_quat().tolist())))
+                writers["/tf"].write(packed_tree(transform(stamp, "odom", "world", (3, 2, 0), turned.as_quat())))
             if above == "imu":
-                message = full("sensor_msgs/Imu")
-                message = drawn(message, np.random.default_rng(1))
+                message = drawn(full("sensor_msgs/Imu"), np.random.default_rng(1))
                 message.header.stamp, message.header.frame_id = TYPES["builtin_interfaces/msg/Time"](0, stamp), "mems"
                 message.orientation = TYPES["geometry_msgs/msg/Quaternion"](*turned.as_quat())
                 message.orientation_covariance[0] = 0.0
@@ -494,12 +427,12 @@ def test_joint_states_pose_the_sensor(domain: int, tmp_path: Path, above: str) -
     with ThreadPoolExecutor() as pool:  # an IMU's first message is waited for
         poses = RosPoses(table, node, 20.0, tmp_path)
         opened = pool.submit(poses.open)
-        _until(lambda: all(writer.readers for writer in writers.values()))
+        until(lambda: all(writer.readers for writer in writers.values()))
         time.sleep(0.2)
         send()
         opened.result()
     send()
-    _until(lambda: np.isfinite(poses.at(stamps).quaternion).all())
+    until(lambda: np.isfinite(poses.at(stamps).quaternion).all())
     found = poses.at(stamps)
     wrist = Posture(angles)
     a, b, c = (Rotation.from_euler(axis, angles[:, [k]]) for k, axis in enumerate("zyx"))
@@ -511,19 +444,16 @@ def test_joint_states_pose_the_sensor(domain: int, tmp_path: Path, above: str) -
     assert np.abs(found.position - at).max() < 1e-9
     assert any("moved by joint states" in said for said in poses.events())
     poses.close()
-    node.close()
 
 
-def test_joint_states_in_degrees_or_without_a_joint_are_reported(domain: int, tmp_path: Path) -> None:
+def test_joint_states_in_degrees_or_without_a_joint_are_reported(node: DdsNode, tmp_path: Path) -> None:
     pytest.importorskip("pinocchio")
     (tmp_path / "wrist.urdf").write_text(URDF)
-    node = DdsNode(domain)
-    node.open()
     writer = node.writer("/joint_states", "sensor_msgs/JointState")
     table = RigOrientation(urdf="wrist.urdf", base="base_link", sensor="ft_sensor")
     poses = RosPoses(table, node, 20.0, tmp_path)
     poses.open()
-    _until(lambda: writer.readers)
+    until(lambda: writer.readers)
     lacking = joints(SECOND, np.array([0.1, 0.2, 0.3]))
     lacking.name, lacking.position = lacking.name[1:], lacking.position[1:]
     lacking.velocity, lacking.effort = lacking.velocity[1:], lacking.effort[1:]
@@ -533,12 +463,11 @@ def test_joint_states_in_degrees_or_without_a_joint_are_reported(domain: int, tm
         assert np.isnan(poses.at(np.array([SECOND])).quaternion).all()
         return any("have no position of flange_joint, and are left out" in said for said in poses.events())
 
-    _until(heard)
+    until(heard)
     writer.write(packed("sensor_msgs/JointState", joints(2 * SECOND, np.array([40.0, 20.0, 30.0]))))
     with pytest.raises(InputError, match="seems to be in degrees"):
-        _until(lambda: np.isfinite(poses.at(np.array([2 * SECOND])).quaternion).all())
+        until(lambda: np.isfinite(poses.at(np.array([2 * SECOND])).quaternion).all())
     poses.close()
-    node.close()
 
 
 def _contacts(samples: int, each: int, seed: int = 7) -> Contacts:
@@ -558,10 +487,9 @@ def _contacts(samples: int, each: int, seed: int = 7) -> Contacts:
 
 
 @pytest.mark.parametrize("frame_id", ["base", "a", "", "tool0"])
-def test_contacts_are_published_as_they_are(domain: int, frame_id: str) -> None:
-    publisher, node = RosPublisher(frame_id, ("area", "depth"), domain=domain), DdsNode(domain)
+def test_contacts_are_published_as_they_are(domain: int, node: DdsNode, frame_id: str) -> None:
+    publisher = RosPublisher(frame_id, ("area", "depth"), domain=domain)
     publisher.open()
-    node.open()
     readers = {name: node.reader(name, kind) for name, kind in TOPICS.items()}
     for name, reader in readers.items():
         _join(publisher._writers[name], reader)
@@ -590,21 +518,18 @@ def test_contacts_are_published_as_they_are(domain: int, frame_id: str) -> None:
         assert np.allclose(np.cross(shaft, contacts.force[k]), 0.0)
         assert shaft @ contacts.force[k] > 0  # it pushes with its tip
         assert _numbers(ball.pose.position) == contacts.point[k].tolist()
-        axes = _matrix(ball.pose.orientation)
+        axes = Rotation.from_quat([*_numbers(ball.pose.orientation), ball.pose.orientation.w]).as_matrix()
         seen = np.sqrt(np.clip(np.diag(axes.T @ contacts.covariance[k] @ axes), 0, None)) * 2 * 2.796
         assert np.allclose(_numbers(ball.scale), seen.clip(0.002, 0.05), atol=1e-6)
     publisher.close()
-    node.close()
 
 
-def test_contacts_of_a_robot_are_published_by_sensor_and_together(domain: int) -> None:
+def test_contacts_of_a_robot_are_published_by_sensor_and_together(domain: int, node: DdsNode) -> None:
     """Each sensor's in the frame of its link; the array of all has the newest of each, each in its own frame."""
     first = RosPublisher("tip", ("area", "depth"), domain=domain, sensor="thumb")
     second = RosPublisher("palm", (), domain=domain, sensor="pad", partner=first)
-    node = DdsNode(domain)
     first.open()
     second.open()
-    node.open()
     kind, alone = "palpate_msgs/ContactArray", "/palpate/contact/contacts"
     names = ("/palpate/thumb/contacts", "/palpate/pad/contacts", alone)
     readers = [node.reader(name, kind) for name in names]
@@ -626,23 +551,15 @@ def test_contacts_of_a_robot_are_published_by_sensor_and_together(domain: int) -
     assert not everything[-1].features
     second.close()
     first.close()
-    node.close()
 
 
 def _numbers(message: Any) -> list[float]:
     return [message.x, message.y, message.z]
 
 
-def _matrix(turn: Any) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
-
-
-def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int) -> None:
-    publisher, node = RosPublisher("base", ("area", "depth"), 100.0, domain), DdsNode(domain)
+def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int, node: DdsNode) -> None:
+    publisher = RosPublisher("base", ("area", "depth"), 100.0, domain)
     publisher.open()
-    node.open()
     kinds = {name: TOPICS[name] for name in ("/palpate/contact/contacts", "/palpate/contact/markers")}
     readers = [node.reader(name, kind) for name, kind in kinds.items()]
     for name, reader in zip(kinds, readers, strict=True):
@@ -665,13 +582,12 @@ def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int) -> None
     assert len(publisher.publish(Contacts.single(np.array([5.0]), gone))) == 1  # another clock
     assert not publisher.tare_requested()
     asks = node.writer(TARE, "std_msgs/Empty")
-    _until(lambda: asks.readers)
+    until(lambda: asks.readers)
     asks.write(packed("std_msgs/Empty", drawn("std_msgs/msg/Empty", np.random.default_rng(0))) + bytes(3))
-    _until(publisher.tare_requested)
+    until(publisher.tare_requested)
     assert not publisher.tare_requested()
     assert publisher.events() == []
     publisher.close()
-    node.close()
 
 
 WITHOUT_WHEELS = ("tf2_msgs", "palpate_msgs")
@@ -688,13 +604,12 @@ def echo(rclpy: Path, of_ros: dict[str, str]) -> Iterator[tuple[subprocess.Popen
 
 
 def test_every_message_goes_both_ways_with_the_real_ros(
-    echo: tuple[subprocess.Popen[str], list[str]], domain: int
+    echo: tuple[subprocess.Popen[str], list[str]], domain: int, node: DdsNode
 ) -> None:
     process, kinds = echo
     assert process.stdin is not None
     assert process.stdout is not None
-    node, rng, held_kind = DdsNode(domain), np.random.default_rng(8), "std_msgs/Float64MultiArray"
-    node.open()
+    rng, held_kind = np.random.default_rng(8), "std_msgs/Float64MultiArray"
     holds = packed(held_kind, drawn(full(held_kind), rng))
     assert node.writer("/to_ros/held", held_kind, latched=True, depth=1).write(holds)
     if process.stdout.readline() != "ready\n":
@@ -703,7 +618,7 @@ def test_every_message_goes_both_ways_with_the_real_ros(
     names = {kind: kind.replace("/", "_") for kind in kinds}
     writers = {kind: node.writer(f"/to_ros/{name}", kind) for kind, name in names.items()}
     readers = {kind: node.reader(f"/from_ros/{name}", kind) for kind, name in names.items()}
-    _until(lambda: all(writers[kind].readers and readers[kind].publishers for kind in kinds))
+    until(lambda: all(writers[kind].readers and readers[kind].publishers for kind in kinds))
     for kind in kinds:
         sent = drawn(full(kind), rng)
         if kind == "std_msgs/Empty":
@@ -723,7 +638,6 @@ def test_every_message_goes_both_ways_with_the_real_ros(
     process.stdin.close()
     counts = json.loads(process.stdout.read())
     assert set(counts) == {*kinds, "held"}
-    node.close()
 
 
 def _three() -> Any:

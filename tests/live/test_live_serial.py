@@ -27,13 +27,11 @@ from palpate.live.serial_device import SerialDevice
 from palpate.live.source import Batch, Device, Source, source_of
 from palpate.setup.rig import check_rig
 from palpate.setup.source import RigSource
+from tests.support.listened import PATIENCE, received, said_until
 
 oracle = pytest.importorskip("cobs.cobs")
 pytest.importorskip("serial")
 from palpate.live.serial import SerialPort  # noqa: E402 - skipped above where pyserial is absent
-
-PATIENCE = 60.0  # s for what takes milliseconds on an idle machine
-
 
 # --- frames -----------------------------------------------------------------------------------------------------------
 
@@ -268,6 +266,15 @@ def test_numbers_are_found_as_makers_print_them(line: bytes, found: list[float])
     assert numbers(line) == found or line == b"$12*4F"
 
 
+def _fed(
+    lines: list[bytes], count: int = 6, columns: tuple[int, ...] | None = None
+) -> tuple[LineFrames, np.ndarray, np.ndarray]:
+    """What was fed, all samples of it, and what was lost before each."""
+    frames = LineFrames(count, columns)
+    frames.feed(b"\n" + b"\n".join(lines) + b"\n")
+    return frames, *_taken(frames, count)
+
+
 def test_what_is_no_text_has_no_numbers() -> None:
     assert numbers(b"12.\xb05") is None  # a zero with its eighth bit flipped
     assert numbers(b"12.\x015") is None
@@ -298,9 +305,7 @@ def test_every_end_of_line_ends_it_wherever_a_read_is_cut(end: bytes) -> None:
 def test_which_numbers_of_a_line_are_the_sensors(
     columns: tuple[int, ...] | None, line: bytes, row: list[float]
 ) -> None:
-    frames = LineFrames(3, columns)
-    frames.feed(b"\n" + line + b"\n")
-    assert _taken(frames, 3)[0].tolist() == [row]
+    assert _fed([line], 3, columns)[1].tolist() == [row]
 
 
 def test_a_line_cut_short_is_not_taken_for_one_without_a_counter() -> None:
@@ -359,29 +364,6 @@ def _port(lines: str, sensor: str = "", **more: object) -> SerialPort:
     return SerialPort.of(rig.stream(), rig.resolve())
 
 
-def _received(source: Source, count: int) -> Batch:
-    """As many samples, in one batch."""
-    whole, at, end = Batch(source.shape, count), 0, time.monotonic() + PATIENCE
-    while at < count and time.monotonic() < end:
-        part = Batch(source.shape, count - at)
-        found = source.receive(part, 0.2)
-        for name in ("stamp", "lost", "values"):
-            getattr(whole, name)[at : at + found] = getattr(part, name)[:found]
-        at += found
-    assert at == count
-    return whole
-
-
-def _until(source: Source, words: str) -> list[str]:
-    """What is said, until it holds these words."""
-    batch, said, end = Batch(source.shape), [], time.monotonic() + PATIENCE
-    while not any(words in each for each in said) and time.monotonic() < end:
-        source.receive(batch, 0.02)
-        said += source.events()
-    assert any(words in each for each in said), said
-    return said
-
-
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """What takes seconds takes none."""
@@ -431,7 +413,7 @@ def test_samples_pass_a_pseudo_terminal(device: SerialDevice) -> None:
     stamps: list[np.ndarray] = []
     for part in np.split(sent, 30):
         assert device.send(np.zeros(len(part), dtype=np.int64), part) == len(part)
-        batch = _received(source, len(part))
+        batch = received(source, len(part))
         got.append(batch.values)
         stamps.append(batch.stamp)
         assert not batch.lost.any()
@@ -457,10 +439,10 @@ def test_what_nobody_reads_is_dropped_and_counted(device: SerialDevice) -> None:
     assert 0 < sum(taken) < 20_000
     assert sum(taken) + device.dropped == 20_000
     kept = np.concatenate([part[:count] for part, count in zip(parts, taken, strict=True)])
-    got = _received(source, len(kept) - 1)  # the last may be out in part
+    got = received(source, len(kept) - 1, size=1)  # the last may be out in part
     np.testing.assert_array_equal(got.values, kept[:-1])
     assert device.send(stamp[:1], parts[0][:1]) == 1
-    last = _received(source, 2)
+    last = received(source, 2)
     np.testing.assert_array_equal(last.values, [kept[-1], parts[0][0]])
     if "cobs" in lines:
         assert got.lost.sum() + last.lost.sum() == device.dropped
@@ -473,14 +455,14 @@ def test_unplugged_and_plugged_in_again(device: SerialDevice) -> None:
     source = _port(device.open())
     source.open()
     device.send(np.zeros(10, dtype=np.int64), sent[:10])
-    _received(source, 10)
+    received(source, 10)
     device.close()
-    said = _until(source, "still missing")
+    said = said_until(source, "still missing")
     assert "disappeared" in said[0]
     device.open()
-    _until(source, "is back after")
+    said_until(source, "is back after")
     device.send(np.zeros(10, dtype=np.int64), sent[10:])
-    np.testing.assert_array_equal(_received(source, 10).values, sent[10:])
+    np.testing.assert_array_equal(received(source, 10).values, sent[10:])
     source.close()
 
 
@@ -489,13 +471,22 @@ def test_silence_and_its_end_are_said_once() -> None:
     device = SerialDevice()
     source = _port(device.open())
     source.open()
-    assert "no samples for" in _until(source, "no samples")[0]
+    assert "no samples for" in said_until(source, "no samples")[0]
     assert source.receive(Batch((6,)), 0.05) == 0
     assert source.events() == []
     device.send(np.zeros(1, dtype=np.int64), np.zeros((1, 6)))
-    assert "samples come again" in _until(source, "again")[-1]
+    assert "samples come again" in said_until(source, "again")[-1]
     source.close()
     device.close()
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, str]]:
+    """Where bytes are written, and the address of the port where they come out."""
+    master, slave = os.openpty()
+    yield master, os.ttyname(slave)
+    os.close(master)
+    os.close(slave)
 
 
 @pytest.mark.usefixtures("quick")
@@ -507,9 +498,9 @@ def test_silence_and_its_end_are_said_once() -> None:
         ("lines", b"1,2,3\r\n" * 100, "the last line was '1,2,3' (3 numbers, not 6 or 7 numbers)"),
     ],
 )
-def test_bytes_that_are_no_samples_are_said(framing: str, noise: bytes, words: str, tmp_path: Path) -> None:
-    master, slave = os.openpty()
-    source = _port(f"[source]\nkind = 'serial'\naddress = '{os.ttyname(slave)}'\nframing = '{framing}'")
+def test_bytes_that_are_no_samples_are_said(terminal: tuple[int, str], framing: str, noise: bytes, words: str) -> None:
+    master, address = terminal
+    source = _port(f"[source]\nkind = 'serial'\naddress = '{address}'\nframing = '{framing}'")
     source.open()
     end, said = time.monotonic() + PATIENCE, []
     while not any(words in each for each in said) and time.monotonic() < end:
@@ -518,24 +509,20 @@ def test_bytes_that_are_no_samples_are_said(framing: str, noise: bytes, words: s
         said += source.events()
     assert any(words in each and "bytes" in each for each in said), said
     source.close()
-    os.close(master)
-    os.close(slave)
 
 
 @pytest.mark.usefixtures("quick")
-def test_damage_is_said_when_samples_come() -> None:
-    master, slave = os.openpty()
-    source = _port(f"[source]\nkind = 'serial'\naddress = '{os.ttyname(slave)}'")
+def test_damage_is_said_when_samples_come(terminal: tuple[int, str]) -> None:
+    master, address = terminal
+    source = _port(f"[source]\nkind = 'serial'\naddress = '{address}'")
     source.open()
     stream, ends = encoded(np.zeros((4, 6)), 0, "f4")
     os.write(master, stream[: ends[0]] + stream[ends[0] + 5 :])
-    batch = _received(source, 3)
+    batch = received(source, 3)
     assert batch.lost.tolist() == [0, 1, 0]
-    said = _until(source, "damaged")
+    said = said_until(source, "damaged")
     assert "1 damaged frame; 1 sample missing according to the device's counter" in said[-1]
     source.close()
-    os.close(master)
-    os.close(slave)
 
 
 class _Pipe:
@@ -544,19 +531,18 @@ class _Pipe:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, rate: float | None, shape: tuple[int, ...] = (6,)) -> None:
         self.out, self.into = os.pipe()
         os.set_blocking(self.out, False)
-        self.now = 1_000_000_000_000
+        self.now, self.sent = 1_000_000_000_000, 0
         monkeypatch.setattr("serial.Serial", lambda *_, **__: self)
         monkeypatch.setattr(time, "time_ns", lambda: self.now)
-        stated = RigSource("serial", "pipe", rate=rate, baud=100_000)
-        self.source = SerialPort(stated, shape)
+        self.source = SerialPort(RigSource("serial", "pipe", rate=rate, baud=100_000), shape)
         self.source.open()
-        self.sent = 0
 
     def fileno(self) -> int:
         return self.out
 
     def close(self) -> None:
         os.close(self.out)
+        os.close(self.into)
 
     def stamps(self, count: int, room: int = 64) -> list[int]:
         """Of samples that are read at once, but taken in batches of `room`, against the clock [ns]."""
@@ -577,7 +563,6 @@ def test_samples_of_one_read_are_spread_by_what_is_known(monkeypatch: pytest.Mon
     pipe.now += 4_000_000  # too little for eight periods: evenly since the sample before
     assert pipe.stamps(8, room) == [500_000 * k for k in range(-7, 1)]
     pipe.source.close()
-    os.close(pipe.into)
 
 
 def test_without_a_rate_the_bytes_say_how_long_samples_took(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -585,7 +570,6 @@ def test_without_a_rate_the_bytes_say_how_long_samples_took(monkeypatch: pytest.
     size = len(encoded(np.ones((1, 6)), 0, "f4")[0])
     assert pipe.stamps(5, 2) == [size * 10 * 10_000 * k for k in range(-4, 1)]  # ten bits a byte, 10 us a bit
     pipe.source.close()
-    os.close(pipe.into)
 
 
 def test_a_clock_that_goes_back_takes_no_stamp_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -598,7 +582,6 @@ def test_a_clock_that_goes_back_takes_no_stamp_with_it(monkeypatch: pytest.Monke
         "pipe: the clock of this computer went back: stamps continue from the last one until it has caught up."
     ]
     pipe.source.close()
-    os.close(pipe.into)
 
 
 def test_an_error_while_reading_is_a_port_that_vanished(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -615,7 +598,6 @@ def test_an_error_while_reading_is_a_port_that_vanished(monkeypatch: pytest.Monk
     assert pipe.source.events() == [
         f"pipe: the port disappeared ({os.strerror(errno.EIO)}): it is tried again every 0.5 s."
     ]
-    os.close(pipe.into)
 
 
 def test_a_port_that_cannot_be_opened_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -678,7 +660,6 @@ def test_a_frame_of_many_axes_is_filled_row_by_row(monkeypatch: pytest.MonkeyPat
     assert pipe.source.receive(batch, 0.0) == 2
     np.testing.assert_array_equal(batch.values[:2], np.arange(264).reshape(2, 6, 22))
     pipe.source.close()
-    os.close(pipe.into)
 
 
 def test_what_does_not_fit_the_sensor_is_refused() -> None:
@@ -726,9 +707,7 @@ def test_damaged_signs_and_leading_digits_are_no_numbers(seal: bool) -> None:
     chosen = np.arange(20, 4995, 5)[:995]
     for k in chosen:
         lines[k] = _leading(lines[k], rng)
-    frames = LineFrames(6)
-    frames.feed(b"\n" + b"\n".join(line + end for line, end in zip(lines, ends, strict=True)) + b"\n")
-    got, lost = _taken(frames, 6)
+    frames, got, lost = _fed([line + end for line, end in zip(lines, ends, strict=True)])
     sound = np.delete(values, chosen, axis=0)
     if seal:
         assert lost.sum() == len(chosen)
@@ -745,9 +724,7 @@ def test_touches_and_impacts_are_no_damage() -> None:
     values[100:200, 2] += 40.0
     values[250] += [5.0, -4.0, 30.0, 0.3, -0.4, 0.2]
     values[300:320, 2] += 30.0 * np.exp(-np.arange(20) / 4.0) * np.cos(2.0 * np.arange(20))
-    frames = LineFrames(6)
-    frames.feed(b"\n" + b"\n".join(_said(values)) + b"\n")
-    got, _ = _taken(frames, 6)
+    frames, got, _ = _fed(_said(values))
     np.testing.assert_allclose(got, values[: len(got)], atol=6e-5)
     assert frames.faults() == []
 
@@ -756,12 +733,9 @@ def test_touches_and_impacts_are_no_damage() -> None:
 def test_any_number_is_read_as_it_is_written(number: bytes) -> None:
     """In every line or once after sound ones; the last took a minute."""
     said = _said(_steady(60, 5))
-    always, once = LineFrames(6), LineFrames(6)
-    always.feed(b"\n" + b"\n".join(number + line[line.index(b",") :] for line in said) + b"\n")
-    got, _ = _taken(always, 6)
-    np.testing.assert_array_equal(got[:, 0], float(number))
-    once.feed(b"\n" + b"\n".join([*said[:40], number + said[40][said[40].index(b",") :], *said[41:]]) + b"\n")
-    got, _ = _taken(once, 6)
+    changed = [number + line[line.index(b",") :] for line in said]
+    np.testing.assert_array_equal(_fed(changed)[1][:, 0], float(number))
+    _, got, _ = _fed([*said[:40], changed[40], *said[41:]])
     assert len(got) == 60
     np.testing.assert_allclose(np.delete(got, 40, axis=0), np.delete(_steady(60, 5), 40, axis=0), atol=6e-5)
 
@@ -798,9 +772,7 @@ def test_a_counter_of_lines_counts_what_is_missing_and_goes_on_in_another_decode
 def test_a_damaged_counter_is_no_loss() -> None:
     lines = [b"%d,1,2,3,4,5,%d" % (k, k % 3) for k in range(40)]
     lines[20] = b"90,1,2,3,4,5,2"
-    frames = LineFrames(6)
-    frames.feed(b"\n" + b"\n".join(lines) + b"\n")
-    got, lost = _taken(frames, 6)
+    frames, got, lost = _fed(lines)
     assert (len(got), lost.sum(), frames.unknown) == (40, 0, 0)
 
 

@@ -166,8 +166,10 @@ def test_the_node_is_heard_by_the_real_ros(rclpy: Path, of_ros: dict[str, str], 
     paths = os.pathsep.join(filter(None, [str(NODE), os.environ.get("PYTHONPATH")]))
     programs = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     with subprocess.Popen(node, env=of_ros | {"PYTHONPATH": paths, "PATH": programs}) as running:
-        heard = json.loads(subprocess.run(listener, env=of_ros, capture_output=True, check=True, timeout=60).stdout)
-        running.send_signal(signal.SIGINT)
+        try:
+            heard = json.loads(subprocess.run(listener, env=of_ros, capture_output=True, check=True, timeout=60).stdout)
+        finally:  # or it would be waited for
+            running.send_signal(signal.SIGINT)
         assert running.wait(30) == 0
     assert {message["frame"] for message in heard.values()} == {"surface"}
     np.testing.assert_allclose(heard["/palpate/contact/pose"]["point"], place, atol=1e-3)  # 4 N, 1 mN, 0.01 mN m

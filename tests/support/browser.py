@@ -33,6 +33,14 @@ def chromium() -> Iterator[object]:
         launched.close()
 
 
+def opened(browser: object, address: str, width: int, height: int, **options: object) -> object:
+    """A page of that size [px]."""
+    page = browser.new_page(viewport={"width": width, "height": height}, **options)
+    page.set_default_timeout(1e3 * PATIENCE)
+    page.goto(address)
+    return page
+
+
 def until(true: Callable[[], object], what: str) -> None:
     """Wait for it."""
     end = monotonic() + PATIENCE

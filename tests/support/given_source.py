@@ -1,12 +1,20 @@
-"""A source of live samples that gives what a test puts into it."""
+"""A source of live samples that gives what a test puts into it, and messages as a source of them gives."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from palpate.files.messages import MessageBlock, Topic
 from palpate.live.source import Batch
 
-__all__ = ["Given"]
+__all__ = ["Given", "block"]
+
+
+def block(topic: str, kind: str, raws: list[bytes], sent: int | np.ndarray = 0) -> MessageBlock:
+    """Messages of one topic, in CDR, and when they were sent [ns]."""
+    length, nothing = np.array([len(raw) for raw in raws], dtype=np.int64), np.zeros(len(raws), dtype=np.int64)
+    topics = {0: Topic(topic, kind, "cdr")}
+    return MessageBlock(b"".join(raws), topics, nothing, nothing + sent, np.cumsum(length) - length, length)
 
 
 class Given:

@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from palpate.files.message_types import DEFINITIONS
 
-__all__ = ["ROS2", "TYPES", "drawn", "full", "packed", "read"]
+__all__ = ["ROS2", "TYPES", "drawn", "full", "packed", "packed_tree", "read"]
 
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 _CONTACT = """std_msgs/Header header
@@ -73,6 +73,11 @@ def _base(name: str, rng: np.random.Generator) -> Any:
 def packed(kind: str, message: Any) -> bytes:
     """As bytes."""
     return bytes(ROS2.serialize_cdr(message, full(kind)))
+
+
+def packed_tree(*transforms: Any) -> bytes:
+    """A message of /tf with these, as bytes."""
+    return packed("tf2_msgs/TFMessage", TYPES["tf2_msgs/msg/TFMessage"](list(transforms)))
 
 
 def read(kind: str, data: bytes) -> Any:

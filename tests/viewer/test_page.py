@@ -12,7 +12,7 @@ import pytest
 from palpate.viewer.camera import SHEET, STRIP
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import Page
-from tests.support.browser import PATIENCE, chromium, until
+from tests.support.browser import PATIENCE, opened, until
 from tests.support.pages import ellipsoid, session
 
 
@@ -29,22 +29,16 @@ def page(scene: Scene) -> Iterator[Page]:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    with chromium() as launched:
-        yield launched
-
-
-@pytest.fixture(scope="module")
 def view(browser: object, page: Page) -> Iterator[object]:
-    opened = browser.new_page(viewport={"width": 1280, "height": 800})
-    opened.set_default_timeout(1e3 * PATIENCE)
-    opened.asked = []
-    opened.on("request", lambda request: opened.asked.append(request.url))
-    opened.goto(page.address)
-    opened.wait_for_selector("canvas")
-    opened.get_by_text("contact", exact=True).wait_for()
-    yield opened
-    opened.close()
+    shown = browser.new_page(viewport={"width": 1280, "height": 800})
+    shown.set_default_timeout(1e3 * PATIENCE)
+    shown.asked = []
+    shown.on("request", lambda request: shown.asked.append(request.url))
+    shown.goto(page.address)
+    shown.wait_for_selector("canvas")
+    shown.get_by_text("contact", exact=True).wait_for()
+    yield shown
+    shown.close()
 
 
 def _picture(view: object) -> np.ndarray:
@@ -142,13 +136,11 @@ def test_nothing_of_the_page_is_cut_or_lies_on_something_else(view: object) -> N
 def test_a_touch_on_a_phone_is_readable(browser: object, page: Page) -> None:
     for context in browser.contexts:  # what the tests above looked at: it is drawn on and on, without a graphics card
         context.close()
-    opened = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True)
-    opened.set_default_timeout(1e3 * PATIENCE)
-    opened.goto(page.address)
-    opened.get_by_text("session").first.wait_for()
-    opened.locator(".palpate-card").wait_for()
-    wide = opened.evaluate("document.documentElement.scrollWidth")
-    sheet = opened.get_by_text("session").first.bounding_box()["y"]
-    opened.close()
+    phone = opened(browser, page.address, 390, 844, has_touch=True)
+    phone.get_by_text("session").first.wait_for()
+    phone.locator(".palpate-card").wait_for()
+    wide = phone.evaluate("document.documentElement.scrollWidth")
+    sheet = phone.get_by_text("session").first.bounding_box()["y"]
+    phone.close()
     assert wide <= 390
     assert sheet >= (1 - SHEET) * 844 - 1  # the camera counts on it

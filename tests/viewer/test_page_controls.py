@@ -24,7 +24,7 @@ from palpate.viewer.timeline import Timeline, next_of
 from palpate_lab.viewer.live_arena import LiveArena
 from tests.support.arena_scenes import arena
 from tests.support.arena_scenes import scene as arena_scene
-from tests.support.browser import PATIENCE, chromium, until
+from tests.support.browser import opened, until
 from tests.support.pages import ellipsoid, session
 
 
@@ -142,27 +142,19 @@ def page(scene: Scene) -> Iterator[Page]:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    with chromium() as launched:
-        yield launched
-
-
-@pytest.fixture(scope="module")
 def view(browser: object, page: Page) -> Iterator[object]:
-    opened = _opened(browser, page, 700, 500)
-    yield opened
-    opened.close()
+    shown = _known(browser, page, 700, 500)
+    yield shown
+    shown.close()
 
 
-def _opened(browser: object, page: Page, width: int, height: int) -> object:
+def _known(browser: object, page: Page, width: int, height: int) -> object:
     there = len(page._sessions)
-    opened = browser.new_page(viewport={"width": width, "height": height})
-    opened.set_default_timeout(1e3 * PATIENCE)
-    opened.goto(page.address)
-    opened.locator(".palpate-legend").wait_for()
-    opened.get_by_text("palpate asks").wait_for(state="hidden")
+    shown = opened(browser, page.address, width, height)
+    shown.locator(".palpate-legend").wait_for()
+    shown.get_by_text("palpate asks").wait_for(state="hidden")
     until(lambda: len(page._sessions) > there, "the server does not know the browser")
-    return opened
+    return shown
 
 
 def test_keys_play_and_step(view: object, page: Page, scene: Scene) -> None:
@@ -202,15 +194,9 @@ def test_a_click_in_the_list_or_on_a_plot_goes_there(view: object, page: Page, s
 def test_what_is_compared_is_said(view: object, page: Page) -> None:
     page.session.seek(2.5)
     view.locator(".palpate-card").get_by_text("theirs", exact=True).wait_for()
-    for words in (
-        "force on the body",
-        "95 % ellipse",
-        "torque about the normal",
-        "time touched per area 0",
-        "theirs",
-        "grid",
-    ):
-        assert words in view.locator(".palpate-legend").inner_text()
+    legend = view.locator(".palpate-legend").inner_text()
+    named = "force on the body", "95 % ellipse", "torque about the normal", "time touched per area 0", "theirs", "grid"
+    assert [words for words in named if words not in legend] == []
 
 
 def test_a_picture_is_saved(view: object, tmp_path: Path) -> None:
@@ -228,7 +214,7 @@ def test_a_picture_is_saved(view: object, tmp_path: Path) -> None:
 
 def test_each_browser_has_its_time_and_the_sheet_of_a_phone_folds(view: object, browser: object, page: Page) -> None:
     first, before = page.session, page.session.index
-    phone = _opened(browser, page, 390, 844)
+    phone = _known(browser, page, 390, 844)
     assert page.session is not first
     phone.keyboard.press("ArrowLeft")
     phone.keyboard.press("ArrowLeft")
@@ -248,15 +234,13 @@ def test_the_page_of_an_arena_says_what_robots_feel_and_pauses(browser: object) 
     pytest.importorskip("cv2")
     with LiveArena(arena(), port=0) as fed:
         fed.show(arena_scene(10.0, force=3.0, blind=True), now=True)
-        opened = browser.new_page(viewport={"width": 390, "height": 844})
-        opened.set_default_timeout(1e3 * PATIENCE)
-        opened.goto(fed.address)
-        opened.wait_for_selector("canvas")
-        opened.get_by_text("blind").first.wait_for()
-        opened.get_by_role("button", name="Pause").click()
+        phone = opened(browser, fed.address, 390, 844)
+        phone.wait_for_selector("canvas")
+        phone.get_by_text("blind").first.wait_for()
+        phone.get_by_role("button", name="Pause").click()
         until(lambda: fed.paused, "the button does not pause")
-        assert opened.evaluate("document.documentElement.scrollWidth") <= 390
-        opened.close()
+        assert phone.evaluate("document.documentElement.scrollWidth") <= 390
+        phone.close()
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, LISTED, LISTED + 1, LISTED + 1234])

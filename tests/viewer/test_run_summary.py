@@ -24,22 +24,6 @@ def _same(one: ContactEstimate, other: ContactEstimate) -> bool:
     return all(np.array_equal(vars(one)[name], vars(other)[name], equal_nan=True) for name in vars(one))
 
 
-def test_a_short_stream_is_kept_whole_and_to_the_last_bit() -> None:
-    estimate = _estimate(np.random.default_rng(1), 500)
-    kept = RunSummary(1000)
-    kept.add(Contacts.single(np.arange(500.0), estimate))
-    assert kept.stride == 1
-    assert kept.even.all()
-    assert np.array_equal(kept.contacts.time, np.arange(500.0))
-    assert _same(kept.contacts.estimate, estimate)
-
-
-def test_nothing_added_is_nothing_kept() -> None:
-    kept = RunSummary()
-    kept.add(Contacts.single(np.empty(0), _estimate(np.random.default_rng(0), 0)))
-    assert len(kept.contacts) == kept.samples == 0
-
-
 @settings(max_examples=40)
 @given(
     sizes=st.lists(st.integers(0, 400), min_size=1, max_size=12),
@@ -64,14 +48,14 @@ def test_block_sizes_do_not_matter(sizes: list[int], limit: int, seed: int) -> N
         assert np.array_equal(pieces.contacts.time[pieces.even], whole.contacts.time[whole.even])
 
 
-@pytest.mark.parametrize("at", [0, 1, 54_321, 99_999])
+@pytest.mark.parametrize("at", [0, 1, 14_321, 29_999])
 def test_the_peak_of_force_survives(at: int) -> None:
-    """One strong sample in a hundred thousand, wherever it lies."""
-    rows = np.zeros((100_000, ROW.length))
-    rows[:, ROW.force] = np.random.default_rng(2).uniform(0, 1, (100_000, 3))
+    """One strong sample in thirty thousand, wherever it lies."""
+    rows = np.zeros((30_000, ROW.length))
+    rows[:, ROW.force] = np.random.default_rng(2).uniform(0, 1, (30_000, 3))
     rows[at, ROW.force] = 50.0
     kept = RunSummary(100)
-    time, estimate = np.arange(100_000.0), ContactEstimate.from_rows(rows)
+    time, estimate = np.arange(30_000.0), ContactEstimate.from_rows(rows)
     for start in range(0, len(rows), 3_000):
         block = slice(start, start + 3_000)
         kept.add(Contacts.single(time[block], estimate[block], start))
@@ -82,11 +66,11 @@ def test_the_peak_of_force_survives(at: int) -> None:
 def test_memory_stays_flat() -> None:
     """What is held never exceeds twice the limit and one block, by count of rows."""
     kept, estimate = RunSummary(200), _estimate(np.random.default_rng(3), 1_000)
-    for k in range(300):
+    for k in range(100):
         kept.add(Contacts.single(np.arange(1_000.0) + 1_000 * k, estimate, 1_000 * k))
         for buckets in (kept._even, kept._peaks):
             assert sum(map(len, buckets.parts)) <= 2 * buckets.limit + 1_000
-    assert kept.stride >= 300_000 / 200
+    assert kept.stride >= 100_000 / 200
 
 
 def test_a_limit_below_eight_is_refused() -> None:

@@ -47,27 +47,20 @@ def test_an_ellipse_holds_95_percent_of_its_normal_distribution(seed: int) -> No
         assert rim @ inverse @ rim == pytest.approx(CHI2_95, rel=1e-4)
 
 
-def test_an_ellipse_without_a_covariance_is_none() -> None:
-    axes, rotation = ellipse(np.full((3, 3), np.nan), np.array([0.0, 0.0, 1.0]))
-    assert np.isnan(axes).all()
-    assert rotation @ rotation.T == pytest.approx(np.eye(3))
-    assert np.isnan(ellipse(np.full((3, 3), np.inf), np.array([0.0, 0.0, 1.0]))[0]).all()
-    none, rotation = ellipse(np.eye(3), np.full(3, np.nan))
-    assert np.isnan(none).all()
-    assert np.array_equal(rotation, np.eye(3))
-
-
-def test_many_ellipses_are_each_its_own() -> None:
-    """Down to normals straight down, and with rows that have none."""
-    rng = np.random.default_rng(4)
-    normal = np.concatenate([np.eye(3), -np.eye(3), np.full((1, 3), np.nan)])
-    spread = rng.normal(size=(7, 3, 3))
-    axes, frames = ellipse(spread @ np.swapaxes(spread, 1, 2), normal)
-    for k in range(7):
-        alone = ellipse(spread[k] @ spread[k].T, normal[k])
+def test_an_ellipse_without_a_covariance_or_a_normal_is_none() -> None:
+    """Among others, which are as each alone; of normals that point straight down, too."""
+    spread = np.random.default_rng(4).normal(size=(9, 3, 3))
+    covariance, normal = spread @ np.swapaxes(spread, 1, 2), np.concatenate([np.eye(3), -np.eye(3), np.eye(3)])
+    covariance[6], covariance[7], normal[8] = np.nan, np.inf, np.nan
+    axes, frames = ellipse(covariance, normal)
+    assert np.isnan(axes).any(axis=1).tolist() == 6 * [False] + 3 * [True]
+    assert np.isnan(axes[6:]).all()
+    assert frames @ np.swapaxes(frames, 1, 2) == pytest.approx(np.tile(np.eye(3), (9, 1, 1)))
+    assert np.array_equal(frames[8], np.eye(3))
+    for k in range(9):
+        alone = ellipse(covariance[k], normal[k])
         assert alone[0] == pytest.approx(axes[k], nan_ok=True)
         assert alone[1] == pytest.approx(frames[k])
-    assert np.isnan(axes).any(axis=1).tolist() == 6 * [False] + [True]
 
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (0.6, -0.8, 0), (0.48, 0.64, -0.6), (1e-6, 0, -1)])
@@ -101,12 +94,16 @@ def test_a_usual_ellipse_can_be_seen(scene: Scene) -> None:
     assert not smaller or smaller[-1] * long < least
 
 
+def _areas(corners: np.ndarray) -> np.ndarray:
+    """Of facets (n, 3, 3)."""
+    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+
+
 def test_heat_lies_where_it_was_touched_and_amounts_to_the_time_of_touch() -> None:
     """The integral of the density over the surface is the time: 2 s. A vertex stands for a third of its facets."""
     scene = prepare(ellipsoid(5_000), session())  # fine: contacts of a coarser mesh would hover above its facets
     corners = scene.body.vertices[scene.body.faces]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    whole = float((scene.heat[scene.body.faces].mean(axis=1) * areas).sum())
+    whole = float((scene.heat[scene.body.faces].mean(axis=1) * _areas(corners)).sum())
     assert whole == pytest.approx(2.0, rel=0.05)  # the body is curved, and Gaussians are cut
     hottest = scene.body.vertices[np.argmax(scene.heat)]
     assert np.nanmin(np.linalg.norm(session().point - hottest, axis=1)) < scene.size / 50
@@ -128,8 +125,7 @@ def test_facets_are_cut_near_touches_only_and_stay_on_the_surface() -> None:
     sheet = plane([0, 0, 0], [0, 0, 1], 1.0)
     body = refined(sheet, np.array([[0.5, 0.5, 0.0]]), 0.01)
     corners = body.vertices[body.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
-    assert area == pytest.approx(4.0)
+    assert _areas(corners).sum() == pytest.approx(4.0)
     assert (body.vertices[:, 2] == 0).all()
     assert body.normals == pytest.approx(np.tile([0.0, 0.0, 1.0], (len(body.vertices), 1)))
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
@@ -287,8 +283,7 @@ def test_heat_of_two_contacts_is_the_time_of_both() -> None:
     """2 s of one and 1 s of the other."""
     scene = prepare(ellipsoid(5_000), two_contacts())
     corners = scene.body.vertices[scene.body.faces]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    share = scene.heat[scene.body.faces].mean(axis=1) * areas
+    share = scene.heat[scene.body.faces].mean(axis=1) * _areas(corners)
     right = corners[:, :, 0].mean(axis=1) > 0
     assert [share[right].sum(), share[~right].sum()] == pytest.approx([2.0, 1.0], rel=0.05)
 

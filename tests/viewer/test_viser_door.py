@@ -17,7 +17,7 @@ from palpate.surfaces import Sphere
 from palpate.viewer import viser_door
 from palpate.viewer.guard import Guard
 from palpate.viewer.live import LivePage
-from tests.support.browser import PATIENCE, chromium, until
+from tests.support.browser import PATIENCE, opened, until
 
 SMALL = {"width": 240, "height": 240}  # drawn without a graphics card
 
@@ -33,17 +33,11 @@ def page(tares: list[str]) -> Iterator[LivePage]:
         yield made
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    with chromium() as launched:
-        yield launched
-
-
-def _shown(opened: object, title: str) -> None:
+def _shown(view: object, title: str) -> None:
     """It is connected: what the server says is there, and the browser reports no refusal."""
-    opened.get_by_text(f"Palpate \u00b7 {title}").first.wait_for()
-    opened.get_by_role("button", name="Tare").wait_for()
-    assert "token" not in opened.url
+    view.get_by_text(f"Palpate \u00b7 {title}").first.wait_for()
+    view.get_by_role("button", name="Tare").wait_for()
+    assert "token" not in view.url
 
 
 def test_the_owner_notices_nothing(browser: object, page: LivePage, tares: list[str]) -> None:
@@ -74,9 +68,7 @@ def test_a_phone_opens_what_is_printed_and_a_stranger_does_not(browser: object, 
     assert "//0.0.0.0" not in page.address
     elsewhere = re.sub(r"//[^:/]+", "//127.0.0.2", page.address)
     assert [fetched(each)[0] for each in (page.address, elsewhere)] == [200, 200]
-    phone = browser.new_page(viewport=SMALL, has_touch=True)
-    phone.set_default_timeout(1e3 * PATIENCE)
-    phone.goto(elsewhere)
+    phone = opened(browser, elsewhere, **SMALL, has_touch=True)
     _shown(phone, "first")
     phone.close()
     stranger = browser.new_page()
