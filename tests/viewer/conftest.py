@@ -1,4 +1,4 @@
-"""What tests of pages share: one browser, which each opens its pages in."""
+"""What tests of pages share: a browser for each file, in which they open their pages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from tests.support.browser import chromium
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[object]:
     with chromium() as launched:
         yield launched
