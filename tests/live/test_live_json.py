@@ -9,6 +9,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +17,21 @@ import numpy as np
 import pytest
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.live.json_lines import JsonLines
-from palpate.live.publish import Publisher, open_publisher, publish, require_address
-from tests.support.live_rings import answered, sphere_rig, sphere_ring, touches
+from palpate.live.publish import Publisher, Throttle, open_publisher, publish, require_address
+from palpate.live.stream_buffer import SlotForm
+from tests.support.live_rings import answered, slots, sphere_rig, sphere_ring, touches
+
+FORM = SlotForm("taxels", (5,), False, ("area",), ROW.length + 2, 3)
 
 
 @pytest.fixture
-def opened() -> Iterator[Callable[..., JsonLines]]:
+def opened() -> Iterator[Callable[[str], JsonLines]]:
     """What makes senders, which are closed in the end."""
     with ExitStack() as stack:
-        yield lambda *arguments, **options: stack.enter_context(closing(JsonLines(*arguments, **options)))
+        yield lambda to: stack.enter_context(closing(JsonLines(to, FORM)))
 
 
 def _to(listener: socket.socket) -> str:
@@ -64,13 +68,15 @@ def _at(times: list[float], statuses: list[Status]) -> Contacts:
 
 
 @pytest.mark.parametrize("kind", ["udp", "unix"])
-def test_a_line_holds_the_contact_to_the_last_bit(opened: Callable[..., JsonLines], kind: str, tmp_path: Path) -> None:
+def test_a_line_holds_the_contact_to_the_last_bit(
+    opened: Callable[[str], JsonLines], kind: str, tmp_path: Path
+) -> None:
     family = socket.AF_INET if kind == "udp" else socket.AF_UNIX
     found = _at([1.7e9 + 0.1234567], [Status.CONTACT])
     with socket.socket(family, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0) if kind == "udp" else str(tmp_path / "contacts"))
         sender = opened(_to(listener) if kind == "udp" else f"unix:{tmp_path / 'contacts'}")
-        sender.publish(found)
+        sender.publish(slots(found, FORM))
         (line,) = _lines(listener)
     assert (line["sample"], line["time"], line["status"]) == (0, found.time[0], "contact")
     (contact,) = line["contacts"]
@@ -81,81 +87,93 @@ def test_a_line_holds_the_contact_to_the_last_bit(opened: Callable[..., JsonLine
     assert sender.sent == 1
 
 
-def test_a_sample_without_a_contact_says_so(opened: Callable[..., JsonLines], udp: socket.socket) -> None:
+def test_a_sample_without_a_contact_says_so(opened: Callable[[str], JsonLines], udp: socket.socket) -> None:
     sender = opened(_to(udp))
-    sender.publish(_at([0.0], [Status.SATURATED]))
+    sender.publish(slots(_at([0.0], [Status.SATURATED]), FORM))
     assert _lines(udp) == [{"sample": 0, "time": 0.0, "status": "saturated", "contacts": []}]
 
 
 def test_several_contacts_are_one_line_the_strongest_first(
-    opened: Callable[..., JsonLines], udp: socket.socket
+    opened: Callable[[str], JsonLines], udp: socket.socket
 ) -> None:
     found = touches(0, 2)
     both = Contacts(np.array([7, 7]), np.array([1.0, 1.0]), np.array([3, 4]), found.estimate)
     strong = int(np.linalg.norm(found.force, axis=1).argmax())
     sender = opened(_to(udp))
-    sender.publish(both)
+    sender.publish(slots(both, FORM))
     (line,) = _lines(udp)
     assert [each["identity"] for each in line["contacts"]] == [3 + strong, 4 - strong]
+    form = replace(FORM, origin=("palm", "hand"), place=(1, 5), expected=True)
+    with closing(JsonLines(_to(udp), form)) as robots:
+        robots.publish(slots(both, form))
+    (named,) = _lines(udp)
+    found = form.contacts(slots(both, form))
+    assert (named["sensor"], named["link"]) == ("palm", "hand")
+    assert sorted(each["identity"] for each in named["contacts"]) == found.identity.tolist() == [16, 21]
+    assert [each["expected"] for each in named["contacts"]] == found.features["expected"].tolist()
 
 
-def test_the_newest_goes_out_at_the_rate_and_a_change_of_status_at_once(
-    opened: Callable[..., JsonLines], udp: socket.socket, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_newest_goes_out_at_the_rate_and_a_change_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """At 1 kHz, in blocks of 5 ms, 10 ms a line; samples 23 and 24 alone are no contact, the last of a block waits."""
     now = [0.0]
-    monkeypatch.setattr("palpate.live.json_lines.monotonic", lambda: now[0])
-    sender = opened(_to(udp), rate=100.0)
+    monkeypatch.setattr("palpate.live.publish.monotonic", lambda: now[0])
+    throttle, sent = Throttle(FORM, 100.0), list[int]()
     statuses = [Status.NO_CONTACT if k in (23, 24) else Status.CONTACT for k in range(40)]
-    whole = _at([1e-3 * k for k in range(40)], statuses)
+    whole = slots(_at([1e-3 * k for k in range(40)], statuses), FORM)
     for begin in range(0, 40, 5):
         now[0] = 1e-3 * (begin + 4)
-        sender.publish(whole[begin : begin + 5])
-    sent = [line["sample"] for line in _lines(udp)]
-    assert sent == [0, 14, 23, 25, 39]  # the first; 10 ms on; change; change back; 10 ms on
+        sent += throttle.choose(whole[begin : begin + 5])["number"].tolist()
+    assert [number - 1 for number in sent] == [0, 14, 23, 25, 39]  # the first; 10 ms on; change; back; 10 ms on
     now[0] = 0.042
-    sender.publish(whole[:0])
-    assert _lines(udp) == []  # nothing had to wait
+    assert throttle.wait() == np.inf
+    assert not len(throttle.choose(whole[:0]))  # nothing had to wait
     now[0] = 0.045
-    sender.publish(whole[39:])
+    assert not len(throttle.choose(whole[39:]))
+    assert throttle.wait() == pytest.approx(0.004)
     now[0] = 0.06
-    sender.publish(whole[:0])
-    assert [line["sample"] for line in _lines(udp)] == [39]  # what waited goes when it is due
+    assert throttle.choose(whole[:0])["number"].tolist() == [40]  # what waited goes when it is due
+    other = whole[39:].copy()
+    other["contacts"][:, 0, -1] += 1.0
+    assert len(throttle.choose(other)) == 1  # another contact
+    other["rows"] = 2
+    assert len(throttle.choose(other)) == 1  # a second one
+    other["rows"], other["ready"] = 0, 0
+    assert not len(throttle.choose(other))  # not known
 
 
 def test_where_nobody_listens_nothing_happens_and_who_comes_late_is_served(
-    opened: Callable[..., JsonLines], tmp_path: Path
+    opened: Callable[[str], JsonLines], tmp_path: Path
 ) -> None:
     path = tmp_path / "contacts"
-    sender = opened(f"unix:{path}", rate=0.0)
-    sender.publish(touches(0, 20))
+    sender = opened(f"unix:{path}")
+    sender.publish(slots(touches(0, 20), FORM))
     assert (sender.sent, sender.dropped, sender.events()) == (0, 0, [])
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
         listener.bind(str(path))
-        sender.publish(touches(20, 2))
+        sender.publish(slots(touches(20, 2), FORM))
         assert [line["sample"] for line in _lines(listener)] == [20, 21]
-    sender.publish(touches(22, 5))
+    sender.publish(slots(touches(22, 5), FORM))
     assert (sender.sent, sender.dropped) == (2, 0)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
         gone.bind(("127.0.0.1", 0))
-        nobody = opened(_to(gone), rate=0.0)
-    nobody.publish(touches(0, 20))
+        nobody = opened(_to(gone))
+    nobody.publish(slots(touches(0, 20), FORM))
     assert nobody.dropped == 0
 
 
 def test_a_listener_that_does_not_read_is_not_waited_for(
-    opened: Callable[..., JsonLines], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    opened: Callable[[str], JsonLines], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [0.0]
     monkeypatch.setattr("palpate.live.json_lines.monotonic", lambda: now[0])
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
         listener.bind(str(tmp_path / "contacts"))
-        sender = opened(f"unix:{tmp_path / 'contacts'}", rate=0.0)
-        sender.publish(touches(0, 2000))
+        sender = opened(f"unix:{tmp_path / 'contacts'}")
+        sender.publish(slots(touches(0, 2000), FORM))
         assert sender.sent + sender.dropped == 2000
         assert sender.dropped > 0
         assert [str(sender.dropped) in sentence for sentence in sender.events()] == [True]
-        sender.publish(touches(0, 10))
+        sender.publish(slots(touches(0, 10), FORM))
         assert sender.events() == []  # not again so soon
         now[0] = 11.0
         assert len(sender.events()) == 1

@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from claims.evidence.robot import FLANGE_SENSOR, GROUND, URDF, Posture, joints, transform
 from palpate.contact import ContactEstimate, Contacts, Status
+from palpate.contact.estimate import ROW
 from palpate.errors import InputError
 from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
 from palpate.files.message_types import DEFINITIONS
@@ -31,11 +32,13 @@ from palpate.live.ros2 import RosTopics
 from palpate.live.ros_device import RosDevice
 from palpate.live.ros_poses import RosPoses
 from palpate.live.source import Batch, Device, Source, source_of
+from palpate.live.stream_buffer import SlotForm
 from palpate.setup.rig import Rig
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigOrientation
 from palpate.setup.wrench_table import RigForceTorque
 from tests.support.listened import PATIENCE, received, said_until, until
+from tests.support.live_rings import slots
 from tests.support.ros_kinds import ROS2, TYPES, drawn, full, members, packed, packed_tree, read
 
 pytest.importorskip("cyclonedds", reason="ROS 2 is reached through cyclonedds")
@@ -282,7 +285,7 @@ def test_the_only_fitting_topic_is_found_and_others_are_named(domain: int) -> No
     devices = [RosDevice(topic, shape, domain) for topic, shape in (("/ft", (6,)), ("/skin", (5,)))]
     for device in devices:
         device.open()
-    publisher = RosPublisher("base", domain=domain)  # wrenches of contacts are no sensor
+    publisher = RosPublisher(_form("base", ()), domain=domain)  # wrenches of contacts are no sensor
     publisher.open()
     known = ("/ft", "/skin", *TOPICS)
     found = RosTopics(LogLayout(), _Knowing(domain, *known), patience=0.0)
@@ -470,6 +473,14 @@ def test_joint_states_in_degrees_or_without_a_joint_are_reported(node: DdsNode, 
     poses.close()
 
 
+AREA = ("area", "depth")
+
+
+def _form(frame: str, features: tuple[str, ...] = AREA, sensor: str = "") -> SlotForm:
+    width = ROW.length + len(features) + 1
+    return SlotForm("taxels", (5,), False, features, width, 3, frame, origin=(sensor, frame if sensor else ""))
+
+
 def _contacts(samples: int, each: int, seed: int = 7) -> Contacts:
     """So many contacts in every sample, 1 ms apart."""
     rng, rows = np.random.default_rng(seed), samples * each
@@ -488,13 +499,13 @@ def _contacts(samples: int, each: int, seed: int = 7) -> Contacts:
 
 @pytest.mark.parametrize("frame_id", ["base", "a", "", "tool0"])
 def test_contacts_are_published_as_they_are(domain: int, node: DdsNode, frame_id: str) -> None:
-    publisher = RosPublisher(frame_id, ("area", "depth"), domain=domain)
+    publisher = RosPublisher(_form(frame_id), domain=domain)
     publisher.open()
     readers = {name: node.reader(name, kind) for name, kind in TOPICS.items()}
     for name, reader in readers.items():
         _join(publisher._writers[name], reader)
     contacts = _contacts(1, 3)
-    assert len(publisher.publish(contacts)) == 1
+    assert len(publisher.publish(slots(contacts, _form(frame_id)))) == 1
     found = {name: read(TOPICS[name], _received(reader)[0]) for name, reader in readers.items()}
     assert {message.header.frame_id for name, message in found.items() if "markers" not in name} == {frame_id}
     strongest = int(np.argmax(np.linalg.norm(contacts.force, axis=1)))
@@ -526,8 +537,8 @@ def test_contacts_are_published_as_they_are(domain: int, node: DdsNode, frame_id
 
 def test_contacts_of_a_robot_are_published_by_sensor_and_together(domain: int, node: DdsNode) -> None:
     """Each sensor's in the frame of its link; the array of all has the newest of each, each in its own frame."""
-    first = RosPublisher("tip", ("area", "depth"), domain=domain, sensor="thumb")
-    second = RosPublisher("palm", (), domain=domain, sensor="pad", partner=first)
+    first = RosPublisher(tip := _form("tip", sensor="thumb"), domain=domain)
+    second = RosPublisher(palm := _form("palm", (), "pad"), domain=domain, partner=first)
     first.open()
     second.open()
     kind, alone = "palpate_msgs/ContactArray", "/palpate/contact/contacts"
@@ -537,8 +548,8 @@ def test_contacts_of_a_robot_are_published_by_sensor_and_together(domain: int, n
     for writer, reader in zip(writers, readers, strict=True):
         _join(writer, reader)
     thumb, pad = _contacts(1, 2), replace(_contacts(1, 3, seed=8), features={})
-    first.publish(thumb)
-    second.publish(replace(pad, time=pad.time + 1.0))
+    first.publish(slots(thumb, tip))
+    second.publish(slots(replace(pad, time=pad.time + 1.0), palm))
     own, other, everything = (
         [read(kind, each) for each in _received(reader, count)]
         for reader, count in zip(readers, (1, 1, 2), strict=True)
@@ -558,7 +569,7 @@ def _numbers(message: Any) -> list[float]:
 
 
 def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int, node: DdsNode) -> None:
-    publisher = RosPublisher("base", ("area", "depth"), 100.0, domain)
+    publisher = RosPublisher(form := _form("base"), 100.0, domain)
     publisher.open()
     kinds = {name: TOPICS[name] for name in ("/palpate/contact/contacts", "/palpate/contact/markers")}
     readers = [node.reader(name, kind) for name, kind in kinds.items()]
@@ -567,7 +578,7 @@ def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int, node: D
     contacts = _contacts(1000, 2)
     published = 0
     for start in range(0, 2000, 14):
-        published += len(publisher.publish(contacts[start : start + 14]))
+        published += len(publisher.publish(slots(contacts[start : start + 14], form)))
         time.sleep(1e-3)
     assert published == 100
     assert len(_received(readers[0], 100)) == 100
@@ -576,10 +587,11 @@ def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int, node: D
         *np.full((3, 1, 3), np.nan), np.full(1, np.nan), np.full((1, 3, 3), np.nan), np.full(1, np.nan),
         np.zeros(1, dtype=np.int64), np.full(1, int(Status.NO_CONTACT), dtype=np.int8),
     )  # fmt: skip
-    assert len(publisher.publish(Contacts.single(np.array([1.7e9 + 2.0]), gone))) == 1
+    nothing = replace(Contacts.single(np.array([1.7e9 + 2.0]), gone), features=dict.fromkeys(AREA, np.full(1, np.nan)))
+    assert len(publisher.publish(slots(nothing, form))) == 1
     last = read(kinds["/palpate/contact/markers"], _received(readers[1])[0])
     assert [marker.action for marker in last.markers] == [3]
-    assert len(publisher.publish(Contacts.single(np.array([5.0]), gone))) == 1  # another clock
+    assert len(publisher.publish(slots(replace(nothing, time=np.array([5.0])), form))) == 1  # another clock
     assert not publisher.tare_requested()
     asks = node.writer(TARE, "std_msgs/Empty")
     until(lambda: asks.readers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,3 +72,16 @@ def answered(ring: StreamBuffer, count: int, lost: int = 0) -> None:
     batch.stamp[:], batch.lost[0] = time.time_ns(), lost
     first = ring.take_in(batch, count, np.zeros(count))
     ring.answer(rows(first, count), np.ones(count, dtype=np.int64))
+
+
+def slots(found: Contacts, form: SlotForm) -> np.ndarray:
+    """Contacts as slots of a ring, with an identity if the form has room for it."""
+    nothing = np.full(len(found), np.nan)
+    found = replace(found, features={name: found.features.get(name, nothing) for name in form.features})
+    first = np.flatnonzero(np.diff(found.sample, prepend=found.sample[:1] - 1))
+    made, made_rows = np.zeros(len(first), form.slot()), found.rows()[:, : form.width]
+    made["number"], made["stamp"], made["ready"] = found.sample[first] + 1, np.rint(1e9 * found.time[first]), 1
+    made["rows"] = np.diff(first, append=len(found))
+    for slot, begin in zip(made, first.tolist(), strict=True):
+        slot["contacts"][: slot["rows"]] = made_rows[begin : begin + slot["rows"]]
+    return made

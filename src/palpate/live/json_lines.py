@@ -5,21 +5,23 @@ from __future__ import annotations
 import json
 import os
 import socket
-from collections.abc import Iterator
-from math import isfinite
+from math import hypot, inf, isfinite, isnan
 from time import monotonic
 from typing import Any
 
 import numpy as np
 
-from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import Status
+from palpate.contact.estimate import ROW, Status
+from palpate.contact.origins import EXPECTED
 from palpate.errors import InputError
+from palpate.live.stream_buffer import SlotForm
 
 UDP, UNIX = "udp", "unix"
 LONGEST = 107  # bytes of a UNIX socket's path
 AGAIN = 10.0  # s between two sentences on what was dropped
 
+_LABELS = {float(status): status.label for status in Status}
+_PLACED = slice(ROW.point.start, ROW.normal.stop)
 _ENCODER = json.JSONEncoder(allow_nan=False, separators=(",", ":"))  # made once: making one costs as much as a line
 
 Address = str | tuple[str, int] | tuple[str, int, int, int]
@@ -70,8 +72,7 @@ class JsonLines:
 
     Args:
         to: "udp:HOST:PORT" or "unix:PATH", a datagram socket that the listener makes.
-        rate: [Hz] at most, of the newest samples; one that changes the status or the identities is sent at once. 0:
-            every sample.
+        form: description of the ring's samples and contacts.
 
     Attributes:
         sent: number of lines sent.
@@ -81,41 +82,16 @@ class JsonLines:
         InputError: the address is not valid.
     """
 
-    def __init__(self, to: str, rate: float = 100.0) -> None:
+    def __init__(self, to: str, form: SlotForm) -> None:
         family, self._address = datagram_address(to)
-        self.to, self.sent, self.dropped = to, 0, 0
+        self.to, self.sent, self.dropped, self._form = to, 0, 0, form
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._period = 1.0 / rate if rate else 0.0
-        self._due = self._say_at = -np.inf
-        self._said_of = 0
-        self._state: tuple[object, ...] | None = None
-        self._waiting: tuple[Contacts, int, int] | None = None  # rows of the newest sample
+        self._say_at, self._said_of = -inf, 0
 
-    def publish(self, contacts: Contacts) -> list[int]:
-        """Send those samples that are due at the rate, and return their numbers.
-
-        Args:
-            contacts: the contacts of the next samples, in order; without any, a sample that waited for the rate is
-                sent.
-        """
-        samples = list[int]()
-        for start, end, last in _each(contacts, every=not self._period):
-            state = (*contacts.status[start:end].tolist(), *contacts.identity[start:end].tolist())
-            if state != self._state or not self._period:
-                samples += self._send(contacts, start, end)
-                self._state, self._waiting, self._due = state, None, monotonic() + self._period
-            elif last:
-                self._waiting = contacts, start, end
-        if self._waiting is not None and self.due() <= 0.0:
-            self._due = max(self._due + self._period, monotonic())  # late ones do not lower the rate
-            samples += self._send(*self._waiting)
-            self._waiting = None
-        return samples
-
-    def due(self) -> float:
-        """Return the time [s] until a sample is due at the rate; 0 or below: it is."""
-        return self._due - monotonic()
+    def publish(self, slots: np.ndarray) -> list[int]:
+        """Send a line for each of some slots (n,) of a ring, and return the numbers of the samples that were sent."""
+        return [int(slot["number"]) - 1 for slot in slots if slot["ready"] and self._send(slot)]
 
     def tare_requested(self) -> bool:
         """Return False, because listeners cannot request a tare."""
@@ -133,74 +109,48 @@ class JsonLines:
         """Close the socket; may be called again."""
         self._socket.close()
 
-    def _send(self, contacts: Contacts, start: int, end: int) -> list[int]:
-        """Send a line of some rows, and return the sample's number; nothing if it was not taken."""
-        if end - start < len(contacts):
-            contacts = contacts[start:end]
-        line = _ENCODER.encode(_object(contacts)).encode() + b"\n"
+    def _send(self, slot: np.void) -> bool:
+        """Send the line of a slot, and return whether it was taken."""
+        line = _ENCODER.encode(self._line(slot)).encode() + b"\n"
         try:
             self._socket.sendto(line, self._address)
         except (ConnectionRefusedError, FileNotFoundError):  # nobody listens
-            return []
+            return False
         except OSError:  # no room, too long, no route: the line is lost, and `events` reports it
             self.dropped += 1
-            return []
+            return False
         self.sent += 1
-        return [int(contacts.sample[0])]
+        return True
+
+    # From the slot, not from its `Contacts`: making these takes longer than all else, and each line is late by it.
+    def _line(self, slot: np.void) -> dict[str, Any]:
+        rows = sorted(slot["contacts"][: slot["rows"]].tolist(), key=_weakness)
+        sensor, link = self._form.origin
+        return {
+            **({"sensor": sensor, "link": link} if sensor else {}),
+            "sample": int(slot["number"]) - 1,
+            "time": int(slot["stamp"]) / 10**9,
+            "status": _LABELS[rows[0][ROW.status]],
+            "contacts": [self._contact(row) for row in rows if all(map(isfinite, row[_PLACED]))],
+        }
+
+    def _contact(self, row: list[float]) -> dict[str, Any]:
+        (place, count), values = self._form.place, [value if isfinite(value) else None for value in row]
+        return {
+            "identity": (int(row[-1]) if self._form.numbered else 0) * count + place,
+            "status": _LABELS[row[ROW.status]],
+            "point": values[ROW.point],
+            "normal": values[ROW.normal],
+            "force": values[ROW.force],
+            "torque": values[ROW.torque],
+            "covariance": values[ROW.covariance],
+            "residual": values[ROW.residual],
+            **dict(zip(self._form.features, values[ROW.length :], strict=False)),
+            **({EXPECTED: 1.0} if self._form.expected else {}),
+        }
 
 
-def _each(contacts: Contacts, every: bool) -> Iterator[tuple[int, int, bool]]:
-    """Yield (start, end, last) of a sample's rows where the state may change, of the last sample, or of `every` one."""
-    sample, status, identity = contacts.sample, contacts.status, contacts.identity
-    starts = [0, *(1 + np.flatnonzero(sample[1:] != sample[:-1])).tolist()][: len(contacts)]
-    wanted = range(len(starts))
-    if len(starts) == len(contacts) and not every:  # a row a sample, as a rule
-        changed = (status[1:] != status[:-1]) | (identity[1:] != identity[:-1])
-        wanted = sorted({*wanted[:1], *(1 + np.flatnonzero(changed)).tolist(), *wanted[-1:]})
-    ends = [*starts[1:], len(contacts)]
-    for k in wanted:
-        yield starts[k], ends[k], k + 1 == len(starts)
-
-
-def _object(contacts: Contacts) -> dict[str, Any]:
-    found = contacts if len(contacts) == 1 else contacts[_strongest_first(contacts)]
-    return {
-        **_origin(found),
-        "sample": int(found.sample[0]),
-        "time": _number(found.time[0]),
-        "status": Status(int(found.status[0])).label,
-        "contacts": [_contact(found, row) for row in np.flatnonzero(found.located).tolist()],
-    }
-
-
-def _origin(found: Contacts) -> dict[str, str]:
-    """Return the names of a robot's sensor and of its link; {} for a rig of one sensor."""
-    if found.origins is None:
-        return {}
-    return found.origins.among[int(found.origins.index[0])]._asdict()
-
-
-def _strongest_first(contacts: Contacts) -> np.ndarray:
-    return np.argsort(-np.nan_to_num(np.linalg.norm(contacts.force, axis=1), nan=-1.0), kind="stable")
-
-
-def _contact(found: Contacts, row: int) -> dict[str, Any]:
-    return {
-        "identity": int(found.identity[row]),
-        "status": Status(int(found.status[row])).label,
-        "point": _numbers(found.point[row]),
-        "normal": _numbers(found.normal[row]),
-        "force": _numbers(found.force[row]),
-        "torque": _number(found.torque[row]),
-        "covariance": _numbers(found.covariance[row].ravel()),
-        "residual": _number(found.residual[row]),
-        **{name: _number(values[row]) for name, values in found.features.items()},
-    }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if isfinite(value) else None
-
-
-def _numbers(values: np.ndarray) -> list[float | None]:
-    return [_number(value) for value in values.tolist()]
+def _weakness(row: list[float]) -> float:
+    """Return a key that sorts the strongest force [N] first, and last those without one."""
+    force = hypot(*row[ROW.force])
+    return inf if isnan(force) else -force

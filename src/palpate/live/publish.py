@@ -11,7 +11,9 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Protocol, runtime_checkable
 
-from palpate.contact.contacts import Contacts
+import numpy as np
+
+from palpate.contact.estimate import ROW
 from palpate.errors import InputError
 from palpate.live.json_lines import JsonLines, datagram_address
 from palpate.live.receiver import PRIORITY, hurry, orphaned
@@ -23,6 +25,7 @@ RATE = 100.0  # Hz
 POLL = 0.001  # s: a change of status waits no longer
 LISTEN = 0.02  # s between looks for requests and events
 MOST = 4096  # slots that are read at once
+_ROS = "ros2"
 _HINT = "Write ros2, ros2:DOMAIN, udp:HOST:PORT or unix:PATH."
 
 
@@ -30,16 +33,8 @@ _HINT = "Write ros2, ros2:DOMAIN, udp:HOST:PORT or unix:PATH."
 class Publisher(Protocol):
     """A publisher of contacts to listeners, for which it never waits."""
 
-    def publish(self, contacts: Contacts) -> list[int]:
-        """Publish the contacts of the next samples, in order; without any, one that waited for the rate.
-
-        Returns:
-            The numbers of the samples that were published.
-        """
-        ...
-
-    def due(self) -> float:
-        """Return the time [s] until a sample is due at the rate; 0 or below: it is."""
+    def publish(self, slots: np.ndarray) -> list[int]:
+        """Publish the contacts of the next slots (n,) of a ring, in order, and return the numbers of their samples."""
         ...
 
     def tare_requested(self) -> bool:
@@ -93,23 +88,22 @@ def open_publisher(
         to: the address, see `require_address`.
         form: description of the ring's samples and contacts.
         source: the rig's [source], with domain and interface of ROS 2; None: domain 0 on this machine.
-        rate: [Hz] at most; 0: every sample.
+        rate: [Hz] of messages to ROS 2, at most; 0: every sample.
         partner: publisher of another sensor of the same robot.
 
     Raises:
         InputError: the address is not valid, cyclonedds is not installed, or the domain cannot be joined.
     """
     require_address(to)
-    if not to.startswith("ros2"):
-        return JsonLines(to, rate)
+    if not to.startswith(_ROS):
+        return JsonLines(to, form)
     from palpate.live.publish_ros import RosPublisher  # here: it needs cyclonedds
 
     domain, interface = (0, "") if source is None else (source.domain, source.interface)
     stated = _domain(to)
     stated = domain if stated is None else stated
     partner = partner if isinstance(partner, RosPublisher) else None
-    sensor, frame, features = form.origin[0], form.frame, form.features
-    made = RosPublisher(frame, features, rate or inf, stated, interface, sensor=sensor, partner=partner)
+    made = RosPublisher(form, rate or inf, stated, interface, partner)
     made.open()
     return made
 
@@ -145,7 +139,8 @@ def publish(
         streams = list[_Published]()
         for ring in opened:
             partner = streams[0].publisher if streams else None
-            streams.append(_Published(ring, open_publisher(to, ring.form, source, rate, partner)))
+            throttle = Throttle(ring.form, rate) if rate and not to.startswith(_ROS) else None
+            streams.append(_Published(ring, open_publisher(to, ring.form, source, rate, partner), throttle))
     except InputError as problem:
         opened[0].say(f"nothing is published to {to}: {problem}")
         raise SystemExit(1) from problem
@@ -164,22 +159,64 @@ def publish(
                 listened = now
                 _listen(streams, to)
             if not any(behind):
-                due = min(each.publisher.due() for each in streams)
-                sleep(min(POLL, due) if due > 0.0 else POLL)
+                sleep(min(POLL, *(each.wait() for each in streams)))
+
+
+class Throttle:
+    """Choose the samples to publish: at once those that change status or identities, else the newest at a rate.
+
+    Args:
+        form: description of the ring's samples and contacts.
+        rate: [Hz] at most, but for changes.
+    """
+
+    def __init__(self, form: SlotForm, rate: float) -> None:
+        self._columns = [ROW.status, *([form.width - 1] if form.numbered else [])]
+        self._period, self._due = 1.0 / rate, -inf
+        self._state: list[list[float]] = []  # of the last sample: columns of each contact
+        self._newest: np.ndarray | None = None  # the last sample, unless it was chosen
+
+    def wait(self) -> float:
+        """Return the time [s] until a sample is due at the rate; infinite if none waits."""
+        return inf if self._newest is None else max(self._due - monotonic(), 0.0)
+
+    def choose(self, slots: np.ndarray) -> np.ndarray:
+        """Return those of the next slots (n,) that are to be published now, or one that waited for the rate."""
+        slots, changes = slots[slots["ready"] > 0], list[int]()
+        states = slots["contacts"][:, :, self._columns].tolist()
+        for k, (state, count) in enumerate(zip(states, slots["rows"].tolist(), strict=True)):
+            if state[:count] != self._state:
+                self._state = state[:count]
+                changes.append(k)
+        if len(slots):
+            self._newest = None if changes and changes[-1] == len(slots) - 1 else slots[-1:]
+        now = monotonic()
+        if changes:
+            self._due = now + self._period
+        elif self._newest is not None and now >= self._due:
+            self._due = max(self._due + self._period, now)  # late ones do not lower the rate
+            slots, self._newest = self._newest, None
+            return slots
+        return slots[changes]
 
 
 class _Published:
-    """A ring whose contacts are published."""
+    """A ring whose contacts are published; without a throttle all of them are passed to the publisher."""
 
-    def __init__(self, ring: StreamBuffer, publisher: Publisher) -> None:
-        self.ring, self.publisher, self._next = ring, publisher, ring["answered"]
+    def __init__(self, ring: StreamBuffer, publisher: Publisher, throttle: Throttle | None) -> None:
+        self.ring, self.publisher, self._throttle, self._next = ring, publisher, throttle, ring["answered"]
+
+    def wait(self) -> float:
+        """Return the time [s] until a sample that waits is due; infinite if none does."""
+        return inf if self._throttle is None else self._throttle.wait()
 
     def pass_on(self) -> bool:
         """Publish new contacts, and return whether more may wait."""
         slots, first = self.ring.read(self._next, MOST)
         self._next = first + len(slots)
-        if len(slots) or self.publisher.due() <= 0.0:
-            self.ring.publish(self.publisher.publish(self.ring.form.contacts(slots)))
+        chosen = slots if self._throttle is None else self._throttle.choose(slots)
+        if len(chosen):
+            self.ring.publish(self.publisher.publish(chosen))
         return len(slots) == MOST
 
 

@@ -14,6 +14,7 @@ from palpate.files.mcap.writer import MESSAGE
 from palpate.live.dds import DdsNode, DdsReader, Writer
 from palpate.live.ros_messages import Cdr
 from palpate.live.source import drained
+from palpate.live.stream_buffer import SlotForm
 from palpate.spatial.pose import quaternion_from_rotation
 
 __all__ = ["TARE", "TOPICS", "RosPublisher"]
@@ -52,12 +53,10 @@ class RosPublisher:
     contacts of all sensors, without their features, each in the frame of its own header.
 
     Args:
-        frame_id: frame of the contacts.
-        features: names of the features that every contact has.
+        form: description of the ring's samples and contacts.
         rate: [Hz] of messages at most, by the contacts' times.
         domain: number of the domain.
         interface: network interface, see `DdsNode`.
-        sensor: name of a robot's sensor.
         partner: publisher of another sensor of the robot, which owns the node.
     """
 
@@ -65,18 +64,14 @@ class RosPublisher:
     # cyclonedds neither shows for a request nor writes to an answer.
     def __init__(
         self,
-        frame_id: str,
-        features: tuple[str, ...] = (),
+        form: SlotForm,
         rate: float = 100.0,
         domain: int = 0,
         interface: str = "",
-        *,
-        sensor: str = "",
         partner: RosPublisher | None = None,
     ) -> None:
-        self._frame_id, self._features = frame_id, features
-        self._messages = ContactMessages(frame_id, features)
-        self._sensor, self._first = sensor, partner or self
+        self._form, self._messages = form, ContactMessages(form.frame, form.features)
+        self._sensor, self._first = form.origin[0], partner or self
         self._node = DdsNode(domain, interface) if partner is None else partner._node
         self._newest, self._all_due = dict[str, list[_Contact]](), _Due(rate)  # of all sensors: used of the first
         self._due, self._drawn = _Due(rate), _Due(min(rate, _DRAWN))
@@ -102,18 +97,15 @@ class RosPublisher:
         if self._sensor and self._first is self:
             self._writers[_TOGETHER] = self._node.writer(_CONTACTS, TOPICS[_CONTACTS], depth=10)
 
-    def publish(self, contacts: Contacts) -> list[int]:
-        """Publish those of the next samples, in order, that are due, and return their numbers."""
+    def publish(self, slots: np.ndarray) -> list[int]:
+        """Publish those of the next slots (n,) of a ring, in order, that are due, and return their samples' numbers."""
+        contacts = self._form.contacts(slots)
         first = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[:1] - 1))
         due = self._due.of(contacts.time[first])
         ends = np.append(first[1:], len(contacts))
         for k in np.flatnonzero(due).tolist():
             self._publish(contacts[first[k] : ends[k]])
         return contacts.sample[first[due]].tolist()
-
-    def due(self) -> float:
-        """Return infinity: the rate is by the contacts' times, and no sample waits for it."""
-        return np.inf
 
     def tare_requested(self) -> bool:
         """Return whether a message on `/palpate/tare` has come since the last call."""
@@ -135,8 +127,8 @@ class RosPublisher:
     def _publish(self, rows: Contacts) -> None:
         _, (everything, poses, wrenches) = self._messages.of(rows)
         found, nothing = self._contacts(everything), np.full(len(rows), np.nan)
-        values = np.array([rows.features.get(name, nothing) for name in self._features]).T.ravel().tolist()
-        self._write(_CONTACTS, _array(found, self._features, values))
+        values = np.array([rows.features.get(name, nothing) for name in self._form.features]).T.ravel().tolist()
+        self._write(_CONTACTS, _array(found, self._form.features, values))
         self._publish_all(found, rows.time[:1])
         strongest = int(rows.strongest()[0])
         if rows.answered[strongest] and rows.located[strongest]:
@@ -147,7 +139,7 @@ class RosPublisher:
             self._write(_WRENCH, _payload(wrenches[which : which + 1]))
         if self._drawn.of(rows.time[:1])[0]:
             stamp = int(everything["sec"][0]) * 10**9 + int(everything["nanosec"][0])
-            self._write(_MARKERS, markers(rows, stamp, self._frame_id))
+            self._write(_MARKERS, markers(rows, stamp, self._form.frame))
 
     def _write(self, topic: str, data: bytes) -> None:
         if not self._writers[topic].write(data):
@@ -166,7 +158,7 @@ class RosPublisher:
         start = _HEADER + int(everything["named"][0])
         fields = start + -(start - 4) % 8
         whole = [_payload(everything[k : k + 1]) for k in range(len(everything))]
-        size = len(whole[0]) - fields - 8 * len(self._features) - 1
+        size = len(whole[0]) - fields - 8 * len(self._form.features) - 1
         return [_Contact(each[4:start], each[fields : fields + size], each[-1:]) for each in whole]
 
 

@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW
 from palpate.contact.origins import EXPECTED, Origin, Origins
 from palpate.errors import InputError
 from palpate.files.logs.decoding import seconds
@@ -99,6 +100,11 @@ class SlotForm:
     def columns(self) -> tuple[str, ...]:
         """Names of the features of contacts, with that of a sensor which is always touched."""
         return (*self.features, *((EXPECTED,) if self.expected else ()))
+
+    @property
+    def numbered(self) -> bool:
+        """Whether a row of contacts ends with an identity, as of sensors with several contacts."""
+        return self.width > ROW.length + len(self.features)
 
     def slot(self) -> np.dtype[np.void]:
         """Return the structured dtype of a slot, which holds one sample and its contacts."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from types import EllipsisType, MappingProxyType
 from typing import Any, cast
@@ -14,6 +14,7 @@ from palpate.errors import InputError
 
 Shape = tuple[int | EllipsisType | None, ...]  # first, None: any length, or ...: any leading axes
 
+LARGEST = 2**62  # of whole numbers that are taken as they are
 _KINDS = {"f": "biuf", "i": "iu", "u": "iu", "b": "b"}  # of numbers that arrays of a kind are made from
 FLOAT, INT8, INT64 = np.dtype(np.float64), np.dtype(np.int8), np.dtype(np.int64)
 
@@ -154,3 +155,19 @@ def _said(shape: Shape) -> str:
     """Format a shape, with n for any length."""
     axes = ["..." if axis is ... else "n" if axis is None else str(axis) for axis in shape]
     return f"({', '.join(axes)}{',' * (len(axes) == 1)})"
+
+
+def form_of(given: Iterable[Any]) -> tuple[Any, ...]:
+    """Return the properties that decide whether arguments fit: type, shape and layout of arrays, else the class."""
+    return tuple(
+        [
+            (value.dtype, value.shape, value.flags.num)
+            if type(value) is np.ndarray
+            else -LARGEST < value < LARGEST
+            if type(value) is int
+            else form_of(cast("tuple[Any, ...]", value))
+            if type(value) is tuple
+            else type(value)
+            for value in given
+        ]
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, wraps
 from inspect import Parameter, isfunction, signature, unwrap
@@ -17,11 +17,10 @@ import numpy as np
 
 from palpate.calls import evaluated, options
 from palpate.errors import InputError
-from palpate.spatial._arrays import shaped
+from palpate.spatial._arrays import LARGEST, form_of, shaped
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _Class = TypeVar("_Class", bound=type[Any])
-_LARGEST = 2**62  # whole number
 _KEPT = 64  # forms of arguments of a function
 _PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a NamedTuple `__new__`, too
 _WRITTEN = {"out", "out_covariance", "out_total"}  # a copy of these arguments would be of no use
@@ -128,7 +127,7 @@ def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
             places = [(place, made[name]) for place, name in enumerate(names) if name in made]
             plan = made  # last, as another thread may look
         given = args
-        form = _form(args) if not kwargs else (*_form(args), *kwargs, *_form(kwargs.values()))
+        form = form_of(args) if not kwargs else (*form_of(args), *kwargs, *form_of(kwargs.values()))
         if form not in fitting:
             sizes: dict[str, _Size] = {}
             given = list(args)
@@ -151,20 +150,6 @@ def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
 
     vars(taking)["takes_arrays"] = True
     return taking
-
-
-def _form(given: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the properties that decide whether arguments are taken as they are: type, and shape of an array."""
-    return tuple(
-        [
-            (value.dtype, value.shape, value.flags.c_contiguous)
-            if type(value) is np.ndarray
-            else -_LARGEST < value < _LARGEST
-            if type(value) is int
-            else type(value)
-            for value in given
-        ]
-    )
 
 
 def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wanted]:
@@ -221,7 +206,7 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
         real = type(value) is np.ndarray and value.dtype.kind in "biuf" and value.flags.c_contiguous
         return value if real else _real(value, wanted.name)
     if wanted.dtype is None:
-        plain = type(value) is int and -_LARGEST < value < _LARGEST if wanted.whole else type(value) is float
+        plain = type(value) is int and -LARGEST < value < LARGEST if wanted.whole else type(value) is float
         return value if plain else _number(value, wanted)
     array = value
     if type(array) is not np.ndarray or array.dtype != wanted.dtype or not array.flags.c_contiguous:
@@ -246,7 +231,7 @@ def integer(value: Any, name: str) -> int:
     Raises:
         InputError: it is no whole number, or not below 2^62.
     """
-    if type(value) is int and abs(value) < _LARGEST:
+    if type(value) is int and abs(value) < LARGEST:
         return value
     return int(_number(value, _Wanted(name, whole=True)))
 
@@ -271,7 +256,7 @@ def _number(value: Any, wanted: _Wanted) -> Any:
     if isinstance(value, bool):
         return value
     array = shaped(value, (...,), wanted.name) if not isinstance(value, str) else np.zeros(0)
-    if array.ndim or (wanted.whole and not (array == np.round(array) and abs(array) < _LARGEST)):
+    if array.ndim or (wanted.whole and not (array == np.round(array) and abs(array) < LARGEST)):
         kind = "a whole number" if wanted.whole else "a number"
         raise InputError(f"{wanted.name} must be {kind}, not {value!r:.60}.")
     return int(array) if wanted.whole else float(array)

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.errors import InputError
 
-__all__ = ["Argument", "Array", "Function", "Number", "Several", "form_of", "forms", "require"]
+__all__ = ["Argument", "Array", "Function", "Number", "Several", "forms", "require"]
 
 _ARRAY = re.compile(r"(?P<out>out )?(?P<strided>strided )?(?P<dtype>(?:bool|u?int\d+|float\d+) )?(?P<sizes>[^ ].*)")
 _SIZE = re.compile(r"(?P<times>\d+)?(?P<name>[a-z])(?:\+(?P<more>\d+))?(?:\|(?P<other>\d+))?")
@@ -167,20 +167,6 @@ def _size(text: str) -> Size:
         raise TypeError(f"no size of an array: {text!r}")
     other = None if found["other"] is None else int(found["other"])
     return Size(int(found["times"] or 1), found["name"], int(found["more"] or 0), other)
-
-
-def form_of(given: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the properties that decide whether arguments fit: type, shape and layout of arrays, else the class."""
-    return tuple(
-        [
-            (value.dtype, value.shape, value.flags.num)
-            if type(value) is np.ndarray
-            else form_of(cast("tuple[Any, ...]", value))
-            if type(value) is tuple
-            else type(value)
-            for value in given
-        ]
-    )
 
 
 def require(function: Callable[..., Any], ways: tuple[tuple[Argument, ...], ...], given: tuple[Any, ...]) -> int:

@@ -23,7 +23,8 @@ from time import perf_counter
 from typing import Any, cast
 
 from palpate.errors import not_loaded
-from palpate.surfaces._arguments import Argument, form_of, forms, require
+from palpate.spatial._arrays import form_of
+from palpate.surfaces._arguments import Argument, forms, require
 from palpate.waiting import waiting
 
 try:

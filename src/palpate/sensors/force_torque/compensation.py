@@ -20,13 +20,14 @@ from palpate.signals.rest import at_rest
 from palpate.signals.vibration import Vibration
 from palpate.signals.wrench_sensor import Placement, Tare, square_root
 from palpate.signals.zero_filter import Free, ZeroState
-from palpate.spatial._arrays import shaped
+from palpate.spatial._arrays import frozen, shaped
 from palpate.spatial.arguments import number, takes_arrays
 from palpate.spatial.pose import Pose, skew
 
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
 ITSELF = Placement(Pose.identity())
 SATURATED = 6  # contact.Status.SATURATED, which this layer does not import
+_UPRIGHT = frozen(np.eye(3)[None])
 LEAST_ERROR = 0.02, 0.5e-3  # of the weight, and m of the centre: what a hose, a screw or a gain does to a payload
 LEARNT = 0.8  # of the prior standard deviation of the payload's weight: below it, the weight was learnt
 SURE = 5.0  # times its standard deviation: a smaller tare is no touch
@@ -608,7 +609,7 @@ class Compensation:
     def _rotations(self, channels: Mapping[str, np.ndarray], source: str) -> Float[np.ndarray, "_ 3 3"]:
         """Return sensor in base, NaN for an invalid quaternion; one identity where it is not needed."""
         if not self.needs_orientation:
-            return np.eye(3)[None]
+            return _UPRIGHT
         quaternions = channels.get(ORIENTATION)
         if quaternions is None:
             raise InputError(
