@@ -17,7 +17,7 @@ from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.opening import join
 from palpate.files.models import write_model
 from palpate.files.tables.stamps import seconds
-from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, split_unit, to_si
+from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, measured, split_unit, to_si
 from palpate.setup import load_rig
 from palpate.signals.payload import Payload
 
@@ -177,6 +177,25 @@ def test_units_have_other_spellings_and_counts() -> None:
     for unit in ("MNm", "N/0", "N/x", "N/-1"):
         with pytest.raises(InputError, match="unknown unit"):
             to_si(unit, TORQUE_UNITS | FORCE_UNITS, where="")
+
+
+@pytest.mark.parametrize(
+    ("values", "spreads", "text"),
+    [
+        ([1.23456], [0.0123], "1.235 +- 0.012 N"),
+        ([123.456], [45.6], "123 +- 46 N"),
+        ([-1e-4, 2.0], [0.01, 0.5], "(0.00, 2.00) +- (0.01, 0.50) N"),
+        ([1.0], [1e-30], "1.00000000 +- 0.00000000 N"),
+        ([1.0], [0.0], "1.0000 +- 0.0000 N"),
+        ([1.0], [np.inf], "1.0000 +- inf N"),
+    ],
+)
+def test_values_have_two_digits_of_their_largest_deviation(
+    values: list[float], spreads: list[float], text: str
+) -> None:
+    assert measured(values, spreads, "N") == text
+    with pytest.raises(ValueError, match="argument"):
+        measured([*values, 1.0], spreads, "N")
 
 
 def test_stamps_are_seconds() -> None:
