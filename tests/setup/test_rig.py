@@ -22,6 +22,7 @@ from palpate.setup.names import orientation_columns, position_columns, time_colu
 from palpate.setup.new import propose_rig
 from palpate.setup.pipeline import open_log
 from palpate.setup.tables import RigEstimate, RigPair, RigSurface, RigThresholds
+from palpate.setup.wrench_table import RigNoise
 from palpate.spatial.pose import Pose
 
 RIG = """\
@@ -264,6 +265,7 @@ _SURFACE = "mesh = 'probe.stl'\nunit = 'mm'\n"
             ('[force_torque]\npayload = "a\\u0000b"', "force_torque: payload must name a file"),
             ("[force_torque]\nnoise = { force = nan, torque = 1 }", "noise.force must be a finite number, not nan"),
             ("[force_torque]\nnoise = { force = 0, torque = 1 }", "noise: force and torque must be positive"),
+            ("[force_torque]\nnoise = { force = 1, torque = 1, corner = 0 }", "corner must be positive and finite"),
             ("[force_torque]\nnoise = { force = [1, 1, nan], torque = 1 }", r"noise.force\[2\] must be a finite"),
             ("[force_torque]\nrange = { force = inf, torque = 1 }", "range.force must be"),
             ("[estimate]\nfriction = 0", "friction must be positive"),
@@ -295,6 +297,7 @@ def test_torsion_may_be_without_bound_and_a_rig_may_begin_with_a_mark(tmp_path: 
 def test_what_is_made_in_python_is_held_to_the_same(value: float) -> None:
     for make in (
         lambda: RigPair(value, 1.0),
+        lambda: RigNoise(1.0, 1.0, corner=value),
         lambda: RigThresholds(value, 0.0),
         lambda: RigEstimate(friction=value),
         lambda: RigSurface(mesh="m", unit="mm", crease=value),
@@ -349,6 +352,10 @@ def test_a_proposed_rig_loads_whatever_the_names_or_is_not_proposed(tmp_path: Pa
     body = GivenBody.of(tmp_path / os.fsdecode(b"bad\xff.stl"))
     with pytest.raises(InputError, match=r"(?i)utf-8"):
         write_text(tmp_path / "r.toml", propose_rig(log, body, tmp_path).text)
+    log.write_text("\n".join(row.partition(",")[2] for row in [header, *rows]))  # without times
+    for rate in (0.0, -5.0, np.inf):
+        with pytest.raises(InputError, match="rate must be"):
+            propose_rig(log, None, tmp_path, rate=rate)
 
 
 @pytest.fixture
