@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from palpate.errors import InputError
 from palpate.viewer.film import SIZE, ScenePicture
 from palpate.viewer.rendered import ViewPoint, rendered
 from palpate.viewer.scene import prepare
+from palpate.viewer.video import Video
 from palpate_lab.simulation.shapes import EllipsoidBody
 from tests.support.pages import ellipsoid, session
 
@@ -51,3 +55,22 @@ def test_a_touch_is_drawn_while_it_lasts() -> None:
     picture = pictures.draw(2.0)
     assert picture.shape == (SIZE[1], SIZE[0], 3)
     assert np.array_equal(picture, pictures.draw(2.0))
+
+
+def test_a_video_that_is_closed_has_every_picture(tmp_path: Path) -> None:
+    """At its rate, as OpenCV reads it again, while the `Video` still exists; colours are lossy."""
+    cv2 = pytest.importorskip("cv2")
+    video = Video(tmp_path / "film.mp4", (64, 48), 10)
+    shades = [40, 120, 200]
+    for shade in shades:
+        video.add(np.full((48, 64, 3), [shade, 0, 255 - shade], np.uint8))
+    video.close()
+    read = cv2.VideoCapture(str(tmp_path / "film.mp4"))
+    assert read.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
+    found = [read.read()[1] for _ in shades]
+    assert not read.read()[0]
+    for shade, picture in zip(shades, found, strict=True):
+        assert picture.shape == (48, 64, 3)
+        assert np.abs(picture.mean(axis=(0, 1)) - [shade, 0, 255 - shade]).max() < 12
+    with pytest.raises(InputError, match="cannot open this file to write a video"):
+        Video(tmp_path / "none" / "film.mp4", (64, 48), 10)
