@@ -175,9 +175,7 @@ def test_a_recorder_of_several_rings_continues_where_another_was_killed(tmp_path
 
 
 @pytest.mark.parametrize("speed", [0.0, 2.0])
-def test_joint_states_come_as_they_are_in_the_log(
-    speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_joint_states_come_as_in_the_log(speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """At the messages' stamps, and when these have come; a joint that some message lacks keeps its last position."""
     clock = [7.0]  # as read after each sleep, none of which is short
     slow = SimpleNamespace(monotonic=lambda: clock[-1], sleep=lambda wait: clock.append(clock[-1] + wait + 1e-7))

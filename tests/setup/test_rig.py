@@ -22,7 +22,6 @@ from palpate.setup.names import orientation_columns, position_columns, time_colu
 from palpate.setup.new import propose_rig
 from palpate.setup.pipeline import open_log
 from palpate.setup.tables import RigEstimate, RigPair, RigSurface, RigThresholds
-from palpate.setup.wrench_table import RigNoise
 from palpate.spatial.pose import Pose
 
 RIG = """\
@@ -297,7 +296,6 @@ def test_torsion_may_be_without_bound_and_a_rig_may_begin_with_a_mark(tmp_path: 
 def test_what_is_made_in_python_is_held_to_the_same(value: float) -> None:
     for make in (
         lambda: RigPair(value, 1.0),
-        lambda: RigNoise(1.0, 1.0, corner=value),
         lambda: RigThresholds(value, 0.0),
         lambda: RigEstimate(friction=value),
         lambda: RigSurface(mesh="m", unit="mm", crease=value),
@@ -353,9 +351,8 @@ def test_a_proposed_rig_loads_whatever_the_names_or_is_not_proposed(tmp_path: Pa
     with pytest.raises(InputError, match=r"(?i)utf-8"):
         write_text(tmp_path / "r.toml", propose_rig(log, body, tmp_path).text)
     log.write_text("\n".join(row.partition(",")[2] for row in [header, *rows]))  # without times
-    for rate in (0.0, -5.0, np.inf):
-        with pytest.raises(InputError, match="rate must be"):
-            propose_rig(log, None, tmp_path, rate=rate)
+    with pytest.raises(InputError, match="rate must be positive"):
+        propose_rig(log, None, tmp_path, rate=-5.0)
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from palpate.setup.edit import update_drift, update_offset, update_pose
 from palpate.setup.load import load_rig, load_robot
 from palpate.setup.robot_new import propose_robot
 from palpate.spatial.pose import Pose
-from tests.support.arms import joint, write_arm
+from tests.support.arms import write_arm
 
 ROBOT = """\
 # two sensors
@@ -110,26 +110,20 @@ def test_one_sensor_is_not_picked_from_several_that_are_named(rig: Path) -> None
         load_rig(rig, "tip,wrist")
 
 
-def test_links_are_proposed_from_frames_and_near_names(tmp_path: Path) -> None:
+def test_links_are_proposed_from_frames_and_near_names(rig: Path) -> None:
     """A link without geometry is touched at the one that is fixed to it; what is not known is for a person to write."""
-    ball = '<visual><geometry><sphere radius="0.02"/></geometry></visual>'
-    links = f'<link name="base"/><link name="wrist_3_link"/><link name="tool">{ball}</link>'
-    fixed = joint("mount", "fixed", "wrist_3_link", "tool", limit="")
-    links += joint("turn", "revolute", "base", "wrist_3_link", more='<axis xyz="0 0 1"/>') + fixed
-    (tmp_path / "arm.urdf").write_text(f'<robot name="a">{links}</robot>')
-    frames = {"/wrist/ft": "sensor", "/pad/wrench": "", "/tip/wrench": "wrist_3_link"}
-    stamped = [
-        (10**7 * k, topic, robot.wrench(10**7 * k, [0.1 * k] * 6, frame))
-        for k in range(20)
-        for topic, frame in frames.items()
-    ]
-    write_mcap(tmp_path / "log.mcap", stamped, dict.fromkeys(frames, robot.KINDS[robot.WRENCH]))
-    made = propose_robot(tmp_path / "log.mcap", Urdf(tmp_path / "arm.urdf"), tmp_path)
-    assert {
-        "wrist: its frame 'sensor' is not a link: write its link (wrist_3_link is near in name)",
+    ball = '<link name="ft"><visual><geometry><sphere radius="0.02"/></geometry></visual></link>'
+    urdf, log = rig.with_name("arm.urdf"), rig.with_name("log.mcap")
+    urdf.write_text(urdf.read_text().replace('<link name="ft"/>', ball))
+    frames = {"/l6/wrench": "sensor", "/pad/wrench": "", "/tip/wrench": "link6"}
+    stamped = [(0, topic, robot.wrench(0, np.ones(6), frame)) for topic, frame in frames.items()]
+    write_mcap(log, stamped, dict.fromkeys(frames, robot.KINDS[robot.WRENCH]))
+    made = propose_robot(log, Urdf(urdf), rig.parent)
+    for said in (
+        "l6: its frame 'sensor' is not a link: write its link (link6 is near in name)",
         "pad: its messages name no frame: write its link",
-        "tip: link 'wrist_3_link' has no geometry: 'tool', which is fixed to it, is taken for the touched link",
-    } < set(made.remarks)
-    stated = tomllib.loads(made.text)["sensors"]
-    assert (stated["tip"]["link"], stated["tip"]["surface"]) == ("wrist_3_link", {"link": "tool"})
-    assert [name for name, each in stated.items() if "link" not in each] == ["wrist", "pad"]
+        "tip: link 'link6' has no geometry: 'ft', which is fixed to it, is taken for the touched link",
+    ):
+        assert said in made.remarks
+    stated = [(each.get("link"), each.get("surface")) for each in tomllib.loads(made.text)["sensors"].values()]
+    assert stated == [(None, None), (None, None), ("link6", {"link": "ft"})]
