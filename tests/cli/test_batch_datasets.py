@@ -14,12 +14,10 @@ import pytest
 
 from claims.evidence.datasets_written import RADIUS, RIG, write_dataset
 from palpate.cli import main
-from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
-from palpate.contact.table import from_frame, schema
 from palpate.errors import InputError
 from palpate.files.contacts import read_contacts
-from palpate.files.datasets import columns, labelled
+from palpate.files.datasets import labelled
 from palpate.files.datasets.dataset import read_dataset
 from palpate.setup import load_rig
 from palpate.setup.rig import check_rig
@@ -289,29 +287,6 @@ def test_times_that_are_not_there_follow_from_the_rate(tmp_path: Path) -> None:
     _info(lambda info: info["features"].pop("timestamp"))(root)
     assert _batch(tmp_path) == 0
     np.testing.assert_allclose(np.diff(read_contacts(tmp_path / "out/contacts/episode_000000.parquet").time), 0.01)
-
-
-def _contacts(rows: list[dict[str, Any]]) -> Contacts:
-    return from_frame(pl.DataFrame(rows, schema=schema()))
-
-
-def test_a_row_has_its_largest_contact() -> None:
-    """Of two contacts at once, the first one and the second one is larger; one is found and not answered."""
-    one = {"time": 0.0, "contact": 1, "status": "contact", "candidates": 1, "px": 1.0, "py": 0.0, "pz": 0.0}
-    one |= dict.fromkeys(("fx", "fy"), 0.0) | dict.fromkeys(("var_xy", "var_xz", "var_yz"), 0.5)
-    forces = [(0, 1.0), (0, 3.0), (1, 2.0), (1, 1.0)]
-    rows = [{**one, "sample": sample, "fz": force, "px": force} for sample, force in forces]
-    rows += [{**one, "sample": 2, "fz": 9.0, "status": "off_surface"}]
-    made = columns.contact_columns(_contacts(rows), 3, "contacts.csv")
-    assert made["count"].tolist() == [[2], [2], [0]]
-    assert made["status"].tolist() == [[0], [0], [Status.OFF_SURFACE]]
-    assert made["force"].tolist() == [[0, 0, 3], [0, 0, 2], [0, 0, 0]]
-    assert made["point"].tolist() == [[3, 0, 0], [2, 0, 0], [0, 0, 0]]
-    assert made["covariance"].shape == (3, 6)
-    known = columns.statistics({"covariance": np.array([[1.0] * 6, [3.0] * 6, [np.nan] * 6])})[f"{PREFIX}covariance"]
-    assert (known["mean"].tolist(), known["count"].tolist()) == ([2.0] * 6, [3])
-    with pytest.raises(InputError, match=r"contacts\.csv: holds contacts of 3 samples, but the episode has 4 rows"):
-        columns.contact_columns(_contacts(rows), 4, "contacts.csv")
 
 
 def test_a_slice_names_columns(tmp_path: Path) -> None:

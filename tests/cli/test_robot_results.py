@@ -109,6 +109,19 @@ def test_each_sensor_is_compared_with_its_own_truth() -> None:
         evaluate_robot(replace(found, origins=None), truth)
 
 
+@pytest.mark.parametrize("lost", ["", ",0.7\n"])
+def test_inspect_has_the_figures_of_each_sensor(robot: Path, lost: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """It names one whose columns are not there, and ends with 3 where the log is torn."""
+    log, rig = robot / "run.csv", robot / "robot.toml"
+    rig.write_text(f'{ROBOT}[sensors.hand]\nkind = "force_torque"\nlink = "arm"\ncolumns = {[*"abcdef"]}\n')
+    log.write_text(log.read_text().removesuffix(lost))
+    assert (main(["inspect", str(log), "--rig", str(rig)]) or 0) == (3 if lost else 0)
+    said = capsys.readouterr().out
+    assert f"sensor           arm\n  rows             {len(TIME)}\n" in said
+    assert "warning: hand: " in said
+    assert ("its last line ends within a row" in said) == bool(lost)
+
+
 def test_truth_is_read_in_the_frame_of_the_contacts(tmp_path: Path) -> None:
     path = tmp_path / "truth.csv"
     path.write_text("time,sensor,px,py,pz,fx,fy,fz,base_px,base_py,base_pz\n0.5,tip,1,2,3,0,0,1,4,5,6\n")

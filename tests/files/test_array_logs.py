@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from claims.evidence.logs_written import (
     COLUMNS,
@@ -27,9 +28,12 @@ from claims.evidence.logs_written import (
 )
 from palpate.errors import InputError
 from palpate.files.logs import ArrayChannel, LogLayout, contents, missing, open_log, read_recording
+from palpate.files.logs.cursor import Cursor
 from palpate.files.logs.decoding import ARRAYS, decode
+from palpate.files.logs.message_fields import field_of
 from palpate.files.messages import MessageBlock, Topic
 from palpate.signals.recording import CELLS, FORCE, ORIENTATION, POSITION, REFERENCE, TORQUE, VOLTAGE
+from tests.support.skin_formats import FRAMES, RIGHT, TIME
 
 LOG = session(60)
 ROWS = np.random.default_rng(3).integers(0, 200, (60, 3, 4)).astype(np.float64)
@@ -241,10 +245,34 @@ def _together(raws: list[bytes]) -> MessageBlock:
     return MessageBlock(b"".join(raws), {}, nothing, nothing, np.cumsum(length) - length, length)
 
 
+def test_numbers_stand_behind_any_list_of_messages_but_one_too_long() -> None:
+    name, rule, counts = "skin/msg/Pad", "=" * 80, [0, 4097, 3, 4096]
+    text = f"skin/Cell[] cells\nfloat64[] values\n{rule}\nMSG: skin/Cell\nuint8 state\nstring name\n"
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, name))
+    cells = [store.types["skin/msg/Cell"](1, "c" * (k % 5)) for k in range(max(counts))]
+    pads = [store.types[name](cells[:count], np.array([count, -2.0])) for count in counts]
+    cursor = Cursor(_together([bytes(store.serialize_cdr(pad, name)) for pad in pads]), "cdr")
+    path = field_of(Topic("", "skin/Pad", "cdr", definition=text), "values")
+    assert path.read(cursor, 2)[cursor.sound].tolist() == [[count, -2.0] for count in counts if count <= 4096]
+
+
+@pytest.mark.parametrize("name", ["long_shuffled", "long_cells", "long_scanned", "tekscan", "blocks", "blocks_timed"])
+def test_frames_of_several_lines_are_those_that_were_written(name: str, tmp_path: Path) -> None:
+    file, write, _, rate = RIGHT[name]
+    write(tmp_path / file)
+    time, sheet = "t" if name == "long_cells" else "time", ArrayChannel(CELLS, FRAMES.shape[1:])
+    found = read_recording(tmp_path / file, LogLayout(time, wrench=None, arrays=(sheet,), rate=rate))
+    np.testing.assert_array_equal(found.channels[CELLS], FRAMES)
+    np.testing.assert_allclose(found.time, TIME, atol=1e-12)
+
+
 def test_what_a_log_has_is_told_before_it_is_read(tmp_path: Path) -> None:
     for name, write in {**FORMATS, **WRENCHES}.items():
         write(tmp_path / name)
     assert list(contents(tmp_path / "log.csv").names) == list(COLUMNS)
+    (tmp_path / "rows.csv").write_text("time,temp,taxel,value\n" + 9 * "0,31,1,5\n")  # either may be the time
+    assert list(contents(tmp_path / "rows.csv").names) == ["time", "temp", "taxel", "value"]
     assert contents(tmp_path / "arrays.npz").names == {
         "time": (),
         "force": (3,),

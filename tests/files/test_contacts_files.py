@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time as clock
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate.contact import ContactEstimate, Contacts, Status
+from palpate.contact.origins import Origins
 from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
 from palpate.files.atomic import part
@@ -87,6 +89,17 @@ def test_blocks_and_one_write_are_the_same(tmp_path: Path, suffix: str) -> None:
         found = read_contacts(tmp_path / f"{name}{suffix}")
         assert found.sample.tolist() == list(range(30))
         assert not found.identity.any()
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_contacts_of_a_robot_keep_their_sensors_and_their_order(tmp_path: Path, suffix: str) -> None:
+    """That of time, the sensors in turn; in a file of messages each has a topic, and names of any length."""
+    origins = Origins.of_names(["tip", "palm", "wrist"] * 100, ["l_3", "hand", "forearm"] * 100)
+    known = replace(_contacts(300), time=0.01 * np.arange(300), origins=origins)
+    write_contacts(tmp_path / f"contacts{suffix}", known)
+    found = read_contacts(tmp_path / f"contacts{suffix}")
+    _assert_same(found, known)
+    assert (list(found.sensor), list(found.link)) == (list(known.sensor), list(known.link))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

@@ -17,7 +17,7 @@ from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.opening import join
 from palpate.files.models import write_model
 from palpate.files.tables.stamps import seconds
-from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, split_unit, to_si
+from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, measured, split_unit, to_si
 from palpate.setup import load_rig
 from palpate.signals.payload import Payload
 
@@ -177,6 +177,15 @@ def test_units_have_other_spellings_and_counts() -> None:
     for unit in ("MNm", "N/0", "N/x", "N/-1"):
         with pytest.raises(InputError, match="unknown unit"):
             to_si(unit, TORQUE_UNITS | FORCE_UNITS, where="")
+
+
+def test_values_have_two_digits_of_their_largest_deviation() -> None:
+    assert measured([1.23456], [0.0123], "N") == "1.235 +- 0.012 N"
+    assert measured([-1e-4, 123.456], [0.01, 45.6], "N") == "(0, 123) +- (0, 46) N"
+    least, none, most = (measured([1.0], [spread], "N") for spread in (1e-30, 0.0, np.inf))
+    assert (least[:13], none, most) == ("1.00000000 +-", "1.0000 +- 0.0000 N", "1.0000 +- inf N")
+    with pytest.raises(ValueError, match="argument"):
+        measured([1.0, 2.0], [1.0], "N")
 
 
 def test_stamps_are_seconds() -> None:

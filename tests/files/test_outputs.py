@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from palpate.errors import InputError
-from palpate.files.atomic import growing, keep_inputs, write_text
+from palpate.files.atomic import growing, keep_inputs, part, replacing, write_text
 from palpate.files.inputs import open_input
 from palpate.files.output_lock import inherited, reserving
 
@@ -121,6 +121,16 @@ def test_what_a_command_reserves_it_writes_and_nobody_else(tmp_path: Path) -> No
         file.write_text("mine")
     assert [file.name for file in tmp_path.iterdir()] == ["contacts.csv"]
     write_text(output, "again")
+
+
+def test_what_a_kill_leaves_of_a_piece_of_an_output_is_removed(tmp_path: Path) -> None:
+    output = tmp_path / "contacts.parquet"
+    part(output).mkdir()
+    with replacing(part(output) / "0.parquet") as piece:
+        piece.write_text("rows")
+    piece.write_text("half")
+    with growing(output) as file:
+        assert not file.exists()
 
 
 def test_a_thread_is_another_writer(tmp_path: Path) -> None:

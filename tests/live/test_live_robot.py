@@ -12,6 +12,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -173,14 +174,20 @@ def test_a_recorder_of_several_rings_continues_where_another_was_killed(tmp_path
         ring.close()
 
 
-def test_joint_states_come_as_they_are_in_the_log(tmp_path: Path) -> None:
-    """At the messages' stamps; a joint that some message lacks keeps its last position."""
+@pytest.mark.parametrize("speed", [0.0, 2.0])
+def test_joint_states_come_as_in_the_log(speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the messages' stamps, and when these have come; a joint that some message lacks keeps its last position."""
+    clock = [7.0]  # as read after each sleep, none of which is short
+    slow = SimpleNamespace(monotonic=lambda: clock[-1], sleep=lambda wait: clock.append(clock[-1] + wait + 1e-7))
+    monkeypatch.setattr("palpate.live.joints.time", slow)
     _robot(tmp_path, 0.0)
-    source = JointSource(RigSource("replay", "log.mcap", speed=0.0), JOINTS, tmp_path)
+    source = JointSource(RigSource("replay", "log.mcap", speed=speed), JOINTS, tmp_path)
     source.open()
     blocks = []
     while not source.ended:
-        blocks.append(source.receive(0.0))
+        blocks.append(source.receive(2e-3))
+        assert not speed or blocks[-1][0] == pytest.approx(1e9 * speed * (clock[-1] - clock[0]), abs=1e3)
+    assert max(np.diff(clock)) <= 2e-3 + 1e-6
     stamps, values = (np.concatenate(part) for part in zip(*blocks, strict=True))
     np.testing.assert_array_equal(stamps, STEP * np.arange(COUNT))
     angle = np.array([0.1, -0.4, 0.2]) * np.sin(np.arange(COUNT) / 90)[:, None]

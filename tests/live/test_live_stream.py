@@ -63,6 +63,9 @@ def test_slots_hold_what_numpy_writes_by_name(form: SlotForm, tmp_path: Path) ->
         expected["ready"][here] = known
         assert np.array_equal(ring.slots, expected)
         at += count
+    if form.max_contacts > 1:
+        with pytest.raises(ValueError, match=f"there is room for {form.max_contacts}$"):
+            ring.answer(rows, np.array([0, form.max_contacts + 1]))
     assert (ring["received"], ring["answered"]) == (at, at)
     ring.close()
 

@@ -264,6 +264,7 @@ _SURFACE = "mesh = 'probe.stl'\nunit = 'mm'\n"
             ('[force_torque]\npayload = "a\\u0000b"', "force_torque: payload must name a file"),
             ("[force_torque]\nnoise = { force = nan, torque = 1 }", "noise.force must be a finite number, not nan"),
             ("[force_torque]\nnoise = { force = 0, torque = 1 }", "noise: force and torque must be positive"),
+            ("[force_torque]\nnoise = { force = 1, torque = 1, corner = 0 }", "corner must be positive and finite"),
             ("[force_torque]\nnoise = { force = [1, 1, nan], torque = 1 }", r"noise.force\[2\] must be a finite"),
             ("[force_torque]\nrange = { force = inf, torque = 1 }", "range.force must be"),
             ("[estimate]\nfriction = 0", "friction must be positive"),
@@ -349,6 +350,9 @@ def test_a_proposed_rig_loads_whatever_the_names_or_is_not_proposed(tmp_path: Pa
     body = GivenBody.of(tmp_path / os.fsdecode(b"bad\xff.stl"))
     with pytest.raises(InputError, match=r"(?i)utf-8"):
         write_text(tmp_path / "r.toml", propose_rig(log, body, tmp_path).text)
+    log.write_text("\n".join(row.partition(",")[2] for row in [header, *rows]))  # without times
+    with pytest.raises(InputError, match="rate must be positive"):
+        propose_rig(log, None, tmp_path, rate=-5.0)
 
 
 @pytest.fixture

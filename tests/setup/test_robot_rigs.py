@@ -8,9 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from claims.evidence import robot
+from claims.evidence.logs_written import write_mcap
 from palpate.errors import InputError
+from palpate.files.urdf import Urdf
 from palpate.setup.edit import update_drift, update_offset, update_pose
 from palpate.setup.load import load_rig, load_robot
+from palpate.setup.robot_new import propose_robot
 from palpate.spatial.pose import Pose
 from tests.support.arms import write_arm
 
@@ -104,3 +108,22 @@ def test_one_sensor_is_not_picked_from_several_that_are_named(rig: Path) -> None
     assert [each.name for each in load_robot(rig).picked("tip,wrist")] == ["wrist", "tip"]
     with pytest.raises(InputError, match="several sensors: tip, wrist"):
         load_rig(rig, "tip,wrist")
+
+
+def test_links_are_proposed_from_frames_and_near_names(rig: Path) -> None:
+    """A link without geometry is touched at the one that is fixed to it; what is not known is for a person to write."""
+    ball = '<link name="ft"><visual><geometry><sphere radius="0.02"/></geometry></visual></link>'
+    urdf, log = rig.with_name("arm.urdf"), rig.with_name("log.mcap")
+    urdf.write_text(urdf.read_text().replace('<link name="ft"/>', ball))
+    frames = {"/l6/wrench": "sensor", "/pad/wrench": "", "/tip/wrench": "link6"}
+    stamped = [(0, topic, robot.wrench(0, np.ones(6), frame)) for topic, frame in frames.items()]
+    write_mcap(log, stamped, dict.fromkeys(frames, robot.KINDS[robot.WRENCH]))
+    made = propose_robot(log, Urdf(urdf), rig.parent)
+    for said in (
+        "l6: its frame 'sensor' is not a link: write its link (link6 is near in name)",
+        "pad: its messages name no frame: write its link",
+        "tip: link 'link6' has no geometry: 'ft', which is fixed to it, is taken for the touched link",
+    ):
+        assert said in made.remarks
+    stated = [(each.get("link"), each.get("surface")) for each in tomllib.loads(made.text)["sensors"].values()]
+    assert stated == [(None, None), (None, None), ("link6", {"link": "ft"})]

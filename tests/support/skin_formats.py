@@ -43,12 +43,15 @@ def _sorted(names: Sequence[str], order: Iterable[int] | None = None) -> Write:
     return table([names[k] for k in picked], FLAT[:, picked])
 
 
-def _long(names: str, keys: Callable[[int], str], *, shuffled: bool = False, lost: int = 0) -> Write:
+def _long(names: str, keys: Callable[[int], str], *, shuffled: bool = False, lost: int = 0, scan: float = 0.0) -> Write:
+    """Return a writer of a row a taxel, each so much later [s] than the one before."""
+
     def write(path: Path) -> None:
         rng, rows = np.random.default_rng(1), [names]
         for k in range(COUNT):
             order = rng.permutation(len(NUMBERS)) if shuffled else np.array(NUMBERS)
-            rows += [f"{TIME[k]:.3f},{keys(i)},{FLAT[k, i]:g}" for i in order[: len(order) - lost * (k == 5)].tolist()]
+            kept = order[: len(order) - lost * (k == 5)].tolist()
+            rows += [f"{TIME[k] + scan * j:.6g},{keys(i)},{FLAT[k, i]:g}" for j, i in enumerate(kept)]
         path.write_text("\n".join([*rows, ""]))
 
     return write
@@ -184,6 +187,7 @@ RIGHT: dict[str, tuple[str, Write, float, float | None]] = {  # file, writer, ne
     "long": ("t.csv", _long("time,taxel,value", str), 1.0, None),
     "long_shuffled": ("t.csv", _long("time,sensor_id,pressure", lambda i: str(i + 1), shuffled=True), 1.0, None),
     "long_cells": ("t.csv", _long("t,row,col,raw", lambda i: f"{CELLS[i][0]},{CELLS[i][1]}"), 1.0, None),
+    "long_scanned": ("t.csv", _long("time,taxel,value", str, scan=1e-4), 1.0, None),
     "long_lost": ("t.csv", _long("time,taxel,value", str, lost=1), 1.0, None),
     "tekscan": ("t.asf", _blocks(lambda k: f"Frame {k + 1}", _TEKSCAN), 1e3 * _AREA, None),
     "blocks": ("t.txt", _blocks(lambda k: ""), 1.0, 100.0),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from palpate.viewer.film import SIZE, ScenePicture
 from palpate.viewer.rendered import ViewPoint, rendered
 from palpate.viewer.scene import prepare
+from palpate.viewer.video import Video
 from palpate_lab.simulation.shapes import EllipsoidBody
 from tests.support.pages import ellipsoid, session
 
@@ -51,3 +54,16 @@ def test_a_touch_is_drawn_while_it_lasts() -> None:
     picture = pictures.draw(2.0)
     assert picture.shape == (SIZE[1], SIZE[0], 3)
     assert np.array_equal(picture, pictures.draw(2.0))
+
+
+def test_a_video_that_is_closed_has_every_picture(tmp_path: Path) -> None:
+    """As OpenCV reads it again while the `Video` still exists; colours are lossy."""
+    cv2 = pytest.importorskip("cv2")
+    video, shades = Video(tmp_path / "film.mp4", (64, 48), 10), [[40, 0, 200], [120, 90, 0], [200, 30, 60]]
+    for shade in shades:
+        video.add(np.full((48, 64, 3), shade, np.uint8))
+    video.close()
+    read = cv2.VideoCapture(str(tmp_path / "film.mp4"))
+    found = np.array([read.read()[1] for _ in shades])
+    assert (found.shape, read.read()[0]) == ((3, 48, 64, 3), False)
+    assert np.abs(found.mean(axis=(1, 2)) - shades).max() < 12

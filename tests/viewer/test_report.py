@@ -85,7 +85,7 @@ def page() -> str:
         tables=(ReportTable(("a", "b"), (("1", "<script>alert(1)</script>"),)),),
         drawing=Drawing(VERTICES, FACES, [Mark(VERTICES[0], np.eye(3)[2], "</script><b>")]).html(),
     )
-    tiles = (Tile("samples", "8,800", "44 s", "good"),)
+    tiles = (Tile("depth", "8.8 +- 0.1", "mm", "good"),)
     return render(Report("log <b>.csv", "What was done.", tiles, ("careful",), (section,), "palpate"))
 
 
@@ -107,6 +107,7 @@ def test_the_page_escapes_what_it_is_told(page: str) -> None:
     assert "</script><b>" not in page
     assert "log <b>.csv" in words
     assert "Forces <all>" in words
+    assert "8.8 ± 0.1" in " ".join(words)
 
 
 def test_the_page_fits_a_phone(page: str) -> None:
