@@ -26,6 +26,7 @@ SOUND = 2.0  # chi-square per joint up to which another servo explains feedback 
 WIDENED = 2e-3  # s, by which delay and lag may be other than was learnt, where feedback is odd
 BOUND = 3.0  # standard deviations of delay and lag as stated, beyond which neither is looked for
 STEP = 5e-4  # s, of the lag, of a finite difference
+ROUNDS = 3  # of an iterated Kalman filter: positions are not linear in delay and lag where commands change
 USUAL = 0.05  # share of the newest feedback in the usual difference
 _Course = list[Float[np.ndarray, "..."]]  # state (3, n), line (2, n), begin of the line and present time (2,)
 
@@ -263,15 +264,22 @@ class ServoModel:
         `widened` [s] is added to the standard deviations of delay and lag.
         """
         passed = max(0.0, time - self._fed)
-        values, covariance, state = self._values.copy(), self._covariance.copy(), self._trial[0]
+        spread, state, values = self._covariance.copy(), self._trial[0], self._values
         added = np.full(len(values), (self._usual * passed / CORRECTION) ** 2)
         added[:2] = WANDER**2 * passed + widened**2 if self.servo.known > 0.0 else 0.0
-        covariance.flat[:: len(values) + 1] += added
-        self._times[2] += STEP
-        self._replay(self._trial, time, omitted)
-        self._slopes[1] = state[0]
-        self._times[2] -= STEP
-        self._replay(self._trial, time, omitted)
-        self._slopes[0], self._slopes[1] = -state[1], (self._slopes[1] - state[0]) / STEP
-        given = self._slopes, self._usual**2, values, covariance, self._gain
-        return self._learn(joints, state[0], *given) / len(joints), values, covariance
+        spread.flat[:: len(values) + 1] += added
+        size, covariance = np.nan, spread
+        for _ in range(ROUNDS if self.servo.known > 0.0 else 1):
+            at = np.clip(values[:2], self._least, self._most)
+            self._times[[0, 2]] = at[0], at[1] + STEP
+            self._replay(self._trial, time, omitted)
+            self._slopes[1] = state[0]
+            self._times[2] = at[1]
+            self._replay(self._trial, time, omitted)
+            self._slopes[0], self._slopes[1] = -state[1], (self._slopes[1] - state[0]) / STEP
+            modelled = state[0] + (self._values[:2] - at) @ self._slopes
+            values, covariance = self._values.copy(), spread.copy()
+            given = self._slopes, self._usual**2, values, covariance, self._gain
+            size = self._learn(joints, modelled, *given) / len(joints)
+        self._times[[0, 2]] = self._values[:2]
+        return size, values, covariance
