@@ -16,6 +16,7 @@ import pytest
 
 from palpate.contact import Contacts, Locator
 from palpate.contact.events import Events
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.contact.touch_finder import find_touches
 from palpate.sensors.force_torque import ForceTorque
 from palpate.signals import Payload

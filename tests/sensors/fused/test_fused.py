@@ -383,6 +383,8 @@ def test_the_evidence_of_a_place_is_that_of_a_gaussian() -> None:
     unseen = FusedLocator(SURFACE).unseen_by(found.whitened[0].copy(), found.factors[0].copy())
     expected, cov = found.expected[0], twin(made, replace(FREE, turns=0))[3]
     places = candidates(SURFACE)
+    area = 2.0 * np.pi * 0.04 * 0.4  # each place is as wide as a square of its share
+    np.testing.assert_allclose(places[:, 7] ** 2, np.exp(places[:, 6]) * area / 12.0, rtol=0.01)
     by_place = {tuple(place[:3]): place for place in places}
     evidence = list[float]()
     for at in unseen.points[::7].tolist():

@@ -156,7 +156,8 @@ def test_places_are_found_where_the_pose_has_the_surface(folder: Path) -> None:
     (folder / "work.toml").write_text((folder / "posed.toml").read_text() + 'taxels = "posed_places.toml"\n')
     body = load_rig(folder / "work.toml").resolve("skin").of(SkinSection).body
     np.testing.assert_allclose(body.positions, MOUNT.inverse().apply(found.positions), atol=1e-12)
-    assert "farther than they are large" in _laid(folder, "lost", "rough.txt", "--layout", "ring12")[1]
+    _, said = _laid(folder, "lost", "rough.txt", "--layout", "ring12", "--spacing", "0.006")
+    assert "farther than they are large (24 mm)" in said  # four spacings from corner to corner
 
 
 def test_without_a_surface_the_left_out_figure_is_said(folder: Path) -> None:
