@@ -166,6 +166,16 @@ def test_without_a_surface_the_left_out_figure_is_said(folder: Path) -> None:
     assert 1.5 < float(said.split("left-out taxels are ")[1].split(" mm")[0]) < 2.7
 
 
+def test_modules_of_unequal_sizes_have_no_common_layout(skin: Forearm) -> None:
+    places, more = skin.places, np.arange(85) % 84
+    for rows, module in ((more, np.append(skin.layout.module, 7)), (more, np.full(85, -1)), (more[1:], None)):
+        unequal = TaxelPlaces(
+            places.positions[rows], places.normals[rows], module=places.module[rows] if module is None else module
+        )
+        with pytest.raises(InputError, match="equal numbers of taxels, numbered one after the other"):
+            common_layout(unequal)
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".txt"])
 def test_a_file_of_one_module_is_repeated(suffix: str, folder: Path) -> None:
     flat = np.column_stack([LAYOUTS["ring12"] * SPACING / 6e-3, np.zeros(12)])
