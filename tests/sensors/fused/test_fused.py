@@ -18,6 +18,7 @@ from claims.papers.fused_contacts import bench
 from palpate.errors import InputError
 from palpate.sensors.fused import _kernels as _fused
 from palpate.sensors.fused import cones as fused_cones
+from palpate.sensors.fused.agreement import Agreement
 from palpate.sensors.fused.lasting_unseen import fuse_with_unseen
 from palpate.sensors.fused.locator import Fused, FusedLocator, FusionSettings
 from palpate.sensors.fused.unseen import PUSHES, candidates
@@ -411,6 +412,22 @@ def test_the_evidence_of_a_place_is_that_of_a_gaussian() -> None:
     _, first = np.unique(labels, return_index=True)
     np.testing.assert_array_equal(unseen.cluster[unseen.region], np.argsort(np.argsort(first))[labels])
     assert (unseen.cluster[~unseen.region] == -1).all()
+
+
+@pytest.mark.parametrize(
+    ("frames", "off", "opposed", "said"),
+    [(50, 40, 40, ""), (50, 41, 41, "points against"), (50, 41, 40, "does not fit"), (49, 49, 49, "")],
+)
+def test_frames_that_disagree_are_doubted_if_they_are_over_four_in_five_of_fifty(
+    frames: int, off: int, opposed: int, said: str
+) -> None:
+    found, press = Agreement(), np.array([0.0, 0.0, -2.0])
+    for part in np.array_split(np.arange(frames), 3):
+        wrenches = np.where(part < opposed, -1.0, 1.0)[:, None] * [*press, 0.0, 0.0, 0.0]
+        yes = np.ones(len(part), dtype=np.bool_)
+        found.add(np.tile(press, (len(part), 1)), np.arange(len(part)), wrenches, yes, part < off)
+    assert said in "".join(found.warnings())
+    assert len(found.warnings()) == bool(said)
 
 
 def test_places_are_as_far_apart_as_can_be() -> None:

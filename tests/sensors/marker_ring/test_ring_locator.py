@@ -150,7 +150,7 @@ def test_the_sum_of_squares_is_at_its_least(response: RingResponse) -> None:
 
 
 def _mixed(response: RingResponse, frame: np.ndarray, plain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means and variances of angle, force and width, when the shear's posterior is summed up over a fine grid."""
+    """Mean and covariance of angle, force, width and shear, whose posterior is summed up over a fine grid."""
     (share, *kinds), held = response.dragged.tolist(), np.array([[0.0, response.dragged[2]]])
     jac = least_squares(_residuals(response, frame, plain[None], held), plain, max_nfev=1).jac
     covariance, usual = np.linalg.inv(jac.T @ jac), kinds[1]
@@ -166,7 +166,7 @@ def _mixed(response: RingResponse, frame: np.ndarray, plain: np.ndarray) -> tupl
     mean = (t * density).sum()
     gain = covariance[:, 3] / covariance[3, 3]
     left = ((t - mean) ** 2 * density).sum() - covariance[3, 3]
-    return plain + gain * (mean - plain[3]), np.diag(covariance) + gain**2 * left
+    return plain + gain * (mean - plain[3]), covariance + np.outer(gain, gain) * left
 
 
 @pytest.mark.parametrize(("depth", "slide"), [(0.002, 0.0), (0.006, 0.0), (0.004, 0.001), (0.006, 0.002)])
@@ -180,11 +180,15 @@ def test_a_shear_of_two_kinds_is_told_as_its_posterior_summed_up(
     wide = replace(bare, dragged=np.zeros(3), usual=np.array([*bare.usual[:2], 0.35]))
     plain = _located(wide, frame[None]).states[0, 0]
     told = _located(bare, frame[None]).states[0, 0]
-    mean, variance = _mixed(bare, frame, plain[:4])
+    mean, covariance = _mixed(bare, frame, plain[:4])
     wide = plain[[4, 5]]
     assert (np.abs(told[:2] - mean[:2]) < 0.03 * wide).all()
     assert abs(told[3] - mean[3]) < 0.005
-    np.testing.assert_allclose(told[4:6], np.sqrt(variance[:2]), rtol=0.02)
+    _, force, z, t = told[:4]
+    deep = force * np.array([0.0, (bare.width[0] + z * bare.width[1]) / force, bare.width[1], 0.0])  # depth's slope
+    slopes = np.stack([*np.eye(4)[:2], deep, [0.0, t, 0.0, force]])  # and that of force times shear
+    deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
+    np.testing.assert_allclose(told[[4, 5, 6, 8]], deviations, rtol=0.02)
     assert slide or abs(told[3] - plain[3]) > 0.004  # the kinds make a difference
 
 
