@@ -87,6 +87,8 @@ VALUES: dict[str, Callable[[], Any]] = {
     "ContactEstimate, single": lambda: Locator(square(), noise=np.ones(6), on=0.0).run(WRENCHES[0]),
     "Events": events,
     "Candidates": lambda: Locator(square()).candidates(WRENCHES[0]),
+    "TrueSamples": lambda: TrueSamples(np.arange(2.0), np.ones((2, 3)), force=np.ones((2, 3)), sensor=("a", "b")),
+    "TrueTouches": lambda: TrueTouches(np.zeros(2), np.ones(2), np.ones((2, 3)), ("tip", "side")),
     "Mesh": square,
     "Sphere": lambda: Sphere(R, pose=POSE),
     "Ellipsoid": lambda: Ellipsoid((R, R, 2 * R)),
