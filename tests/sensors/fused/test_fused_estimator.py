@@ -223,7 +223,6 @@ def test_sample_by_sample_the_zero_is_followed_as_in_blocks(estimator: FusedEsti
     made = FusedEstimator(*parts, drift=drift)
     readings = np.hstack([np.reshape(log.channels[name], (len(log), -1)) for name in (CELLS, FORCE, TORQUE, AVERAGED)])
     rotations = rotation_from_quaternion(log.channels[ORIENTATION])
-    made.reset()
     made.run(log)
     blocks = made.zero_history()
     made.reset()

@@ -50,7 +50,7 @@ def test_cells_do_not_answer_to_what_they_do_not_measure(count: int) -> None:
 
 def test_cells_on_a_line_are_no_plate() -> None:
     line = np.outer([0.0, 0.05, 0.2], [1.0, 2.0, 0.0])
-    for places in (line, line + [0.0, 0.0, 0.1], line + np.outer([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]), 0.0 * line):
+    for places in (line, line + np.diag([0.0, 0.0, 0.1]), 0.0 * line):
         with pytest.raises(NotIdentifiable, match="cells are "):
             plate_cells(places, np.ones(3), np.eye(3))
 

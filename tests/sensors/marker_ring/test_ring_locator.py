@@ -13,14 +13,17 @@ from scipy.optimize import least_squares
 from palpate.errors import InputError
 from palpate.optical.markers import MarkerColour
 from palpate.optical.ring_response import RingResponse, ring_basis
+from palpate.sensors.marker_ring import view as views
 from palpate.sensors.marker_ring.estimator import RingEstimator
+from palpate.sensors.marker_ring.files import of_marker_ring
+from palpate.sensors.marker_ring.layer import RingLayer
 from palpate.sensors.marker_ring.locator import RingFound, RingLocator, RingSettings, turned
 from palpate.sensors.marker_ring.model import MarkerRing
 
 pytest.importorskip("skfem")
 
 from tests.support.dice import agree, rolled
-from tests.support.drawn_markers import nominal_view
+from tests.support.drawn_markers import drawn, nominal_view
 from tests.support.ring_presses import MARKERS, NOISE, barrel, calibrated, moved, presses, tip
 
 SKIN = (0.055, 0.051)  # m, outer radius and that of the markers
@@ -43,9 +46,36 @@ def _located(response: RingResponse, frames: np.ndarray, **settings: float) -> R
     )
 
 
-def test_from_pixels_is_from_their_displacements(response: RingResponse) -> None:
+@pytest.fixture
+def ring(response: RingResponse) -> MarkerRing:
     view = nominal_view()
-    ring = MarkerRing(0.055, view, MarkerColour(), view.from_plane(view.rest), np.full(24, 150.0), 0.2, response)
+    return MarkerRing(0.055, view, MarkerColour(), view.from_plane(view.rest), np.full(24, 150.0), 0.2, response)
+
+
+def test_a_ring_s_words_are_those_of_its_calibration(ring: MarkerRing) -> None:
+    pressed, words = calibrated()[1], dict(of_marker_ring(ring))
+    assert words["calibrated"] == f"to {1e3 * pressed.depth.max():.3g} mm, {pressed.force.max():.3g} N; shear, too"
+
+
+def test_images_are_shown_four_times_a_second_while_somebody_looks(
+    ring: MarkerRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown, now = list[tuple[float, np.ndarray]](), 0.0
+    monkeypatch.setattr(views, "time", SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr(RingLayer, "feed", lambda self, frame, pixels: shown.append((now, pixels)))
+    feed, slots = (
+        views._Frames(RingEstimator(ring), RingLayer(ring)),
+        np.zeros(2, [("values", np.uint8, (480, 640, 3))]),
+    )
+    slots["values"][1] = drawn(ring.rest, 7.0)
+    for now in np.arange(0.0, 2.0, 0.05).tolist():
+        feed(slots, now < 0.99)
+    np.testing.assert_allclose([at for at, _ in shown], [0.0, 0.25, 0.5, 0.75])
+    np.testing.assert_allclose(shown[0][1], ring.rest, atol=0.5)
+
+
+def test_from_pixels_is_from_their_displacements(response: RingResponse, ring: MarkerRing) -> None:
+    view = ring.view
     pressed = moved(barrel().press([tip(0.3, 0.006), tip(3.0, 0.004)]), np.random.default_rng(7))
     frames = np.stack([0.0 * pressed, pressed, pressed])
     pixels = view.from_plane(view.rest + np.einsum("mak,nmk->nma", ring.axes(), frames))

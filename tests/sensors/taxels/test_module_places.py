@@ -167,11 +167,9 @@ def test_without_a_surface_the_left_out_figure_is_said(folder: Path) -> None:
 
 
 def test_modules_of_unequal_sizes_have_no_common_layout(skin: Forearm) -> None:
-    places, more = skin.places, np.arange(85) % 84
-    for rows, module in ((more, np.append(skin.layout.module, 7)), (more, np.full(85, -1)), (more[1:], None)):
-        unequal = TaxelPlaces(
-            places.positions[rows], places.normals[rows], module=places.module[rows] if module is None else module
-        )
+    rows = np.arange(85) % 84
+    for module in (np.append(skin.layout.module, 7), np.roll(np.append(skin.layout.module, 6), 1), np.full(85, -1)):
+        unequal = TaxelPlaces(skin.places.positions[rows], skin.places.normals[rows], module=module)
         with pytest.raises(InputError, match="equal numbers of taxels, numbered one after the other"):
             common_layout(unequal)
 
