@@ -125,11 +125,18 @@ def test_missing_readings_and_gaps_are_left_out() -> None:
     assert abs(z(found, 0.04)) < 4.0
 
 
-@pytest.mark.parametrize(("load", "swing"), [(LOAD, Swing(start=1e9)), (NOTHING, SWING)])
+@pytest.mark.parametrize(
+    ("load", "swing", "walk"), [(LOAD, Swing(start=1e9), 0.0), (NOTHING, SWING, 0.0), (NOTHING, SWING, 0.01)]
+)
 @pytest.mark.parametrize("seed", range(3))
-def test_an_arm_that_rests_and_a_sensor_that_carries_nothing_tell_nothing(load: Load, swing: Swing, seed: int) -> None:
+def test_an_arm_that_rests_and_a_sensor_that_carries_nothing_tell_nothing(
+    load: Load, swing: Swing, walk: float, seed: int
+) -> None:
+    """Nor does its zero, should it walk by half of the noise with every reading."""
+    time, wrenches, *poses = a_log(0.04, seed, load=load, swing=swing, pose_rate=10.0)
+    walked = walk * np.cumsum(np.random.default_rng(100 + seed).normal(size=(len(time), 3)), axis=0)
     with pytest.raises(NotIdentifiable, match="do not show when the arm turns"):
-        identify_offset(*a_log(0.04, seed, load=load, swing=swing, pose_rate=10.0))
+        identify_offset(time, wrenches + np.pad(walked, [(0, 0), (0, 3)]), *poses)
 
 
 def test_a_turn_that_is_too_slow_is_no_answer_however_sure_the_search_is() -> None:

@@ -16,6 +16,7 @@ import pytest
 
 from palpate.contact import Contacts, Locator
 from palpate.contact.events import Events
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.contact.touch_finder import find_touches
 from palpate.sensors.force_torque import ForceTorque
 from palpate.signals import Payload
@@ -86,6 +87,8 @@ VALUES: dict[str, Callable[[], Any]] = {
     "ContactEstimate, single": lambda: Locator(square(), noise=np.ones(6), on=0.0).run(WRENCHES[0]),
     "Events": events,
     "Candidates": lambda: Locator(square()).candidates(WRENCHES[0]),
+    "TrueSamples": lambda: TrueSamples(np.arange(2.0), np.ones((2, 3)), force=np.ones((2, 3)), sensor=("a", "b")),
+    "TrueTouches": lambda: TrueTouches(np.zeros(2), np.ones(2), np.ones((2, 3)), ("tip", "side")),
     "Mesh": square,
     "Sphere": lambda: Sphere(R, pose=POSE),
     "Ellipsoid": lambda: Ellipsoid((R, R, 2 * R)),

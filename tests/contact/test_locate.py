@@ -128,6 +128,9 @@ def test_thresholds_come_from_the_noise() -> None:
     given = Locator(lid(), noise=NOISE, off=0.7)
     assert given.off == 0.7
     assert given.on >= 0.7
+    known = np.stack([np.diag(np.square([0.01, 0.02, each, 1.0, 1.0, 1.0])) for each in (0.02, 0.06)])
+    np.testing.assert_allclose(locator.least_forces(known), [0.165, 0.33])
+    assert [*locator.least_forces(None), *given.least_forces(known)] == [locator.on, given.on]
 
 
 @pytest.mark.parametrize(

@@ -172,19 +172,20 @@ def test_a_push_is_judged_along_the_push() -> None:
 
     def press(speed: tuple[float, float], seconds: float) -> Push | None:
         test.end()
-        for k in range(round(seconds / FRAME)):
-            time = k * FRAME
-            test.touch(time, (speed[0] * time, speed[1] * time), ahead)
+        for time in np.arange(0.0, seconds, FRAME).tolist():
+            test.touch(7.0 + time, (speed[0] * time, speed[1] * time), ahead)  # whenever the clock began
         return test.push
 
-    assert press((0.0, 0.0), 0.4) is Push.WAITING
+    assert press((0.0, 0.0), 1.4) is Push.WAITING  # until both times are over
     assert press((0.0, 0.0), 1.6) is Push.STANDS
+    assert test.touch(8.6, (0.0, 0.0), (math.cos(0.5), math.sin(0.5))) is Push.STANDS  # 29 degrees aside
+    assert test.touch(8.6, (0.0, 0.0), (math.cos(0.55), math.sin(0.55))) is Push.WAITING
     assert press((0.0, 0.05), 1.6) is Push.STANDS  # it slides past
     assert press((0.01, 0.0), 1.6) is Push.MOVES
     assert press((-0.01, 0.0), 1.6) is Push.BACK
-    test.none(1.7)
+    test.none(8.7)
     assert test.push is Push.BACK
-    test.none(2.0)
+    test.none(9.0)
     assert test.push is None
 
 

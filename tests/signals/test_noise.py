@@ -9,6 +9,7 @@ from palpate.errors import InputError
 from palpate.sensors.force_torque.model import ForceTorque
 from palpate.signals.filters import Butterworth
 from palpate.signals.noise import Noise, NoiseSpectrum, estimate_noise, log_noise, rest_noise, wrong_noise
+from palpate.signals.rest import at_rest
 
 DEVIATIONS = np.array([0.02, 0.03, 0.05, 1e-3, 2e-3, 5e-4])
 RATE = 500.0  # Hz
@@ -151,6 +152,18 @@ def test_noise_that_is_stated_wrong_by_two_is_said(share: float, said: str) -> N
     sentence = wrong_noise(share * DEVIATIONS, DEVIATIONS)
     assert said in sentence
     assert bool(sentence) == bool(said)
+
+
+def test_a_tare_is_the_mean_of_readings_that_neither_scatter_nor_drift() -> None:
+    """A step of 4 deviations halfway makes their scatter sqrt(1 + 2^2) of them, which alone may be a motor's."""
+    white = np.random.default_rng(6).normal(size=(400, 6)) * DEVIATIONS
+    white[7] = np.nan
+    known, step = np.diag(DEVIATIONS**2), 4.0 * DEVIATIONS
+    np.testing.assert_allclose(at_rest(white + step, known, "a log").mean, np.nanmean(white, axis=0) + step)
+    with pytest.raises(InputError, match="changes between the two halves by"):
+        at_rest(white + (np.arange(400) >= 200)[:, None] * step, known, "a log")
+    with pytest.raises(InputError, match="scatters by"):
+        at_rest(4.0 * white, known, "a log")
 
 
 def test_a_gain_error_is_a_share() -> None:

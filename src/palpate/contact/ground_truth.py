@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
-from palpate.spatial._arrays import frozen
+from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import frozen_value
 
 
 @frozen_value
-class TrueSamples:
+class TrueSamples(Value):
     """True contacts at instants.
 
     Attributes:
@@ -44,7 +44,7 @@ class TrueSamples:
 
 
 @frozen_value
-class TrueTouches:
+class TrueTouches(Value):
     """Intervals in which one known point was touched.
 
     Attributes:

@@ -15,6 +15,9 @@ import palpate
 from claims.evidence.payload_imu import BALL, MASS, NOISE, PLACE, G, Rests, mistakes, squared_distance, touches
 from palpate.cli import main
 from palpate.contact.estimate import ROW
+from palpate.files.logs import join
+from palpate.sensors.force_torque.section import free_wrenches
+from palpate.setup.pipeline import open_log
 from palpate.signals import Payload
 from palpate.surfaces import Sphere
 from palpate_lab.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
@@ -184,6 +187,11 @@ def test_a_log_of_columns_is_calibrated_and_its_touches_are_found(
     assert payload.imu.noise == pytest.approx(NOISE[-1], rel=0.1)
     (tmp_path / "rig.toml").write_text(RIG, encoding="utf-8")
     touched = csv(tmp_path / "touch.csv", pressed, pressed.readings)
+    rig = palpate.load_rig(tmp_path / "rig.toml")
+    with open_log(csv(tmp_path / "rests.csv", rests, rests.readings), rig) as opened:
+        rested = free_wrenches(rig.resolve("force_torque"), join(list(opened)))
+    rested = rested[np.arange(len(rested)) % 34 < 25]  # noise, and that of the IMU, by which the payload is taken off
+    np.testing.assert_allclose(np.sqrt(np.mean(rested**2, axis=0)) / NOISE[:6], 1.1, atol=0.15)
     contacts = palpate.estimate(touched, tmp_path / "rig.toml")
     for k, place in enumerate(places):
         own = slice(34 * k, 34 * k + 25)  # 9 samples of a turn follow

@@ -18,6 +18,7 @@ from claims.papers.fused_contacts import bench
 from palpate.errors import InputError
 from palpate.sensors.fused import _kernels as _fused
 from palpate.sensors.fused import cones as fused_cones
+from palpate.sensors.fused.agreement import Agreement
 from palpate.sensors.fused.lasting_unseen import fuse_with_unseen
 from palpate.sensors.fused.locator import Fused, FusedLocator, FusionSettings
 from palpate.sensors.fused.unseen import PUSHES, candidates
@@ -383,6 +384,8 @@ def test_the_evidence_of_a_place_is_that_of_a_gaussian() -> None:
     unseen = FusedLocator(SURFACE).unseen_by(found.whitened[0].copy(), found.factors[0].copy())
     expected, cov = found.expected[0], twin(made, replace(FREE, turns=0))[3]
     places = candidates(SURFACE)
+    area = 2.0 * np.pi * 0.04 * 0.4  # each place is as wide as a square of its share
+    np.testing.assert_allclose(places[:, 7] ** 2, np.exp(places[:, 6]) * area / 12.0, rtol=0.01)
     by_place = {tuple(place[:3]): place for place in places}
     evidence = list[float]()
     for at in unseen.points[::7].tolist():
@@ -409,6 +412,16 @@ def test_the_evidence_of_a_place_is_that_of_a_gaussian() -> None:
     _, first = np.unique(labels, return_index=True)
     np.testing.assert_array_equal(unseen.cluster[unseen.region], np.argsort(np.argsort(first))[labels])
     assert (unseen.cluster[~unseen.region] == -1).all()
+
+
+@pytest.mark.parametrize(("off", "opposed", "said"), [(40, 40, ""), (41, 41, "against"), (41, 40, "not fit")])
+def test_over_four_in_five_of_fifty_frames_that_disagree_are_doubted(off: int, opposed: int, said: str) -> None:
+    found, press = Agreement(), np.array([0.0, 0.0, -2.0])
+    for k in range(50):
+        assert not found.warnings()
+        wrench = np.pad(-press if k < opposed else press, (0, 3))[None]
+        found.add(press[None], np.zeros(1, np.int64), wrench, np.ones(1, np.bool_), np.array([k < off]))
+    assert [said in each for each in found.warnings()] == [True] * bool(said)
 
 
 def test_places_are_as_far_apart_as_can_be() -> None:

@@ -48,6 +48,13 @@ def test_cells_do_not_answer_to_what_they_do_not_measure(count: int) -> None:
     assert cells.inverse()[2].shape == (count - 3, count)
 
 
+def test_cells_on_a_line_are_no_plate() -> None:
+    line = np.outer([0.0, 0.05, 0.2], [1.0, 2.0, 0.0])
+    for places in (line, line + np.diag([0.0, 0.0, 0.1]), 0.0 * line):
+        with pytest.raises(NotIdentifiable, match="cells are "):
+            plate_cells(places, np.ones(3), np.eye(3))
+
+
 def test_an_uneven_plate_is_read_by_the_same_balance_and_leaves_nothing_over() -> None:
     cells = plate_of(6)
     made = uneven(cells, np.random.default_rng(2).normal(size=(3, 3)))

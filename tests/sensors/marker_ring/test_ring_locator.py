@@ -13,14 +13,17 @@ from scipy.optimize import least_squares
 from palpate.errors import InputError
 from palpate.optical.markers import MarkerColour
 from palpate.optical.ring_response import RingResponse, ring_basis
+from palpate.sensors.marker_ring import view as views
 from palpate.sensors.marker_ring.estimator import RingEstimator
+from palpate.sensors.marker_ring.files import of_marker_ring
+from palpate.sensors.marker_ring.layer import RingLayer
 from palpate.sensors.marker_ring.locator import RingFound, RingLocator, RingSettings, turned
 from palpate.sensors.marker_ring.model import MarkerRing
 
 pytest.importorskip("skfem")
 
 from tests.support.dice import agree, rolled
-from tests.support.drawn_markers import nominal_view
+from tests.support.drawn_markers import drawn, nominal_view
 from tests.support.ring_presses import MARKERS, NOISE, barrel, calibrated, moved, presses, tip
 
 SKIN = (0.055, 0.051)  # m, outer radius and that of the markers
@@ -43,9 +46,36 @@ def _located(response: RingResponse, frames: np.ndarray, **settings: float) -> R
     )
 
 
-def test_from_pixels_is_from_their_displacements(response: RingResponse) -> None:
+@pytest.fixture
+def ring(response: RingResponse) -> MarkerRing:
     view = nominal_view()
-    ring = MarkerRing(0.055, view, MarkerColour(), view.from_plane(view.rest), np.full(24, 150.0), 0.2, response)
+    return MarkerRing(0.055, view, MarkerColour(), view.from_plane(view.rest), np.full(24, 150.0), 0.2, response)
+
+
+def test_a_ring_s_words_are_those_of_its_calibration(ring: MarkerRing) -> None:
+    pressed, words = calibrated()[1], dict(of_marker_ring(ring))
+    assert words["calibrated"] == f"to {1e3 * pressed.depth.max():.3g} mm, {pressed.force.max():.3g} N; shear, too"
+
+
+def test_images_are_shown_four_times_a_second_while_somebody_looks(
+    ring: MarkerRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown, now = list[tuple[float, np.ndarray]](), 0.0
+    monkeypatch.setattr(views, "time", SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr(RingLayer, "feed", lambda self, frame, pixels: shown.append((now, pixels)))
+    feed, slots = (
+        views._Frames(RingEstimator(ring), RingLayer(ring)),
+        np.zeros(2, [("values", np.uint8, (480, 640, 3))]),
+    )
+    slots["values"][1] = drawn(ring.rest, 7.0)
+    for now in np.arange(0.0, 2.0, 0.05).tolist():
+        feed(slots, now < 0.99)
+    np.testing.assert_allclose([at for at, _ in shown], [0.0, 0.25, 0.5, 0.75])
+    np.testing.assert_allclose(shown[0][1], ring.rest, atol=0.5)
+
+
+def test_from_pixels_is_from_their_displacements(response: RingResponse, ring: MarkerRing) -> None:
+    view = ring.view
     pressed = moved(barrel().press([tip(0.3, 0.006), tip(3.0, 0.004)]), np.random.default_rng(7))
     frames = np.stack([0.0 * pressed, pressed, pressed])
     pixels = view.from_plane(view.rest + np.einsum("mak,nmk->nma", ring.axes(), frames))
@@ -150,7 +180,7 @@ def test_the_sum_of_squares_is_at_its_least(response: RingResponse) -> None:
 
 
 def _mixed(response: RingResponse, frame: np.ndarray, plain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means and variances of angle, force and width, when the shear's posterior is summed up over a fine grid."""
+    """Mean and covariance of angle, force, width and shear, whose posterior is summed up over a fine grid."""
     (share, *kinds), held = response.dragged.tolist(), np.array([[0.0, response.dragged[2]]])
     jac = least_squares(_residuals(response, frame, plain[None], held), plain, max_nfev=1).jac
     covariance, usual = np.linalg.inv(jac.T @ jac), kinds[1]
@@ -166,7 +196,7 @@ def _mixed(response: RingResponse, frame: np.ndarray, plain: np.ndarray) -> tupl
     mean = (t * density).sum()
     gain = covariance[:, 3] / covariance[3, 3]
     left = ((t - mean) ** 2 * density).sum() - covariance[3, 3]
-    return plain + gain * (mean - plain[3]), np.diag(covariance) + gain**2 * left
+    return plain + gain * (mean - plain[3]), covariance + np.outer(gain, gain) * left
 
 
 @pytest.mark.parametrize(("depth", "slide"), [(0.002, 0.0), (0.006, 0.0), (0.004, 0.001), (0.006, 0.002)])
@@ -180,11 +210,15 @@ def test_a_shear_of_two_kinds_is_told_as_its_posterior_summed_up(
     wide = replace(bare, dragged=np.zeros(3), usual=np.array([*bare.usual[:2], 0.35]))
     plain = _located(wide, frame[None]).states[0, 0]
     told = _located(bare, frame[None]).states[0, 0]
-    mean, variance = _mixed(bare, frame, plain[:4])
+    mean, covariance = _mixed(bare, frame, plain[:4])
     wide = plain[[4, 5]]
     assert (np.abs(told[:2] - mean[:2]) < 0.03 * wide).all()
     assert abs(told[3] - mean[3]) < 0.005
-    np.testing.assert_allclose(told[4:6], np.sqrt(variance[:2]), rtol=0.02)
+    _, force, z, t = told[:4]
+    deep = force * np.array([0.0, (bare.width[0] + z * bare.width[1]) / force, bare.width[1], 0.0])  # depth's slope
+    slopes = np.stack([*np.eye(4)[:2], deep, [0.0, t, 0.0, force]])  # and that of force times shear
+    deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
+    np.testing.assert_allclose(told[[4, 5, 6, 8]], deviations, rtol=0.02)
     assert slide or abs(told[3] - plain[3]) > 0.004  # the kinds make a difference
 
 

@@ -26,6 +26,16 @@ def test_a_polynomial_is_found_within_its_own_deviations() -> None:
     assert curve.residual == pytest.approx(1.0, rel=0.15)
 
 
+@pytest.mark.parametrize(("degree", "misfits"), [(1, True), (2, False)])
+def test_a_polynomial_of_too_low_a_degree_is_less_sure_than_by_its_residuals(degree: int, misfits: bool) -> None:
+    """Those of a line through a curve go together: stretches left out are not where the others predict."""
+    terms = np.linspace(0.0, 12.0, 400)[:, None] ** np.arange(degree + 1)
+    reading = _pressed(terms[:, 1])
+    variance = np.linalg.lstsq(terms, reading, rcond=None)[1][0] / (399 - degree)
+    found = identify_intensity(terms[:, 1], reading, kind="polynomial", degree=degree).curves[0]
+    assert (found.covariance[0, 0] > 5.0 * variance * np.linalg.inv(terms.T @ terms)[1, 1]) == misfits
+
+
 @pytest.mark.parametrize("kind", ["auto", "polynomial", "monotone"])
 def test_every_kind_predicts_forces_that_it_has_not_seen(kind: str) -> None:
     """To 0.15 N: five times the fit's deviation of 0.03 N, and the chord of twelve knots."""

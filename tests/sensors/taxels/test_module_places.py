@@ -156,13 +156,22 @@ def test_places_are_found_where_the_pose_has_the_surface(folder: Path) -> None:
     (folder / "work.toml").write_text((folder / "posed.toml").read_text() + 'taxels = "posed_places.toml"\n')
     body = load_rig(folder / "work.toml").resolve("skin").of(SkinSection).body
     np.testing.assert_allclose(body.positions, MOUNT.inverse().apply(found.positions), atol=1e-12)
-    assert "farther than they are large" in _laid(folder, "lost", "rough.txt", "--layout", "ring12")[1]
+    _, said = _laid(folder, "lost", "rough.txt", "--layout", "ring12", "--spacing", "0.006")
+    assert "farther than they are large (24 mm)" in said  # four spacings from corner to corner
 
 
 def test_without_a_surface_the_left_out_figure_is_said(folder: Path) -> None:
     """Taxels 1 mm off along each axis are 1.7 to 2.5 mm from a prediction by eleven others."""
     _, said = _laid(folder, "bare", "rough.txt", "--layout", "ring12", "--spacing", "0.0055")
     assert 1.5 < float(said.split("left-out taxels are ")[1].split(" mm")[0]) < 2.7
+
+
+def test_modules_of_unequal_sizes_have_no_common_layout(skin: Forearm) -> None:
+    rows = np.arange(85) % 84
+    for module in (np.append(skin.layout.module, 7), np.roll(np.append(skin.layout.module, 6), 1), np.full(85, -1)):
+        unequal = TaxelPlaces(skin.places.positions[rows], skin.places.normals[rows], module=module)
+        with pytest.raises(InputError, match="equal numbers of taxels, numbered one after the other"):
+            common_layout(unequal)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".txt"])

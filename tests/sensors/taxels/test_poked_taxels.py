@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
+from scipy.spatial.transform import Rotation
 
 from claims.evidence.taxel_limit import priors_of
 from palpate.errors import InputError, NotIdentifiable
@@ -152,6 +154,17 @@ def test_modules_bent_on_their_link_are_as_long_as_laid_flat() -> None:
         found = lengths(ModuleLayout.of(places, bent=bent).places)
         np.testing.assert_allclose(found, exact, atol=off)
     assert np.abs(lengths(ModuleLayout.of(skin.places).places) - exact).max() > 0.3e-3
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, 1.0, np.pi / 2])
+def test_a_long_module_bent_askew_is_as_long_as_laid_flat(angle: float) -> None:
+    """6 x 18 mm wound at any angle round 32 mm, which shortens it by up to 0.25 mm."""
+    flat = np.stack(np.meshgrid(np.linspace(-9e-3, 9e-3, 7), np.linspace(-3e-3, 3e-3, 3)), axis=-1).reshape(-1, 2)
+    around, along = Rotation.from_euler("z", angle).as_matrix()[:2, :2] @ flat.T
+    outward = np.column_stack([np.cos(around / 0.032), np.sin(around / 0.032), np.zeros(21)])
+    bent = TaxelPlaces(0.032 * outward + along[:, None] * [0.0, 0.0, 1.0], outward, module=np.zeros(21, np.int64))
+    found = ModuleLayout.of(bent, bent=True).places
+    np.testing.assert_allclose(pdist(found), pdist(flat), atol=3e-6)
 
 
 def test_the_covariance_holds_pokes_that_get_denser_to_one_side(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.contact.ground_truth import TrueSamples
+from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels import _loads
 from palpate.sensors.taxels.calibrate_response import identify_response
@@ -93,6 +94,15 @@ def test_the_forces_of_two_touches_are_found_exactly() -> None:
     order = np.argsort(found.point[:, 0])
     np.testing.assert_allclose(found.point[order, :2], PITCH * touches[:, :2], atol=1e-6)
     np.testing.assert_allclose(found.force[order], touches[:, 3:6] * [1, 1, -1], atol=1e-3)
+
+
+@pytest.mark.parametrize(("stated", "own", "used"), [(10.0, 2.0, 2.0), (1.0, 2.0, 1.0), (np.inf, 2.0, np.inf)])
+def test_the_rest_is_followed_within_the_shorter_time_or_never(stated: float, own: float, used: float) -> None:
+    body = body_of(replace(TaxelResponse.guessed(30, PITCH), drift=own))
+    estimator = TaxelEstimator(body, settings=TaxelSettings(drift=stated), health=still(body, 1.0))
+    for k in range(31):
+        estimator.update(0.1 * k, np.full((30, 3), 0.5))
+    np.testing.assert_allclose(estimator.rest[0], 0.5 * (1.0 - np.exp(-3.0 / used)), rtol=1e-9)
 
 
 def test_covariances_hold_with_patches_torques_and_noise_drawn() -> None:

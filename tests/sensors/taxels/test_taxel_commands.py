@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from socket import create_server
 from typing import BinaryIO
 
 import numpy as np
@@ -17,7 +18,7 @@ from palpate.files.messages import MessageBlock
 from palpate.files.models import read_model
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
-from palpate.sensors.taxels.places_page import TaxelPage
+from palpate.sensors.taxels.places_page import TaxelPage, serve_taxels
 from palpate.sensors.taxels.poking.evaluate import compare_places
 from palpate.sensors.taxels.poking.files import open_pokes
 from palpate.sensors.taxels.section import SkinSection
@@ -165,6 +166,16 @@ def test_a_plan_of_pokes_makes_the_worst_taxel_better(folder: Path, capsys: pyte
 def test_a_page_shows_the_places(folder: Path) -> None:
     with TaxelPage(read_taxel_places(folder / "cad.txt"), None, "cad", (("taxels", "84"),), port=0) as page:
         assert page.address.startswith("http://127.0.0.1:")
+    with create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    addresses = list[str]()
+
+    def up(address: str) -> None:
+        addresses.append(address)
+        raise KeyboardInterrupt  # as Ctrl-C does
+
+    serve_taxels(read_taxel_places(folder / "cad.txt"), None, "cad", (), port=port, up=up)
+    assert [each.startswith(f"http://127.0.0.1:{port}/") for each in addresses] == [True]
 
 
 def _degrees(folder: Path) -> str:
