@@ -91,7 +91,7 @@ class JsonLines:
 
     def publish(self, slots: np.ndarray) -> list[int]:
         """Send a line for each of some slots (n,) of a ring, and return the numbers of the samples that were sent."""
-        return [int(slot["number"]) - 1 for slot in slots if slot["ready"] and self._send(slot)]
+        return [int(slot["number"]) - 1 for slot in slots if slot["ready"] and slot["rows"] and self._send(slot)]
 
     def tare_requested(self) -> bool:
         """Return False, because listeners cannot request a tare."""

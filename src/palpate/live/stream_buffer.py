@@ -103,7 +103,7 @@ class SlotForm:
 
     @property
     def numbered(self) -> bool:
-        """Whether a row of contacts ends with an identity, as of sensors with several contacts."""
+        """True if a row of contacts ends with an identity, as of sensors with several contacts."""
         return self.width > ROW.length + len(self.features)
 
     def slot(self) -> np.dtype[np.void]:
