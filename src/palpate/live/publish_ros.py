@@ -157,9 +157,9 @@ class RosPublisher:
         """Return the parts of each message of a file of contacts that a ContactArray has."""
         start = _HEADER + int(everything["named"][0])
         fields = start + -(start - 4) % 8
-        whole = [_payload(everything[k : k + 1]) for k in range(len(everything))]
-        size = len(whole[0]) - fields - 8 * len(self._form.features) - 1
-        return [_Contact(each[4:start], each[fields : fields + size], each[-1:]) for each in whole]
+        payloads = [_payload(everything[k : k + 1]) for k in range(len(everything))]
+        size = len(payloads[0]) - fields - 8 * len(self._form.features) - 1
+        return [_Contact(each[4:start], each[fields : fields + size], each[-1:]) for each in payloads]
 
 
 class _Contact(NamedTuple):

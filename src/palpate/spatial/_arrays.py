@@ -14,7 +14,7 @@ from palpate.errors import InputError
 
 Shape = tuple[int | EllipsisType | None, ...]  # first, None: any length, or ...: any leading axes
 
-LARGEST = 2**62  # of whole numbers that are taken as they are
+LARGEST = 2**62  # integers are smaller than this in magnitude
 _KINDS = {"f": "biuf", "i": "iu", "u": "iu", "b": "b"}  # of numbers that arrays of a kind are made from
 FLOAT, INT8, INT64 = np.dtype(np.float64), np.dtype(np.int8), np.dtype(np.int64)
 
