@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 from claims.evidence.servo_log import ServoLog
 from palpate.calibration.servo import ServoFit, identify_servo
+from palpate.calibration.servo_motion import CommandChanges, ServoMotion
 from palpate.cli import main
 from palpate.control.servo import Servo, ServoModel
 from palpate.errors import InputError, NotIdentifiable, PalpateError
@@ -42,11 +44,22 @@ def identified(log: ServoLog) -> tuple[ServoFit, int]:
 def test_delay_lag_and_kind_are_found_to_a_millisecond(log: ServoLog) -> None:
     found, lost = identified(log)
     assert (found.servo.order, found.servo.ramp > 0.0) == (log.order, log.ramp)
-    assert found.servo.delay == pytest.approx(log.delay, abs=1e-3)
-    assert found.servo.lag == pytest.approx(log.lag, abs=1e-3)
+    assert found.servo.delay == pytest.approx(log.delay, abs=2e-4)
+    assert found.servo.lag == pytest.approx(log.lag, abs=1e-4)
     assert found.servo.period == pytest.approx(log.period, abs=2e-5)
     assert abs(found.lost - lost) <= 0.1 * lost
     assert found.validation.parts == 4
+
+
+def test_a_late_command_changes_positions_as_stated() -> None:
+    """Against the model with one command that comes 1 ms later, and whose ramp ends before the next one."""
+    time, commands, positions, _ = rows(ServoLog(rate=200.0))
+    sent, none = time[::4], np.zeros(len(time[::4]))
+    motion, at = ServoMotion(time, positions, sent, commands[::4], 0.02, 0.0, none, 0.015), np.array([0.021, 0.033])
+    late = np.where(np.arange(len(sent)) == 700, 1e-3, 0.0)
+    change = replace(motion, late=late).model(*at.tolist()) - motion.model(*at.tolist())
+    stated = CommandChanges(motion, at, motion.begins + 1e-3, 1.0).change(late / 1e-3)
+    assert np.abs(stated - change).max() < 1e-3 * np.abs(change).max()
 
 
 def test_deviations_hold() -> None:

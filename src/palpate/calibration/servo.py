@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.calibration.servo_commands import lost_commands, sent_commands
-from palpate.calibration.servo_motion import CAUCHY, SEARCH, Pair, ServoMotion, spread_of
+from palpate.calibration.servo_motion import CAUCHY, LEAST_JITTER, SEARCH, Pair, ServoMotion, spread_of
 from palpate.calibration.validation import Validation, cross_validate
 from palpate.control.servo import Servo
 from palpate.errors import InputError, NotIdentifiable
@@ -68,7 +68,8 @@ def identify_servo(
 
     The model is that of `Servo`. Cauchy's likelihood of the positions is maximised over delay and lag, with an offset
     and a gain for each joint; kinds of servo (order 2 or 1, with or without interpolation) compete. Commands whose
-    omission explains the positions are taken for lost. The standard deviations are the sandwich over stretches of 1 s.
+    omission explains the positions are taken for lost. Each command may be taken a little late, by its own time; the
+    likelihood has these times integrated out. The standard deviations are the sandwich over stretches of 1 s.
 
     Args:
         command_time: (m,) [s] when each command was sent; repeated commands do not count. Where rows come steadily and
@@ -112,7 +113,7 @@ def _left_out(motion: ServoMotion, values: Pair) -> Validation:
 
     def predict(left: Bool[np.ndarray, " k"]) -> tuple[Pair, Float[np.ndarray, "2 2"]]:
         part, rest = motion.part(left), motion.part(~left)
-        one, other = part.fitted(values), rest.fitted(values)
+        (part, one), (rest, other) = part.refined(values), rest.refined(values)
         return one - other, part.spread(one)[0] + rest.spread(other)[0]
 
     return cross_validate(len(motion.time), predict)
@@ -146,7 +147,8 @@ def _motion(
             "commands and positions do not overlap in time, or positions stand still.",
             hint="Stamp both by one clock, and name the columns or topics of measured positions.",
         )
-    return ServoMotion(position_time[fresh], positions[fresh], sent, targets, round(period, 5), unsure)
+    late = np.zeros(len(sent))
+    return ServoMotion(position_time[fresh], positions[fresh], sent, targets, round(period, 5), unsure, late)
 
 
 def _coarse(motion: ServoMotion) -> float:
@@ -189,15 +191,18 @@ def _mistake(gain: float, share: float, joint: int) -> str:
 
 
 def _without_lost(motion: ServoMotion, start: Pair) -> tuple[ServoMotion, Pair]:
-    """Return the motion without the commands that the positions show as lost, and its delay and lag."""
-    values = motion.fitted(start)
-    for _ in range(4):
-        lost = lost_commands(motion, values)
-        if not lost.any():
-            break
-        motion = replace(motion, sent=motion.sent[~lost], targets=motion.targets[~lost])
-        values = motion.fitted(values)
-    return motion, values
+    """Return the motion without the commands that the positions show as lost, and its delay and lag.
+
+    Lateness is found at the end: while delay and lag are far off, it would explain a lost command.
+    """
+    kept, rest, values = np.full(len(motion.sent), True), motion, motion.fitted(start)
+    for refine in (False, False, False, True, True):
+        late = np.zeros(len(kept))
+        late[kept] = rest.late
+        kept = ~lost_commands(replace(motion, late=late), values)
+        rest = replace(motion, sent=motion.sent[kept], targets=motion.targets[kept], late=late[kept])
+        rest, values = rest.refined(values) if refine else (rest, rest.fitted(values))
+    return rest, values
 
 
 def _best(fits: list[tuple[ServoMotion, Pair]]) -> tuple[int, list[int]]:
@@ -206,7 +211,8 @@ def _best(fits: list[tuple[ServoMotion, Pair]]) -> tuple[int, list[int]]:
     Another than the first must be better beyond chance.
     """
     scale = min(spread_of(motion.compared(*values)[0]) for motion, values in fits)
-    costs = [motion.costs(values, scale) for motion, values in fits]
+    jitter = max(LEAST_JITTER, min(float(np.sqrt(np.mean(motion.late**2))) for motion, _ in fits))
+    costs = [motion.costs(values, scale, jitter) for motion, values in fits]
     usable = [k for k, (_, values) in enumerate(fits) if values[0] > -SURE * FLOOR] or [*range(len(fits))]
 
     def better(k: int, other: int) -> bool:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from palpate.calibration.servo_motion import GRID, Pair, ServoMotion, lagging, spread_of
+from palpate.calibration.servo_motion import CommandChanges, Pair, ServoMotion, spread_of
 from palpate.spatial.arguments import takes_arrays
 
 LEAST = 10  # commands
 STEADY = 0.05  # of the usual distance of two rows, below which it is always the same
 STRONG = 50.0  # chi-square of a command that was lost
-DECAYED = 6.0  # lags
 
 
 Values = Float[np.ndarray, " k"]
@@ -83,33 +81,7 @@ def lost_commands(motion: ServoMotion, values: Pair) -> Bool[np.ndarray, " m"]:
     Raises:
         InputError: arrays of other shapes.
     """
-    from scipy.sparse import csc_matrix, diags_array  # here: it takes 0.2 s to import
-    from scipy.sparse.linalg import spsolve
-
     residual, _ = motion.compared(*values.tolist())
-    scale, steps = spread_of(residual), np.diff(motion.targets, axis=0, prepend=motion.targets[:1])
-    waits, rows = _waits(motion, *values.tolist())
-    starts = np.append(0, np.cumsum([len(row) for row in rows]))
-    pulses: Any = csc_matrix((np.concatenate(waits), np.concatenate(rows), starts), shape=(len(residual), len(rows)))
-    right = -np.sum(steps * (pulses.T @ residual), axis=1)
-    pairs = (pulses.T @ pulses).tocoo()
-    size = np.sum(steps[pairs.row] * steps[pairs.col], axis=1) * pairs.data
-    matrix: Any = csc_matrix((size, (pairs.row, pairs.col)), shape=pairs.shape)
-    share = spsolve(matrix + diags_array(np.full(len(rows), (5.0 * scale) ** 2)).tocsc(), right)
-    return np.asarray((share > 0.5) & (matrix.diagonal() > STRONG * scale**2))
-
-
-def _waits(motion: ServoMotion, delay: float, lag: float) -> tuple[list[Values], list[Int[np.ndarray, " k"]]]:
-    """Return what waiting for the next command changes, for a step of 1 by each command, and in which rows."""
-    grid: Values = np.arange(0.0, motion.ramp + DECAYED * lag + GRID, GRID)
-    answer = lagging(np.clip(grid / max(motion.ramp, GRID), 0.0, 1.0)[:, None], lag, motion.order)[:, 0]
-    at: Values = motion.time - delay
-    waits, rows = list[Values](), list[Int[np.ndarray, " k"]]()
-    for begin, end in pairwise([*motion.sent.tolist(), float(motion.sent[-1]) + motion.period]):
-        first, last = np.searchsorted(at, [begin, end + float(grid[-1])]).tolist()
-        row = np.arange(int(first), int(last))
-        passed: Values = at[row]
-        late = np.where(passed > end, np.interp(passed - end, grid, answer), 0.0)
-        waits.append(np.interp(passed - begin, grid, answer) - late)
-        rows.append(row)
-    return waits, rows
+    scale, last = spread_of(residual), motion.begins[-1] + motion.period
+    waits = CommandChanges(motion, values, np.append(motion.begins[1:], last), (5.0 * scale) ** 2)
+    return (waits.shares(residual) > 0.5) & (waits.sizes > STRONG * scale**2)

@@ -19,10 +19,12 @@ SETTLED = 6.0  # lags after which a motion has decayed, to (1 + 12) exp(-12)
 FAINT = 2e-5  # rad or m: least difference of feedback from the model (encoders)
 SAG = 1e-3  # rad or m, of joints from their commands at the start
 ODD = 16.0  # chi-square per joint above which the model does not explain feedback
-LESS = 0.1  # of it that remains without a command that was lost
+LESS = 0.1  # of it that remains without a lost command; until the servo is LEARNT, of what another servo leaves
 CORRECTION = 0.1  # s: time constant by which feedback corrects the offset
+SINK = 1e-4  # rad or m per square root of a second, of the offset: a contact bends the robot
 WANDER = 2e-4  # s per square root of a second, of delay and lag
 SOUND = 2.0  # chi-square per joint up to which another servo explains feedback that is odd
+LEARNT = 5e-4  # s: standard deviation of delay and lag
 WIDENED = 2e-3  # s, by which delay and lag may be other than was learnt, where feedback is odd
 BOUND = 3.0  # standard deviations of delay and lag as stated, beyond which neither is looked for
 STEP = 5e-4  # s, of the lag, of a finite difference
@@ -91,9 +93,9 @@ class ServoModel:
 
     The model is exact for ramps of commands. Delay, lag and each joint's offset from the model (sag, deflection,
     friction) are states of an iterated Kalman filter that feedback corrects: delay and lag from what was stated, with
-    `Servo.known` as standard deviation; the offset follows with a time constant of 0.1 s. A command that the feedback
-    shows as lost is removed. Feedback that nothing explains is ignored; where the next one agrees with it, the model
-    begins from there.
+    `Servo.known` as standard deviation; the offset follows with a time constant of 0.1 s or, as a contact bends the
+    robot, sooner. A command that the feedback shows as lost is removed. Feedback that nothing explains is ignored;
+    where the next one agrees with it, the model begins from there.
 
     Args:
         servo: times with which the robot follows commands, as stated.
@@ -170,7 +172,7 @@ class ServoModel:
             first, (size, *learnt) = size, self._explained(time, joints, widened=WIDENED)
             found = Feedback.ODD if size > SOUND else found
             lost, other = self._lost(time, joints)
-            if other < min(ODD, LESS * first):
+            if other < min(ODD, LESS * (first if self.found.known < LEARNT else size)):
                 found, size = Feedback.LOST, other
         self._usual = max(FAINT, self._usual * math.sqrt(1.0 + USUAL * (min(size, 4.0) - 1.0)))
         if found == Feedback.ODD:
@@ -265,7 +267,7 @@ class ServoModel:
         """
         passed = max(0.0, time - self._fed)
         spread, state, values = self._covariance.copy(), self._trial[0], self._values
-        added = np.full(len(values), (self._usual * passed / CORRECTION) ** 2)
+        added = np.full(len(values), (self._usual * passed / CORRECTION) ** 2 + SINK**2 * passed)
         added[:2] = WANDER**2 * passed + widened**2 if self.servo.known > 0.0 else 0.0
         spread.flat[:: len(values) + 1] += added
         size, covariance = np.nan, spread
