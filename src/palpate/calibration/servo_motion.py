@@ -158,9 +158,10 @@ class CommandChanges:
         first = np.asarray(np.searchsorted(at, begins), dtype=np.int64)
         counts = np.asarray(np.searchsorted(at, ends + float(grid[-1])), dtype=np.int64) - first
         starts = np.append(0, np.cumsum(counts)).astype(np.int64)
-        rows: Any = np.arange(starts[-1]) + np.repeat(first - starts[:-1], counts)
-        passed, after = at[rows] - np.repeat(begins, counts), at[rows] - np.repeat(ends, counts)
-        waits: Any = np.interp(passed, grid, answer) - np.where(after > 0.0, np.interp(after, grid, answer), 0.0)
+        rows = np.asarray(np.arange(starts[-1]) + np.repeat(first - starts[:-1], counts), dtype=np.int64)
+        passed = np.asarray(at[rows] - np.repeat(begins, counts), dtype=np.float64)
+        after = np.asarray(at[rows] - np.repeat(ends, counts), dtype=np.float64)
+        waits = np.interp(passed, grid, answer) - np.where(after > 0.0, np.interp(after, grid, answer), 0.0)
         self._steps = np.diff(motion.targets, axis=0, prepend=motion.targets[:1])
         self._waits: Any = csc_matrix((waits, rows, starts), (len(at), len(counts)))
         pairs = (self._waits.T @ self._waits).tocoo()
