@@ -26,7 +26,7 @@ class StuckWatch:
     def __init__(self, limits: Float[np.ndarray, "6"] | None = None) -> None:
         self.stuck = ""
         self._finder = StuckWrenches(limits)
-        self._time, self._wrenches, self._count = list[np.ndarray](), list[np.ndarray](), 0
+        self._time, self._wrenches, self._count = np.empty(MOST), np.empty((MOST, 6)), 0
 
     def add(self, time: Float[np.ndarray, " n"], wrenches: Float[np.ndarray, "n 6"]) -> str:
         """Add wrenches (n, 6) as recorded at times (n,) [s], and return an event, a sentence, or "".
@@ -34,13 +34,16 @@ class StuckWatch:
         Raises:
             InputError: arrays of other shapes.
         """
-        self._time.append(time)
-        self._wrenches.append(wrenches.copy())
-        self._count += len(time)
-        if self._count < MOST and abs(time[-1] - self._time[0][0]) < EVERY:
-            return ""
-        self._finder.find(np.concatenate(self._time), np.concatenate(self._wrenches))
-        self._time, self._wrenches, self._count = [], [], 0
+        first, self._count = self._count, self._count + len(time)
+        if self._count < MOST:
+            self._time[first : self._count], self._wrenches[first : self._count] = time, wrenches
+            if abs(time[-1] - self._time[0]) < EVERY:
+                return ""
+            time, wrenches, first = self._time[: self._count], self._wrenches[: self._count], 0
+        self._finder.find(
+            np.concatenate([self._time[:first], time]), np.concatenate([self._wrenches[:first], wrenches])
+        )
+        self._count = 0
         before, self.stuck = self.stuck, self._finder.stuck
         if self.stuck and self.stuck != before:
             return f"{self.stuck} does not change: contacts are invalid until it does"

@@ -19,6 +19,7 @@ FINE = 3.0  # quanta of a channel in its usual step
 NOISY = 3  # channels with noise, without which a log is made up and may stand still
 KNOWN = 10  # changes of a channel that show its quanta
 SHOWN = 3  # stretches with a note of their own
+_EDGE = np.array([True])
 
 
 @dataclass
@@ -71,8 +72,10 @@ class _Run:
         """Return [start, end) of each stretch that is stuck, and the row from which on later rows decide."""
         if not (self.open and same[0]):
             self.close()
-        starts = np.flatnonzero(np.append(True, ~same[1:]))
-        ends, total = np.append(starts[1:], len(same)), np.append(0, np.cumsum(counted))
+        edges = np.flatnonzero(np.concatenate([_EDGE, ~same[1:], _EDGE]))
+        if not self.open and np.diff(edges).max() < self.least:
+            return [], int(edges[-2])
+        starts, ends, total = edges[:-1], edges[1:], np.append(0, np.cumsum(counted))
         stuck = total[ends] - total[starts] >= self.least
         stuck[0] |= self.open
         return np.stack([starts, ends], axis=1)[stuck].tolist(), len(same) if stuck[-1] else int(starts[-1])
@@ -135,10 +138,14 @@ class StuckWrenches:
             self._runs = _runs(wrench[:enough], same[:enough])
         if not len(wrench):
             return np.zeros(0, dtype=bool)
-        numbers, stuck = _filled(self._known, wrench), np.zeros(len(wrench), dtype=bool)
+        finite = np.isfinite(wrench)
+        numbers, stuck = _filled(self._known, wrench, finite), np.zeros(len(wrench), dtype=bool)
+        counted = ~same & finite.all(axis=1)
         ready, spans = len(wrench), list[list[list[int]]]()
         for run in self._runs:
-            found, decided = run.spans(*self._repeated(run, numbers, same, stuck))
+            whole = run.channel is None
+            repeated = same if whole else self._repeated(run, numbers, stuck)
+            found, decided = run.spans(repeated, ~stuck if whole else counted)
             spans.append(found)
             ready = ready if complete else min(ready, decided)
             for start, end in found if run.channel is None else ():
@@ -172,16 +179,12 @@ class StuckWrenches:
         return (*(each.note() for each in found[:SHOWN]), *(said if more else []))
 
     def _repeated(
-        self, run: _Run, numbers: Float[np.ndarray, "m 6"], same: Bool[np.ndarray, " n"], stuck: Bool[np.ndarray, " n"]
-    ) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Return which rows repeat the value of the run, and which of them count: those in which others change."""
-        if run.channel is None:
-            return same, np.ones(len(same), dtype=bool)
+        self, run: _Run, numbers: Float[np.ndarray, "m 6"], stuck: Bool[np.ndarray, " n"]
+    ) -> Bool[np.ndarray, " n"]:
+        """Return which rows repeat the value of the run's channel."""
         now, before = (rows[:, run.columns][:, 0] for rows in (numbers[1:], numbers[:-1]))
         repeated = (now == before) & ~stuck & ~(np.abs(now) >= self._limits[run.columns])
-        if run.once:
-            repeated &= ~np.logical_or.accumulate(_changed(run, numbers))
-        return repeated, ~same & np.isfinite(self._wrench).all(axis=1)
+        return repeated & ~np.logical_or.accumulate(_changed(run, numbers)) if run.once else repeated
 
     def _noted(self, run: _Run, start: int, end: int, ready: int) -> int:
         """Note a stretch that is stuck, as far as it has an answer, and return its first row that was not measured."""
@@ -208,9 +211,13 @@ def _changed(run: _Run, numbers: Float[np.ndarray, "m 6"]) -> Bool[np.ndarray, "
     return (now != before) & np.isfinite(before) & np.isfinite(now)
 
 
-def _filled(known: Float[np.ndarray, "1 6"], wrench: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "m 6"]:
+def _filled(
+    known: Float[np.ndarray, "1 6"], wrench: Float[np.ndarray, "n 6"], finite: Bool[np.ndarray, "n 6"]
+) -> Float[np.ndarray, "m 6"]:
     """Return the known numbers, then each row with the last number of a channel where it has none."""
     values = np.concatenate([known, wrench])
+    if finite.all():
+        return values
     rows = np.where(np.isfinite(values), np.arange(len(values))[:, None], 0)
     return np.take_along_axis(values, np.maximum.accumulate(rows, axis=0), axis=0)
 
