@@ -11,11 +11,9 @@ from itertools import product
 import numpy as np
 
 from claims.evidence.servo_contacts import LABS
-from claims.evidence.servo_log import ServoLog
 from claims.papers.moving_phantom.conditions import DIRECTIONS, sine
 from claims.papers.moving_phantom.study import SKIPPED
 from claims.row import Row
-from palpate.calibration.servo import ServoFit, identify_servo
 from palpate.console.parallel import each_done
 from palpate.control.align import AlignController
 from palpate.control.servo import Servo
@@ -26,7 +24,6 @@ OFF, BAND, RATIO = 0.010, 0.6, 1.5  # s, N, and angle over the exact figure
 PERIODS, SEED, LOST = (10, 5, 2), 300, 0.05
 OUTSIDE, HELD = 0.2, 0.95  # s without `hold`, and least share of cycles inside
 SPIKE, EVERY = -30.0, 0.25  # N and s
-RATES = (100.0, 125.0, 200.0, 333.0, 500.0, 1000.0)  # Hz, of logs for `calibrate servo`
 HARD = Servo(delay=0.032, known=0.0)  # 12 ms too much, and nothing learnt: the force swings
 
 
@@ -104,8 +101,6 @@ def rows(small: bool) -> Iterator[Row]:
         )
     yield from _special([ran[job] for job in others])
     yield from _lossy([ran[job] for job in lossy])
-    for order in (2, 1):
-        yield from _calibrated(order, 1 if small else 20)
 
 
 def _lossy(ran: list[Ran]) -> Iterator[Row]:
@@ -117,38 +112,6 @@ def _lossy(ran: list[Ran]) -> Iterator[Row]:
         what += f"with a force of 7 +- {BAND} N throughout; most that it is off [N]; in brackets with the exact servo"
         yield Row(what, "as many as with the exact servo", f"{inside} ({exact}); {worst:.2f} ({most:.2f})",
                   inside >= exact)  # fmt: skip
-
-
-def _identify(log: ServoLog) -> tuple[ServoLog, ServoFit, int]:
-    time, commands, positions, lost = log.rows()
-    return log, identify_servo(time, commands, time, positions), lost
-
-
-def _calibrated(order: int, count: int) -> Iterator[Row]:
-    """Servos whose delay is 5 to 40 ms and lag 15 to 50 ms; unknown jitter; every twentieth command is lost."""
-    logs = list[ServoLog]()
-    for seed in range(count):
-        rng = np.random.default_rng([SEED, seed])
-        delay, lag = rng.uniform(0.005, 0.040), rng.uniform(0.015, 0.050)
-        made = ServoLog(delay, lag, order=order, rate=RATES[seed % len(RATES)], lost=LOST, seed=seed)
-        logs.append(replace(made, jitter=1e-3, hidden=1e-3, noise=1e-4))
-    ran = list(each_done(_identify, logs, 1 if count == 1 else 2, "processes", "logs"))
-    off = np.array([[fit.servo.delay - log.delay, fit.servo.lag - log.lag] for log, fit, _ in ran])
-    stated = np.array([fit.deviation for _, fit, _ in ran])
-    right, worst = sum(fit.servo.order == order for _, fit, _ in ran), 1e3 * np.abs(off).max(axis=0)
-    total = 1e3 * np.abs(off.sum(axis=1)).max()
-    what = (
-        f"`calibrate servo`, {count} logs of 30 s at 100-1000 Hz, order {order}, jitter of 1 ms in sending and taking, "
-    )
-    what += f"{LOST:.0%} of commands lost: worst error of delay, lag, and their sum [ms]; order found"
-    got = f"{worst[0]:.2f}, {worst[1]:.2f}, {total:.2f}; {right} of {count}"
-    yield Row(what, "<= 1; all", got, max(*worst, total) <= 1.0 and right == count)
-    inside = float(np.mean(np.abs(off) < 1.96 * stated))
-    yield Row(f"the same {count} logs: delay and lag within their 95 % intervals", ">= 90 %", f"{inside:.0%}",
-              inside >= 0.9)  # fmt: skip
-    found, gone = sum(fit.lost for _, fit, _ in ran), sum(lost for *_, lost in ran)
-    yield Row(f"the same {count} logs: commands found as lost", "90 to 105 %", f"{found} of {gone}",
-              0.9 * gone <= found <= 1.05 * gone)  # fmt: skip
 
 
 def _followed(contact: str, period: int, pairs: list[tuple[Ran, Ran]]) -> Row:
