@@ -73,7 +73,7 @@ def test_a_rough_pose_chooses_and_what_is_free_is_named() -> None:
 
 
 def test_wrong_units_hands_and_too_few_places_are_refused(link: Mesh) -> None:
-    places = _scattered(link, 60, 2)
+    places = _scattered(link, 30, 2)
     inches = Mesh.from_arrays(link.vertices * 0.0254, link.faces)
     with pytest.raises(InputError, match=r"39\.37 times as large it fits to") as problem:
         register_places(places, inches)
