@@ -59,7 +59,7 @@ def test_exact_touches_give_the_exact_pose(mesh: Mesh) -> None:
 
 
 def test_errors_are_as_large_as_the_covariance_says(mesh: Mesh) -> None:
-    squares, trials = [], 80
+    squares, trials = [], 40
     for seed in range(trials):
         rng = np.random.default_rng(seed)
         points = BODY.sample(10, rng)
@@ -71,8 +71,8 @@ def test_errors_are_as_large_as_the_covariance_says(mesh: Mesh) -> None:
         wrenches = contact_wrenches(points, normal, wrenches[:, :3], torsion)
         found = identify(sensed(wrenches, rng), mesh, points=marks, noise=NOISE, spreads=Spreads(placement=0.4e-3))
         squares.append(error(found) @ np.linalg.solve(found.covariance, error(found)))
-    # chi-square with 6 degrees of freedom: a mean of 6, known to sqrt(12 / 80) = 0.39; three of these
-    assert np.mean(squares) == pytest.approx(6.0, abs=1.15)
+    # chi-square with 6 degrees of freedom: a mean of 6, known to sqrt(12 / 40) = 0.55; three of these
+    assert np.mean(squares) == pytest.approx(6.0, abs=1.6)
 
 
 def test_jacobian_is_the_slope_of_the_residual() -> None:
@@ -169,15 +169,15 @@ def _free(body: Body, count: int, friction: float, rng: np.random.Generator) -> 
 
 
 def test_touches_anywhere_place_the_surface_within_the_covariance(mesh: Mesh) -> None:
-    squares, trials = [], 12
+    squares, trials = [], 8
     for seed in range(trials):
         rng = np.random.default_rng(seed)
         wrenches = sensed(_free(BODY, 12, 0.05, rng), rng)
         found = identify(wrenches, mesh, noise=NOISE, spreads=Spreads(friction=0.05, torsion=1e-3))
         assert found.unobservable == ()
         squares.append(error(found) @ np.linalg.solve(found.covariance, error(found)))
-    # a mean of 6, known to sqrt(12 / 12) = 1; three of these
-    assert np.mean(squares) == pytest.approx(6.0, abs=3.0)
+    # a mean of 6, known to sqrt(12 / 8) = 1.2; three of these
+    assert np.mean(squares) == pytest.approx(6.0, abs=3.7)
 
 
 @pytest.mark.parametrize(
