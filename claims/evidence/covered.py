@@ -26,7 +26,7 @@ PITCH = 2e-3  # m
 
 def rows(small: bool) -> Iterator[Row]:
     """The probes, made bodies, and what finding covered facets costs."""
-    count = 100 if small else 3_000
+    count = 300 if small else 3_000
     folder = shared()
     if folder is None:
         yield from skipped("three ultrasound probes", "")
