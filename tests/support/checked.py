@@ -18,7 +18,7 @@ import jaxtyping._import_hook as hook
 
 __all__ = ["cache_apart", "check_first_calls", "start_counting"]
 
-CALLS = 2  # of a function in a test: with 20, the checks were a quarter of the time of all tests
+CALLS = 1  # of a function in a test: with 20, the checks were a quarter of the time of all tests
 _until = [CALLS]  # of a function's count of checked calls: each test adds `CALLS`
 _counts: dict[CodeType, list[int]] = {}  # checked calls of a function, those of earlier tests taken for made
 
