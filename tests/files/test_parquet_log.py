@@ -38,16 +38,6 @@ def test_null_is_nan_and_said(tmp_path: Path) -> None:
     assert recording.notes == ("3 of 3 rows have a field that is missing or not a number (first: row 1)",)
 
 
-def test_blocks_do_not_change_what_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.files.logs.parquet.PIECE", 17)
-    monkeypatch.setattr("palpate.files.logs.stuck.FIRST", 1)
-    log = session(1000)
-    write_parquet(tmp_path / "log.parquet", log)
-    blocks = list(open_log(tmp_path / "log.parquet").blocks())
-    assert len(blocks) > 10
-    assert np.array_equal(np.concatenate([block.wrenches() for block in blocks]), log.wrench)
-
-
 def test_a_time_in_nanoseconds_is_the_nearest_double(tmp_path: Path) -> None:
     _frame(time=[0, 235_000_000, 1_000_000_001]).write_parquet(tmp_path / "log.parquet")
     assert read_recording(tmp_path / "log.parquet", LogLayout(time_unit="ns")).time.tolist() == [0, 0.235, 1.000000001]
