@@ -25,7 +25,7 @@ NOISE = 0.5e-3
 @pytest.fixture(scope="module")
 def link() -> Mesh:
     """An ellipsoid of 120 x 70 x 50 mm with one side bulged: it looks like itself from no other side."""
-    mesh = Ellipsoid((0.06, 0.035, 0.025)).drawn()
+    mesh = Ellipsoid((0.06, 0.035, 0.025)).mesh(1_500)
     x, y, z = mesh.vertices.T
     bulged = np.column_stack([x + 0.01 * (y / 0.035) ** 2, y * (1 + 5 * x), z + 0.2 * np.abs(x) + 0.15 * y])
     return Mesh.from_arrays(bulged, mesh.faces)
