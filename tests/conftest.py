@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import sys
+from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
 
@@ -20,7 +21,6 @@ from tests.support.checked import cache_apart, check_first_calls, start_counting
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests/conformance/outside"))  # a package with sensors that are not Palpate's
-NO_SHARED_DATA = "no shared data: set PALPATE_SHARED, or put it in ../shared beside the project"
 
 
 def _checked_modules() -> list[str]:
@@ -61,7 +61,7 @@ def shared() -> Path:
     """The folder of real recordings that are never copied into the project; tests skip where it is absent."""
     folder = Path(os.environ.get("PALPATE_SHARED", ROOT.parent / "shared"))
     if not (folder / "data").is_dir():
-        pytest.skip(NO_SHARED_DATA)
+        pytest.skip("no shared data: set PALPATE_SHARED, or put it in ../shared beside the project")
     return folder
 
 
@@ -90,7 +90,7 @@ def pytest_runtest_setup() -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say how much was not tried for lack of shared data: a green run without it has shown less."""
-    skipped = terminalreporter.stats.get("skipped", [])
-    count = sum(NO_SHARED_DATA in str(report.longrepr) for report in skipped)
-    terminalreporter.write_line(f"{count} tests skipped for lack of shared data")
+    """Say how much was not tried, and why: a green run without shared data, for one, has shown less."""
+    reasons = (report.longrepr[2].removeprefix("Skipped: ") for report in terminalreporter.stats.get("skipped", []))
+    for reason, count in Counter(reasons).most_common():
+        terminalreporter.write_line(f"{count} skipped: {reason}")

@@ -47,8 +47,8 @@ def test_the_switch_turns_one_fault_on(judged: Callable, number: int, expected: 
 
 
 def test_faults_by_chance_stand_in_the_package_and_have_tests() -> None:
-    faults = chosen(60)
-    assert faults == chosen(60)
+    faults = chosen(24)
+    assert faults == chosen(24)
     assert len({fault.file for fault in faults}) > 20
     for path, text in sources(faults).items():
         compile(text, path, "exec")

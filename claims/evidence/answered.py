@@ -12,7 +12,7 @@ from palpate_lab.simulation import Body
 
 def rows(small: bool) -> Iterator[Row]:
     """h/R of 0.05 and 0.3, then 1 with the torsion bound lifted, then a path, then two contacts."""
-    count = 500 if small else 100_000
+    count = 200 if small else 100_000
     sizes = SIZES[:2] if small else SIZES
     for ratio in (0.05, 0.3, 1.0):
         for name, body in BODIES.items():

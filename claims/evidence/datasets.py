@@ -52,7 +52,7 @@ def rows(small: bool) -> Iterator[Row]:
             (folder / "rig.toml").write_text(RIG)
             points = write_dataset(folder / "data_set", version, count)
             _batch(folder, "plain").wait()
-            yield _killed(folder, version, count)
+            yield _killed(folder, version, count, small=small)
             yield _rows_equal(folder, version, count)
             yield from _right(folder, version, points)
             yield _opened(folder, version, count)
@@ -65,10 +65,10 @@ def _batch(folder: Path, out: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(call, cwd=folder, stdout=nowhere, stderr=nowhere, start_new_session=True)
 
 
-def _killed(folder: Path, version: str, count: int) -> Row:
-    """Twice by the signal that nothing can catch: after half of the episodes, and while the copy is written."""
+def _killed(folder: Path, version: str, count: int, *, small: bool) -> Row:
+    """Twice by the signal that nothing can catch: after half of the episodes, and (alone in small) while it copies."""
     out, codes = folder / "killed", list[int]()
-    for there in (lambda: _lines(out) > count // 2, lambda: (out / "data").exists()):
+    for there in (lambda: _lines(out) > count // 2, lambda: (out / "data").exists())[small:]:
         process = _batch(folder, out.name)
         while process.poll() is None and not there():
             time.sleep(0.002)

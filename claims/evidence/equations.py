@@ -27,7 +27,7 @@ SURFACES: dict[str, Callable[[], Analytic]] = {  # made when asked for: a superq
 
 def rows(small: bool) -> Iterator[Row]:
     """Every surface, and the order of convergence of meshes, which tests/laws has instead of small."""
-    count = 500 if small else 20_000
+    count = 200 if small else 20_000
     for name, make in SURFACES.items():
         yield _found(name, make(), count)
     if not small:

@@ -45,9 +45,9 @@ REAL = [Real(**each) for each in tomllib.loads(Path(__file__).with_name("real_ta
 def rows(small: bool) -> Iterator[Row]:
     """Small takes few tables and postures: the tests of `files` and of real data try them all."""
     with tempfile.TemporaryDirectory() as folder:
-        yield from _tables(Path(folder) / "tables", 40 if small else 1)
-        yield from _tree(Path(folder) / "tree", 6 if small else 20)
-        yield from _links(Path(folder) / "links", 5 if small else 1000)
+        yield from _tables(Path(folder) / "tables", 60 if small else 1)
+        yield from _tree(Path(folder) / "tree", 3 if small else 20)
+        yield from _links(Path(folder) / "links", 2 if small else 1000)
         yield from _real(Path(folder) / "real", 6 if small else 1)
 
 

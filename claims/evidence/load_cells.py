@@ -38,7 +38,7 @@ QUIET = replace(RIGID, friction=(0.0, 0.01))
 
 def rows(small: bool) -> Iterator[Row]:
     """Limits, starts, smallest force, faults; table I and torque are `papers.load_cells`."""
-    runs = Runs(20 if small else 1)
+    runs = Runs(30 if small else 1)
     few = runs if small else Runs(10)
     yield Row("calibration with hardly any friction", "refused, or warned", *_said(runs, QUIET))
     yield from _limits(runs, small)

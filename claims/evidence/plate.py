@@ -27,7 +27,7 @@ TOUCHES, OFF = 40, 1.05  # of a trial; gain of a cell that errs
 
 def rows(small: bool) -> Iterator[Row]:
     """Place and weight by weights at known and unknown places, ellipses, a cell that errs."""
-    count = 4 if small else 50
+    count = 2 if small else 50
     for known, most in ((True, 1e-3), (False, 1.5e-3)):
         yield from _accuracy([trial(4, known, number) for number in range(count)], known, most)
     for cells in (3, 4, 6):

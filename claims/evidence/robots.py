@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest import mock
 
 import numpy as np
 import polars as pl
@@ -28,6 +29,7 @@ from palpate.contact.estimate import ROW
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.setup.load import load_robot
 from palpate.setup.robot_pipeline import RobotPipeline
+from palpate_lab.cli import robot_models
 
 LARGEST, INSIDE = 1e-3, (0.93, 0.97)
 ENCODER = 0.2  # degrees: an offset of each joint that lasts a session
@@ -45,7 +47,8 @@ def rows(small: bool) -> Iterator[Row]:
     with TemporaryDirectory() as scratch:
         for name in ("hand", "humanoid"):
             length = SHORT if small else ("--free", "100")
-            made = [simulated(Path(scratch), name, seed, *length) for seed in range(1 if small else 3)]
+            with mock.patch.object(robot_models, "_PRESSES", 40 if small else robot_models._PRESSES):
+                made = [simulated(Path(scratch), name, seed, *length) for seed in range(1 if small else 3)]
             yield from _placed(name, [_matches(each) for each in made], small)
             if small and name == "humanoid":
                 continue

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import bilinear, lfilter
 
-RATE, SECONDS, JOINTS = 10_000, 30.0, 3  # Hz of the plant, s
+RATE, JOINTS = 10_000, 3  # Hz of the plant
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,7 @@ class ServoLog:
         lost: share of commands that never come.
         noise: [rad] of encoders.
         seed: of all of it.
+        seconds: how long the log is.
     """
 
     delay: float = 0.021
@@ -35,10 +36,11 @@ class ServoLog:
     lost: float = 0.0
     noise: float = 2e-5
     seed: int = 0
+    seconds: float = 30.0
 
     def rows(self, motion: str = "mixed") -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """Return times (n,), commands and positions (n, 3), and how many commands were lost; or steady, or still."""
-        rng, count = np.random.default_rng(self.seed), int(SECONDS / self.period)
+        rng, count = np.random.default_rng(self.seed), int(self.seconds / self.period)
         sent = self.period * np.arange(count)
         sent += np.clip(self.jitter * rng.standard_normal(count), -0.4 * self.period, 0.4 * self.period)
         sent[0] = 0.0
@@ -50,9 +52,9 @@ class ServoLog:
         kept = rng.random(count) >= self.lost
         kept[0] = True
         begins = sent + self.delay + np.maximum(self.hidden * rng.standard_normal(count), -self.delay)
-        time = np.arange(int(SECONDS * RATE)) / RATE
+        time = np.arange(int(self.seconds * RATE)) / RATE
         followed = self._followed(self._line(time, begins[kept], commands[kept]))
-        stamps = np.arange(0.0, SECONDS - 1e-9, 1.0 / self.rate)
+        stamps = np.arange(0.0, self.seconds - 1e-9, 1.0 / self.rate)
         newest = np.maximum(np.searchsorted(sent, stamps + 1e-9, side="right") - 1, 0)
         seen = np.stack([np.interp(stamps, time, followed[:, k]) for k in range(JOINTS)], axis=1)
         return stamps, commands[newest], seen + self.noise * rng.standard_normal(seen.shape), int(np.sum(~kept))

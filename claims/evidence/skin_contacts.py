@@ -44,12 +44,12 @@ EXPLAINED = 0.5  # of a coordinate's variance, below which the readings do not k
 
 def rows(small: bool) -> Iterator[Row]:
     """Bench, identities, real signals, validation, speed, bad input."""
-    yield from _single(40 if small else 1_000)
-    yield from _ellipses(3 if small else 40)
-    yield from _pairs(60 if small else 1_000)
+    yield from _single(20 if small else 1_000)
+    yield from _ellipses(2 if small else 40)
+    yield from _pairs(20 if small else 1_000)
     yield from _moving(1 if small else 60)
     yield from _taxel_force()
-    yield from _strip(6 if small else 1)
+    yield from _strip(12 if small else 1)
     yield from _validation(1 if small else 200)
     yield from _speed(300 if small else 5_000, judged=not small)
     yield from _bad()

@@ -7,6 +7,7 @@ or with a long tail, neither of which the calibration is given.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -54,11 +55,11 @@ WORN = {
 
 def rows(small: bool) -> Iterator[Row]:
     """The size's error in deviations, all layouts with a surface together, and the relative error beside the stated."""
-    inside, total = 0, 0
+    inside, total, sizes = 0, 0, (range(1), [*KERNELS][:1]) if small else (range(10), KERNELS)
     for name, worn in WORN.items():
         if small and name != "12 mm apart":
             continue
-        found = np.array([_found(worn, seed, kernel) for seed in range(1 if small else 10) for kernel in KERNELS])
+        found = np.array([_found(worn, seed, kernel) for seed, kernel in product(*sizes)])
         size, deviation, rms, stated = found.T
         within = int(np.count_nonzero(np.abs(size) <= 2 * deviation))
         yield Row(

@@ -106,9 +106,9 @@ def _skin(link: _Link, rng: np.random.Generator, poked: bool) -> TaxelEstimator:
 def rows(small: bool) -> Iterator[Row]:
     """Yield rows of two touches at once, with true and poked places, and of fusion with a wrench."""
     for poked in (False, True):
-        yield from _pairs(*((2, 10) if small else (24, 10)), poked=poked, small=small)
+        yield from _pairs(*((1, 8) if small else (24, 10)), poked=poked, small=small)
     for count in FORCE:
-        yield from _fused(count, *((1, 10) if small else (30, 12)), small=small)
+        yield from _fused(count, *((1, 6) if small else (30, 12)), small=small)
 
 
 def _pairs(links: int, touches: int, *, poked: bool, small: bool) -> Iterator[Row]:

@@ -59,7 +59,7 @@ def test_exact_touches_give_the_exact_pose(mesh: Mesh) -> None:
 
 
 def test_errors_are_as_large_as_the_covariance_says(mesh: Mesh) -> None:
-    squares, trials = [], 80
+    squares, trials = [], 40
     for seed in range(trials):
         rng = np.random.default_rng(seed)
         points = BODY.sample(10, rng)
@@ -71,8 +71,8 @@ def test_errors_are_as_large_as_the_covariance_says(mesh: Mesh) -> None:
         wrenches = contact_wrenches(points, normal, wrenches[:, :3], torsion)
         found = identify(sensed(wrenches, rng), mesh, points=marks, noise=NOISE, spreads=Spreads(placement=0.4e-3))
         squares.append(error(found) @ np.linalg.solve(found.covariance, error(found)))
-    # chi-square with 6 degrees of freedom: a mean of 6, known to sqrt(12 / 80) = 0.39; three of these
-    assert np.mean(squares) == pytest.approx(6.0, abs=1.15)
+    # chi-square with 6 degrees of freedom: a mean of 6, known to sqrt(12 / 40) = 0.55; three of these
+    assert np.mean(squares) == pytest.approx(6.0, abs=1.6)
 
 
 def test_jacobian_is_the_slope_of_the_residual() -> None:

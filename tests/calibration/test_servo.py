@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,8 @@ from palpate.files.models import read_model
 from palpate_lab.simulation.bags import Stamped, header, nanoseconds, write_bag
 
 NAMES = ("time", *(f"{kind}_{joint}" for kind in ("command", "position") for joint in (1, 2, 3)))
-
-
-ROUGH = [ServoLog(rate=333.0, jitter=1e-3, hidden=1e-3, lost=0.05, noise=1e-4, seed=20 + k) for k in range(4)]
+short = partial(ServoLog, seconds=15.0)
+ROUGH = [short(rate=333.0, jitter=1e-3, hidden=1e-3, lost=0.05, noise=1e-4, seed=20 + k) for k in range(4)]
 rows = cache(ServoLog.rows)
 
 
@@ -35,9 +34,9 @@ def identified(log: ServoLog) -> tuple[ServoFit, int]:
 @pytest.mark.parametrize(
     "log",
     [
-        ServoLog(rate=1000.0, seed=1),
-        ServoLog(order=1, rate=250.0, lost=0.05, seed=2),
-        ServoLog(ramp=False, period=0.008, lag=0.015, lost=0.05, seed=3),
+        short(rate=1000.0, seed=1),
+        short(order=1, rate=250.0, lost=0.05, seed=2),
+        short(ramp=False, period=0.008, lag=0.015, lost=0.05, seed=3),
         ROUGH[0],
     ],
 )
@@ -71,7 +70,7 @@ def test_deviations_hold() -> None:
 
 
 def test_positions_as_seldom_as_commands_leave_interpolation_assumed() -> None:
-    time, commands, positions, _ = rows(ServoLog(rate=200.0))
+    time, commands, positions, _ = rows(short(rate=200.0))
     found = identify_servo(time, commands, time[::4], positions[::4])
     assert found.servo.ramp == found.servo.period
     assert (found.servo.delay, found.servo.lag) == pytest.approx((0.021, 0.033), abs=1e-3)
@@ -80,7 +79,7 @@ def test_positions_as_seldom_as_commands_leave_interpolation_assumed() -> None:
 
 def test_rows_that_do_not_show_when_commands_were_sent_widen_the_delay() -> None:
     """Commands every other row, always at the same phase: it may be anywhere in a row of 10 ms."""
-    found, _ = identified(ServoLog(rate=100.0, seed=5))
+    found, _ = identified(short(rate=100.0, seed=5))
     assert found.deviation[0] == pytest.approx(0.010 / 12.0**0.5, rel=0.1)
     assert any("Rows are so far from each other" in note for note in found.notes)
 
@@ -99,13 +98,13 @@ def test_rows_that_do_not_show_when_commands_were_sent_widen_the_delay() -> None
     ],
 )
 def test_logs_that_cannot_tell_are_refused(motion: str, change: float, words: str) -> None:
-    time, commands, positions, _ = rows(ServoLog(), motion)
+    time, commands, positions, _ = rows(short(), motion)
     with pytest.raises(PalpateError, match=words):
         identify_servo(time, commands, time, positions * change)
 
 
 def test_another_joint_or_clock_is_refused() -> None:
-    time, commands, positions, _ = rows(ServoLog())
+    time, commands, positions, _ = rows(short())
     for late, words in ((-0.1, "before the commands"), (5.0, "follow"), (1e6, "overlap")):
         with pytest.raises(InputError, match=words):
             identify_servo(time, commands, time + late, positions)
@@ -119,7 +118,7 @@ def test_another_joint_or_clock_is_refused() -> None:
 
 def test_a_model_of_first_order_follows_it() -> None:
     """The controller's model, against the plant: 0.1 mrad at a speed of 1 rad/s and the plant's steps of 0.1 ms."""
-    log = ServoLog(order=1, noise=0.0, rate=200.0)
+    log = short(order=1, noise=0.0, rate=200.0)
     time, commands, positions, _ = log.rows()
     model = ServoModel(Servo(0.02, log.delay, 0.02, log.lag, 0.0, 1), 3)
     model.start(0.0, commands[0])
@@ -133,7 +132,7 @@ def test_a_model_of_first_order_follows_it() -> None:
 
 
 def test_the_command_writes_what_the_controller_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    time, commands, positions, _ = rows(ServoLog(rate=200.0))
+    time, commands, positions, _ = rows(short(rate=200.0))
     table = np.column_stack([time, commands, positions])
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=",".join(NAMES), comments="")
     out = tmp_path / "servo.toml"
@@ -150,7 +149,7 @@ def test_the_command_writes_what_the_controller_reads(tmp_path: Path, capsys: py
 
 def test_topics_are_joined_by_the_joints_names(tmp_path: Path) -> None:
     """Commands and positions with their own stamps, and joints in another order."""
-    time, commands, positions, _ = rows(ServoLog(rate=200.0))
+    time, commands, positions, _ = rows(short(rate=200.0))
     names = ["a", "b", "c"]
 
     def made(types: Any) -> Any:

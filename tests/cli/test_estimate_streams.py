@@ -393,6 +393,7 @@ def test_the_report_holds_what_the_run_says(made: Path, tmp_path: Path, capsys: 
         ("contacts", "", "contacts cannot be written to a file that ends in ''"),
         ("no/contacts.csv", "", "there is no folder"),
         ("contacts.csv", "--report no/report.html", "there is no folder"),
+        ("contacts.csv", "--report report.txt", "must end in .html"),
         ("contacts.csv", "--report report.html --truth no.csv", "the file does not exist"),
         ("contacts.csv", "--report report.html --truth report.html", "would overwrite an input"),
         ("contacts.csv", "--truth truth.csv", "is used only in the report"),

@@ -182,14 +182,6 @@ def test_whatever_holds_times_and_readings_gives_the_same_bits_and_compiles_noth
 
 
 @SENSOR
-def test_every_sample_has_a_row_and_keeps_its_time(made: Set) -> None:
-    found = pl.concat([part.to_polars() for part in made.estimator().stream(made.cut(50))])
-    assert found["sample"].is_sorted()
-    assert np.array_equal(found["sample"].unique().to_numpy(), np.arange(len(made.recording)))
-    assert np.array_equal(found["time"].to_numpy(), made.recording.time[found["sample"].to_numpy()])
-
-
-@SENSOR
 @pytest.mark.parametrize("bad", BAD)
 def test_bad_samples_get_a_status_and_spoil_no_other(made: Set, bad: str) -> None:
     """All readings of every fortieth sample after the start: neither answered nor dropped; the touch is still found."""

@@ -53,27 +53,6 @@ def test_a_payload_that_is_not_there_is_never_overlooked(case_of: Callable[[Sens
             run(command[0], str(case.files.log), "--rig", str(case.files.rig), "--payload", "nope.toml", *command[1:])
 
 
-@SENSOR
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--truth", "{truth}"), "--report"),
-        (("--report", "report.txt"), r"must end in \.html"),
-        (("--rig", "none.toml"), "the file does not exist"),
-    ],
-)
-def test_a_call_that_cannot_be_meant_is_one_sentence(
-    case_of: Callable[[Sensor], Case], sensor: Sensor, words: tuple[str, ...], said: str
-) -> None:
-    case = case_of(sensor)
-    truth = case.files.folder / "options_truth.csv"
-    case.files.truth.write(truth)
-    rig = () if "--rig" in words else ("--rig", str(case.files.rig))
-    given = [word.format(truth=truth) for word in words]
-    with pytest.raises(Refused, match=said):
-        run("estimate", str(case.files.log), *rig, "-o", str(case.files.folder / "x.csv"), *given)
-
-
 @pytest.mark.parametrize("sensor", [sensor for sensor in SENSORS if sensor.table != "marker_ring"])
 def test_a_log_of_another_sensor_is_one_sentence(case_of: Callable[[Sensor], Case], sensor: Sensor) -> None:
     """Each rig is given a log that has nothing but times and poses."""

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from palpate.contact import ROW, ContactEstimate, Locator, Status
+from palpate.contact import ContactEstimate, Locator, Status
 from palpate.contact.locate import in_space, locate
 from palpate.errors import InputError
 from palpate.spatial.pose import Pose
@@ -506,19 +506,6 @@ def test_locate_does_not_remember_between_calls_or_samples() -> None:
     mesh, first, second, wrench = two_ways()
     locate(Wrench.from_vector(wrench), mesh, previous=second)
     assert np.allclose(locate(Wrench.from_vector(wrench), mesh).point, first, rtol=0, atol=1e-10)
-
-
-@pytest.mark.parametrize("name", ["ellipsoid", "L", "open patch"])
-def test_called_in_a_loop_and_in_blocks_it_is_what_run_says(name: str) -> None:
-    mesh = BODIES[name].mesh
-    wrenches = a_log(mesh, 1000)
-    one, two, three = (Locator(mesh, noise=NOISE) for _ in range(3))
-    rows, whole = one.empty(len(wrenches)), two.run(wrenches)
-    for wrench, row in zip(wrenches, rows, strict=True):
-        one(wrench, row)
-    same(ContactEstimate.from_rows(rows), whole)
-    assert rows.shape[1] == ROW.length
-    same(ContactEstimate.joined([three.run(wrenches[k : k + 17]) for k in range(0, len(wrenches), 17)]), whole)
 
 
 def test_without_noise_covariances_and_residuals_outside_are_nan() -> None:

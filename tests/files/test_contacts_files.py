@@ -79,19 +79,6 @@ def test_what_is_written_in_blocks_reads_back_to_the_last_bit(tmp_path: Path, su
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_blocks_and_one_write_are_the_same(tmp_path: Path, suffix: str) -> None:
-    known = Contacts.single(_contacts(30).time, _contacts(30).estimate)
-    with open_contacts(tmp_path / f"blocks{suffix}") as writer:
-        for rows in (known[:0], known[:20], known[20:]):
-            writer.write(rows)
-    write_contacts(tmp_path / f"once{suffix}", known)
-    for name in ("blocks", "once"):
-        found = read_contacts(tmp_path / f"{name}{suffix}")
-        assert found.sample.tolist() == list(range(30))
-        assert not found.identity.any()
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_contacts_of_a_robot_keep_their_sensors_and_their_order(tmp_path: Path, suffix: str) -> None:
     """That of time, the sensors in turn; in a file of messages each has a topic, and names of any length."""
     origins = Origins.of_names(["tip", "palm", "wrist"] * 100, ["l_3", "hand", "forearm"] * 100)

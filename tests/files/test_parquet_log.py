@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import polars as pl
@@ -10,9 +12,10 @@ import pytest
 
 from claims.evidence.logs_written import session, write_parquet
 from palpate.errors import InputError
-from palpate.files.logs import contents, open_log, read_recording
+from palpate.files.logs import contents, open_log, parquet, read_recording
 from palpate.files.logs.layout import LogLayout
 
+DAMAGED = Path(__file__).parents[2] / "fuzz/corpus/parquet"
 NAMES = ("time", "fx", "fy", "fz", "tx", "ty", "tz")
 
 
@@ -33,16 +36,6 @@ def test_null_is_nan_and_said(tmp_path: Path) -> None:
     recording = read_recording(tmp_path / "log.parquet")
     assert np.isnan(recording.wrenches()[:, 0]).tolist() == [False, True, False]
     assert recording.notes == ("3 of 3 rows have a field that is missing or not a number (first: row 1)",)
-
-
-def test_blocks_do_not_change_what_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.files.logs.parquet.PIECE", 17)
-    monkeypatch.setattr("palpate.files.logs.stuck.FIRST", 1)
-    log = session(1000)
-    write_parquet(tmp_path / "log.parquet", log)
-    blocks = list(open_log(tmp_path / "log.parquet").blocks())
-    assert len(blocks) > 10
-    assert np.array_equal(np.concatenate([block.wrenches() for block in blocks]), log.wrench)
 
 
 def test_a_time_in_nanoseconds_is_the_nearest_double(tmp_path: Path) -> None:
@@ -75,12 +68,28 @@ def test_a_file_that_was_cut_is_refused_wherever(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kept", ["run_length", "panic"])
-def test_pages_that_abort_the_reader_are_a_sentence_of_their_own(kept: str, capfd: pytest.CaptureFixture[str]) -> None:
-    """The first ends the process of polars, the second makes it panic."""
-    path = Path(__file__).parents[2] / "fuzz/corpus/parquet" / kept
+def test_pages_that_abort_the_reader_are_a_sentence_of_their_own(
+    kept: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The first ends the process of polars, the second makes it panic; the next files are read, though it is killed."""
     with pytest.raises(InputError, match=r"cannot be read as Parquet.*its pages are damaged"):
-        contents(path)
+        contents(DAMAGED / kept)
     assert capfd.readouterr().err == ""
+    for name in ("first", "second"):
+        _frame().write_parquet(tmp_path / name)
+        parquet.require_pages(tmp_path / name)
+        parquet._prober(os.getpid()).kill()
+
+
+def test_the_answer_to_a_file_that_was_interrupted_is_not_that_to_the_next(tmp_path: Path) -> None:
+    _frame().write_parquet(tmp_path / "whole.parquet")
+    process = parquet._prober(os.getpid())
+    process.stdout = mock.Mock(wraps=process.stdout, closed=False, readline=mock.Mock(side_effect=KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        parquet.require_pages(tmp_path / "whole.parquet")
+    parquet._decodable.cache_clear()
+    with pytest.raises(InputError, match="its pages are damaged"):
+        contents(DAMAGED / "run_length")
 
 
 def test_a_file_whose_bytes_were_changed_is_no_traceback(tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ from palpate_lab.simulation.phantom.motion import motion, unplanned
 from palpate_lab.simulation.poke_bench import PokeBench
 from palpate_lab.simulation.ring_camera import Look, RenderedCamera, RingCamera
 from palpate_lab.simulation.ring_session import RingUnit
+from palpate_lab.simulation.robot.bodies import hand
+from palpate_lab.simulation.robot.run import RobotDevices, RobotRunSettings, simulate_robot
 from palpate_lab.simulation.session import simulate_session
 from palpate_lab.simulation.skin_touches import simulate_touches
 from palpate_lab.simulation.three_axis_skins import magnetic_skin, pillar_array
@@ -61,6 +63,12 @@ def _forearm(seed: int) -> Drawn:
     return run.wrench.wrenches(), run.truth.force, run.skin.channels, run.touches
 
 
+def _hand(seed: int) -> Drawn:
+    robot, settings = hand(dice(3)), RobotRunSettings(seconds=6.0, touches=4, wrench_rate=200)
+    run = simulate_robot(robot, RobotDevices.drawn(robot, dice(5), settings.encoder), settings, dice(seed))
+    return run.joints, run.readings, run.contacts
+
+
 def _frame(seed: int) -> Drawn:
     discs = np.stack([DISCS.real, DISCS.imag, 0.0 * DISCS.real], axis=-1)
     return (RenderedCamera(RingCamera(), Look(), dice(seed)).frame([discs], 0.3, blobs=3),)
@@ -88,6 +96,7 @@ MADE: dict[str, Callable[[int], Drawn]] = {
     "unplanned motion": lambda seed: (unplanned(seed, step_at=5.0),),
     "pokes": _pokes,
     "forearm": _forearm,
+    "hand": _hand,
     "ring": lambda seed: (RingUnit.drawn(seed),),
     "frame": _frame,
     "three axes": _three_axis,

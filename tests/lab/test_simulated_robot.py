@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.errors import InputError
 from palpate_lab.simulation.robot.bodies import hand, humanoid
-from palpate_lab.simulation.robot.files import START, write_robot, write_robot_log, write_robot_truth
+from palpate_lab.simulation.robot.files import START, write_robot_truth
 from palpate_lab.simulation.robot.motion import QUIET, JointMotion, RobotMechanics
 from palpate_lab.simulation.robot.plan import RATE, REST, plan_touches
 from palpate_lab.simulation.robot.run import RobotDevices, RobotRun, RobotRunSettings, simulate_robot
@@ -202,21 +202,3 @@ def test_encoders_err_as_stated() -> None:
     error = off - exact
     np.testing.assert_allclose(error.std(axis=0), 0.1 * size, rtol=0.1)
     assert 0.5 * size < np.linalg.norm(error.mean(axis=0)) / 14**0.5 < 1.6 * size  # of 14 joints
-
-
-def test_the_same_seed_makes_the_same_bytes(tmp_path: Path) -> None:
-    for name, seed in (("one", 6), ("two", 6), ("three", 7)):
-        (tmp_path / name).mkdir()
-        robot, _ = _robot(hand)
-        run = _run(robot, replace(SETTINGS, seconds=6.0, touches=4), seed)
-        write_robot(robot, tmp_path / name)
-        write_robot_log(robot, run, tmp_path / name / "run.mcap")
-        write_robot_truth(robot, run, tmp_path / name / "truth.csv")
-    one, two, three = (_contents(tmp_path / name) for name in ("one", "two", "three"))
-    assert one == two
-    assert one["truth.csv"] != three["truth.csv"]
-    assert one["run.mcap"] != three["run.mcap"]
-
-
-def _contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}

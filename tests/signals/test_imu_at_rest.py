@@ -46,9 +46,9 @@ def imu(**options: object) -> Motion:
 @pytest.mark.parametrize("scale", [0.0, 0.003])
 @pytest.mark.parametrize(("rests", "most"), [(1, 0.3), (3, 0.15), (20, 0.07)])
 def test_what_remains_is_as_large_as_stated(rests: int, most: float, scale: float) -> None:
-    """Of 40 accelerometers, in orientations of later rests: errors over UNSTEADY; the median narrows to the noise."""
+    """Of 20 accelerometers, in orientations of later rests: errors over UNSTEADY; the median narrows to the noise."""
     rng, ratios, sizes = np.random.default_rng(7), list[float](), list[float]()
-    for _ in range(40):
+    for _ in range(20):
         log, _ = a_log(rests + 4, rng, scale=scale)
         known = log.picked(slice(rests * (RESTS + LASTING) - LASTING))
         (answer,) = imu(accelerometer=imu_at_rest(known, imu())).stream(iter([log]))

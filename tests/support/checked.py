@@ -1,5 +1,6 @@
-"""Annotations are checked in the first calls of each function in each test: a loop's hundredth call shows no more.
+"""Arrays are checked in the first call of each function in each test: a loop's hundredth call shows no more.
 
+Functions that neither take nor return arrays are left to pyright, which reads the source in full strictness.
 jaxtyping binds every call to two signatures, which costs more than most of what it checks. And a function's check is
 made at its first call: making all of them cost each worker a third of the time in which it collects the tests.
 """
@@ -7,6 +8,7 @@ made at its first call: making all of them cost each worker a third of the time 
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -15,10 +17,11 @@ from unittest import mock
 import jaxtyping
 import jaxtyping._decorator as decorator
 import jaxtyping._import_hook as hook
+from jaxtyping import AbstractArray
 
 __all__ = ["cache_apart", "check_first_calls", "start_counting"]
 
-CALLS = 2  # of a function in a test: with 20, the checks were a quarter of the time of all tests
+CALLS = 1  # of a function in a test: with 20, the checks were a quarter of the time of all tests
 _until = [CALLS]  # of a function's count of checked calls: each test adds `CALLS`
 _counts: dict[CodeType, list[int]] = {}  # checked calls of a function, those of earlier tests taken for made
 
@@ -56,9 +59,18 @@ def check_first_calls() -> None:
         if function is None:
             return functools.partial(jaxtyped, typechecker=typechecker)
         checked = functools.partial(original, function, typechecker=typechecker)
-        return _first(checked, function) if isinstance(function, FunctionType) else checked()
+        if not isinstance(function, FunctionType):
+            return checked()
+        return _first(checked, function) if _of_arrays(function) else function
 
     jaxtyping.jaxtyped = decorator.jaxtyped = jaxtyped
+
+
+def _of_arrays(function: FunctionType) -> bool:
+    """Whether it takes or returns arrays, by their own name or one of the module's for a shape."""
+    words = set(re.findall(r"\w+", " ".join(map(str, function.__annotations__.values()))))
+    named = (function.__globals__.get(word) for word in words)
+    return "ndarray" in words or any(isinstance(each, type) and issubclass(each, AbstractArray) for each in named)
 
 
 def _first(made: Callable[[], Callable[..., Any]], plain: FunctionType) -> Callable[..., Any]:

@@ -12,7 +12,7 @@ from palpate.sensors.marker_ring.response_fit import RingPresses, fit_response
 from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
 from palpate_lab.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
 
-__all__ = ["MARKERS", "NOISE", "barrel", "calibrated", "moved", "plate", "presses", "tip"]
+__all__ = ["MARKERS", "NOISE", "all_round", "barrel", "calibrated", "moved", "plate", "presses", "tip"]
 
 MARKERS = 2.0 * np.pi * np.arange(24) / 24
 NOISE = np.tile([0.1e-3, 0.05e-3], (24, 1))  # m: of 0.2 px
@@ -53,13 +53,18 @@ def presses(bodies: Sequence[Indenter], rng: np.random.Generator, seed: int = 1)
     return RingPresses(np.mod(angle, 2.0 * np.pi), depth, force, shear, ways, MARKERS, NOISE)
 
 
-@cache
-def calibrated(seed: int = 1, angles: int = 24) -> tuple[RingResponse, RingPresses]:
-    """From a plate and a narrow tip, every third press of it dragged."""
+def all_round(seed: int, angles: int = 24) -> RingPresses:
+    """Of a plate and a narrow tip, every third of the tip dragged."""
     rng, bodies = np.random.default_rng(seed), list[Indenter]()
     for k in range(angles):
         at = 2.0 * np.pi * (k + rng.random()) / angles
         slide = (0.0, 0.002, -0.002)[k % 3]
         bodies += [plate(at, depth) for depth in DEPTHS] + [tip(at, depth, slide=slide) for depth in DEPTHS]
-    made = presses(bodies, rng, seed)
+    return presses(bodies, rng, seed)
+
+
+@cache
+def calibrated() -> tuple[RingResponse, RingPresses]:
+    """The first unit."""
+    made = all_round(1)
     return fit_response(made), made

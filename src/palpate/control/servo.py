@@ -21,7 +21,6 @@ SAG = 1e-3  # rad or m, of joints from their commands at the start
 ODD = 16.0  # chi-square per joint above which the model does not explain feedback
 LESS = 0.1  # of it that remains without a lost command; until the servo is LEARNT, of what another servo leaves
 CORRECTION = 0.1  # s: time constant by which feedback corrects the offset
-SINK = 1e-4  # rad or m per square root of a second, of the offset: a contact bends the robot
 WANDER = 2e-4  # s per square root of a second, of delay and lag
 SOUND = 2.0  # chi-square per joint up to which another servo explains feedback that is odd
 LEARNT = 5e-4  # s: standard deviation of delay and lag
@@ -93,9 +92,9 @@ class ServoModel:
 
     The model is exact for ramps of commands. Delay, lag and each joint's offset from the model (sag, deflection,
     friction) are states of an iterated Kalman filter that feedback corrects: delay and lag from what was stated, with
-    `Servo.known` as standard deviation; the offset follows with a time constant of 0.1 s or, as a contact bends the
-    robot, sooner. A command that the feedback shows as lost is removed. Feedback that nothing explains is ignored;
-    where the next one agrees with it, the model begins from there.
+    `Servo.known` as standard deviation; the offset follows with a time constant of 0.1 s. A command that the feedback
+    shows as lost is removed. Feedback that nothing explains is ignored; where the next one agrees with it, the model
+    begins from there.
 
     Args:
         servo: times with which the robot follows commands, as stated.
@@ -267,7 +266,7 @@ class ServoModel:
         """
         passed = max(0.0, time - self._fed)
         spread, state, values = self._covariance.copy(), self._trial[0], self._values
-        added = np.full(len(values), (self._usual * passed / CORRECTION) ** 2 + SINK**2 * passed)
+        added = np.full(len(values), (self._usual * passed / CORRECTION) ** 2)
         added[:2] = WANDER**2 * passed + widened**2 if self.servo.known > 0.0 else 0.0
         spread.flat[:: len(values) + 1] += added
         size, covariance = np.nan, spread

@@ -198,6 +198,9 @@ class _Reader:
             kinds = (kinds[0],) * len(values)
         if len(values) != len(kinds):
             raise InputError(f"{key} must be {_named(hint)}, not {len(values)} values.", where=self.file)
+        least = self.said.least
+        if {*kinds} == {float} and all(type(each) is float and least <= each < _LARGEST > -each for each in values):
+            return tuple(values)  # as below, without a call for each: a model may have thousands
         return tuple(
             self.value(value, kind, f"{key}[{k}]") for k, (value, kind) in enumerate(zip(values, kinds, strict=True))
         )

@@ -22,7 +22,7 @@ USUAL = CalibrationOptions()
 
 @cache
 def log(bench: Bench = RIGID) -> BenchRun:
-    return bench.run(0, thin=10)
+    return bench.run(0, thin=20)
 
 
 @cache

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.optical.ring_response import RingResponse, ring_basis
+from palpate.optical.ring_response import ring_basis
 from palpate.sensors.marker_ring.locator import RingLocator, turned
 from palpate.sensors.marker_ring.response_fit import (
     RingPresses,
@@ -22,7 +22,7 @@ from palpate.sensors.marker_ring.response_fit import (
 
 pytest.importorskip("skfem")
 
-from tests.support.ring_presses import MARKERS, calibrated, presses, tip
+from tests.support.ring_presses import MARKERS, all_round, calibrated, presses, tip
 
 
 def test_the_basis_is_periodic_and_orthogonal() -> None:
@@ -177,34 +177,27 @@ def test_the_skin_turns_as_kirchhoff_says() -> None:
 
 
 def test_another_unit_needs_two_dozen_presses() -> None:
-    """With the first unit's response 24 presses do; the errors stay within 1.5 times those of a full calibration."""
-    before, _ = calibrated()
-    full, made = calibrated(seed=4)
+    """With the first unit's response 24 presses do: in full, which takes 144, the angles are 0.29 degrees off."""
+    made = all_round(4)
     some = np.zeros(len(made), dtype=bool)
     some[np.arange(24) * 6 + 3 * (np.arange(24) % 2) + 1] = True
-    short = fit_response(made.picked(some), before)
+    response = fit_response(made.picked(some), calibrated()[0])
     judged = presses([tip(at, 0.005, 0.025) for at in np.arange(12) / 2.0], np.random.default_rng(5), seed=4)
-    errors = [_angle_error(each, judged) for each in (full, short)]
-    assert errors[1] < 1.5 * max(errors[0], 0.2)
-
-
-def _angle_error(response: RingResponse, judged: object) -> float:
-    """Mean, in degrees."""
     off = list[float]()
     for angle, frame in zip(judged.angle, judged.displacements, strict=True):
         found = RingLocator(response, MARKERS, judged.noise).run(frame[None])
         assert found.counts[0] == 1
         off.append(abs(float(turned(found.states[0, 0, 0] - angle))))
-    return float(np.degrees(np.mean(off)))
+    assert np.degrees(np.mean(off)) < 0.44
 
 
 def test_truth_that_cannot_be_is_refused() -> None:
     """Shear of several times the force, and frames beside the truth of others."""
-    made = calibrated()[1]
+    before, made = calibrated()
     with pytest.raises(InputError, match="friction allows at most"):
         fit_response(replace(made, shear=8.0 * made.shear))
     with pytest.raises(InputError, match="do not move as angle, depth and force state"):
-        fit_response(replace(made, displacements=np.roll(made.displacements, 1, axis=0)))
+        fit_response(replace(made, displacements=np.roll(made.displacements, 1, axis=0)), before)
 
 
 def test_errors_on_presses_left_out_are_those_that_were_expected() -> None:

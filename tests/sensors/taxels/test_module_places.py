@@ -205,7 +205,7 @@ def test_ids_order_the_taxels(skin: Forearm, tmp_path: Path) -> None:
 def test_pokes_show_another_numbering(skin: Forearm) -> None:
     """From nothing, and from a start that is numbered as the layout is: found as with the right numbers."""
     rng, order = RNG(11), ORDERS["both"]
-    pokes = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 300).pokes
+    pokes = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 200).pokes
     rows, cad = (12 * np.arange(7)[:, None] + order).ravel(), skin.cad(RNG(5))
     layout, link = ModuleLayout(skin.layout.places[rows], skin.layout.module), Mesh.from_arrays(*skin.cone.mesh())
     started = calibrate_taxels(pokes, surface=link, start=_numbered(cad, order), layout=layout)
@@ -220,7 +220,7 @@ def test_pokes_show_another_numbering(skin: Forearm) -> None:
 def test_pokes_show_a_start_turned_by_a_third_of_a_ring(skin: Forearm) -> None:
     """It leaves the ring as it is, but not where each taxel is expected."""
     rng, cad = RNG(12), skin.cad(RNG(6))
-    pokes = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 300).pokes
+    pokes = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 200).pokes
     link, turned = Mesh.from_arrays(*skin.cone.mesh()), np.roll(np.arange(12), -4)
     assert not calibrate_taxels(pokes, surface=link, start=cad, layout=skin.layout).warnings
     found = calibrate_taxels(pokes, surface=link, start=_numbered(cad, turned), layout=skin.layout)
@@ -243,7 +243,7 @@ def test_the_spacing_is_found_and_used_where_none_is_stated(skin: Forearm, folde
 def test_pokes_show_the_spacing(skin: Forearm) -> None:
     """Its deviation is about 0.14 mm with 200 pokes, and 30 sessions scatter as it says."""
     rng = RNG(3)
-    pokes = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 300).pokes
+    pokes = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 200).pokes
     link, wide = Mesh.from_arrays(*skin.cone.mesh()), skin.layout.spaced(8e-3)
     found = calibrate_taxels(pokes, surface=link, layout=wide, rescale=True)
     assert found.spacing is not None

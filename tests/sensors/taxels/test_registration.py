@@ -25,7 +25,7 @@ NOISE = 0.5e-3
 @pytest.fixture(scope="module")
 def link() -> Mesh:
     """An ellipsoid of 120 x 70 x 50 mm with one side bulged: it looks like itself from no other side."""
-    mesh = Ellipsoid((0.06, 0.035, 0.025)).drawn()
+    mesh = Ellipsoid((0.06, 0.035, 0.025)).mesh(1_500)
     x, y, z = mesh.vertices.T
     bulged = np.column_stack([x + 0.01 * (y / 0.035) ** 2, y * (1 + 5 * x), z + 0.2 * np.abs(x) + 0.15 * y])
     return Mesh.from_arrays(bulged, mesh.faces)
@@ -73,7 +73,7 @@ def test_a_rough_pose_chooses_and_what_is_free_is_named() -> None:
 
 
 def test_wrong_units_hands_and_too_few_places_are_refused(link: Mesh) -> None:
-    places = _scattered(link, 60, 2)
+    places = _scattered(link, 30, 2)
     inches = Mesh.from_arrays(link.vertices * 0.0254, link.faces)
     with pytest.raises(InputError, match=r"39\.37 times as large it fits to") as problem:
         register_places(places, inches)

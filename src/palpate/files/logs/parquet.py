@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache, reduce
 from math import prod
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 import polars as pl
@@ -28,15 +30,19 @@ PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so
 EPISODE = "episode_index"  # column of LeRobot's data sets
 _PANIC = 3  # exit code
 _PROBE = f"""
-import sys, polars
-try:
-    rows = polars.scan_parquet(sys.argv[1], glob=False)
-    rows.select(polars.exclude(polars.Binary, polars.Struct)).sink_ipc("/dev/null")
-except polars.exceptions.PanicException:
-    sys.exit({_PANIC})
-except Exception:
-    pass  # an error that the caller meets, too
+import json, select, sys
+import polars
+while select.select([sys.stdin], [], [], 10.0)[0] and (line := sys.stdin.readline()):
+    try:
+        rows = polars.scan_parquet(json.loads(line), glob=False)
+        rows.select(polars.exclude(polars.Binary, polars.Struct)).sink_ipc("/dev/null")
+    except polars.exceptions.PanicException:
+        sys.exit({_PANIC})
+    except Exception:
+        pass  # an error that the caller meets, too
+    print(flush=True)
 """
+_PROBING = Lock()
 
 
 class ParquetLog(ColumnLog):
@@ -105,9 +111,10 @@ def reading_parquet(path: Path) -> Generator[None]:
 
 
 def require_pages(path: Path) -> None:
-    """Check in a process of its own that polars can decode a Parquet file, as damaged pages abort it without an error.
+    """Check in another process that polars can decode a Parquet file, as damaged pages abort it without an error.
 
-    A file is checked once, as long as it does not change: 0.2 s, and as long as it takes to read it.
+    A file is checked once, as long as it does not change, in the time that it takes to read it. The process is kept for
+    the next file, for up to 10 s.
 
     Raises:
         InputError: the file does not exist, or its pages are damaged.
@@ -122,8 +129,37 @@ def require_pages(path: Path) -> None:
 def _decodable(path: str, *_: int) -> bool:
     if not sys.executable:  # Python in another program
         return True
-    done = subprocess.run([sys.executable, "-c", _PROBE, path], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    return 0 <= done.returncode != _PANIC
+    with _PROBING:
+        ended = _probed(path)
+        if ended not in (None, _PANIC):  # or it had waited for long, or was killed, before it read the file
+            ended = _probed(path)
+    return ended is None or 0 <= ended != _PANIC
+
+
+def _probed(path: str) -> int | None:
+    """Return None if the other process has read a file, its exit code if it ended before."""
+    process, answered = _prober(os.getpid()), b""
+    assert process.stdin
+    assert process.stdout
+    try:
+        with suppress(BrokenPipeError):
+            process.stdin.write(f"{json.dumps(path)}\n".encode())
+        answered = process.stdout.readline()
+    except BaseException:  # such as Ctrl-C: the answer must not be taken for that to the next file
+        process.kill()
+        raise
+    finally:
+        if not answered:
+            _prober.cache_clear()
+            process.communicate()
+    return None if answered else process.returncode
+
+
+@lru_cache(maxsize=1)
+def _prober(_: int) -> subprocess.Popen[bytes]:
+    """Start the other process of a process; a forked one has its own. It hears no Ctrl-C."""
+    pipe, call = subprocess.PIPE, [sys.executable, "-P", "-c", _PROBE]
+    return subprocess.Popen(call, bufsize=0, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, start_new_session=True)
 
 
 def _refusal(path: Path, why: str) -> InputError:

@@ -30,10 +30,16 @@ class _Linear:
     fields: Mapping[str, object]
     rising: bool = False
 
-    def __call__(self, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> Curve:
+    def solved(
+        self, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, " p"], Float[np.ndarray, " n"]]:
+        """Return the design, its parameters, and what the fit leaves of the readings."""
         matrix = np.column_stack([np.ones(len(force)), self.design(force)])
         values = _increasing(matrix, signed) if self.rising else np.linalg.lstsq(matrix, signed, rcond=None)[0]
-        left = signed - matrix @ values
+        return matrix, values, signed - matrix @ values
+
+    def __call__(self, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> Curve:
+        matrix, values, left = self.solved(force, signed)
         variance = float(left @ left) / max(len(force) - matrix.shape[1], 1)
         covariance = variance * np.linalg.pinv(matrix.T @ matrix)
         turn = np.eye(len(values))
@@ -93,14 +99,12 @@ def _best_joint(force: np.ndarray, signed: np.ndarray) -> Curve:
 
 
 def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
-    fits: list[Curve] = []
-    for joint in joints:
+    fits = [_two_range(joint) for joint in joints.tolist()]
+    for fit in sorted(fits, key=lambda fit: float(np.mean(fit.solved(force, signed)[2] ** 2))):
         with suppress(InputError):  # it does not rise
-            fits.append(_two_range(float(joint))(force, signed))
-    if not fits:
-        what, hint = "no curve of two ranges that rises with force fits the log.", "Use another kind, such as auto."
-        raise InputError(what, where="intensity", hint=hint)
-    return min(fits, key=lambda fit: fit.residual)
+            return fit(force, signed)
+    what, hint = "no curve of two ranges that rises with force fits the log.", "Use another kind, such as auto."
+    raise InputError(what, where="intensity", hint=hint)
 
 
 @takes_arrays
