@@ -262,7 +262,7 @@ def test_the_fit_is_the_one_that_scipy_finds() -> None:
         seen = np.array(near + sorted(beside))
         at, hard = body.positions[seen, :2] / PITCH, body.positions[np.argmax(loads), :2] / PITCH
         gain = np.where(area[seen], 0.02 * loads[seen], 0.0)
-        spread = np.sqrt(0.05**2 + gain**2 + (0.04 * loads.max()) ** 2)
+        spread = np.sqrt(0.05**2 + gain**2 + (0.03 * loads.max()) ** 2)
 
         def left(x: np.ndarray, at=at, hard=hard, spread=spread, seen=seen, loads=loads) -> np.ndarray:
             model = np.exp(x[2] - 0.5 * ((at - x[:2]) ** 2).sum(axis=1) * np.exp(-2 * x[3]))
