@@ -188,7 +188,7 @@ def test_discs_are_off_as_far_as_the_ellipses_of_a_gaussian_state() -> None:
         felt = np.bincount(7 * cell[:, 0] + cell[:, 1], (1.0 - (within**2).sum(axis=1)) ** power, 49)
         found = estimator.update(0.0, 10.0 * felt / felt.sum())
         off = found.point[0, :2] - PITCH * middle
-        squares.append(off @ np.linalg.solve(found.covariance[0, :2, :2], off))
+        squares.append(float(off @ np.linalg.solve(found.covariance[0, :2, :2], off)))
     assert 0.8 < np.sqrt(0.5 * np.mean(squares)) < 1.1  # at 0.03 of the height; 0.04 is 0.7, 0.02 is 1.3
 
 
