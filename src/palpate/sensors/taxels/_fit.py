@@ -17,8 +17,9 @@ from palpate.surfaces._vectors import solve_positive
 # prior of a touch: the spacing of taxels is about as large as their reach
 _WIDTH, _WIDER = 0.5, 0.5  # standard deviation of its pressure, and that of the logarithm of it
 _BESIDE = 0.5  # standard deviation of its distance from the hardest pressed taxel, along each axis
-# share of its height by which pressure differs from a Gaussian: Hertz's, one spacing wide, 1 to 3 %, a flat disc 1 to 6
-_SHAPE = 0.04
+# share of its height by which pressure differs from a Gaussian, as noise that moves its place as much: 0.026 for discs,
+# Hertz's and flat, 0.5 to 1.5 spacings wide, up to 0.04 for their stress under a layer
+_SHAPE = 0.03
 # a touch that others explain keeps its height; on its own any height is as likely
 _LEAST, _ANY_HEIGHT = 1e-12, 1e-6  # N, and squared standard deviations
 _STEPS = 20

@@ -22,7 +22,8 @@ from palpate.signals.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
 
-PARTS = 4  # of the presses, each left out in turn
+# of the presses, each left out in turn: by the size of their patch; where that tells nothing, nearly all train
+PARTS, FOLDS = 4, 12
 ROUNDS = 10
 PATCHES = np.concatenate([np.linspace(LEAST_PATCH, 0.0, 4)[:-1], [0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0]])
 _LOOSE = 0.3  # squared pitches: deviation of a patch before it is learned
@@ -76,7 +77,7 @@ def _judged(
 ) -> tuple[list[tuple[Presses, TaxelResponse]], Float[np.ndarray, "n 20"]]:
     """Return presses that were left out in turn, each part with the fit to the others, and the errors on them."""
     parts = list[tuple[Presses, TaxelResponse]]()
-    for part in [names[i::PARTS] for i in range(PARTS)] if sums else np.array_split(names, PARTS):  # sums know no tips
+    for part in [names[i::FOLDS] for i in range(FOLDS)] if sums else np.array_split(names, PARTS):  # sums know no tips
         left = np.isin(presses.press, part)
         parts.append((presses.of(left), _fitted(body, presses.of(~left), pitch, sums)[0]))
     return parts, np.concatenate([_alone(body, *each) for each in parts])
@@ -84,7 +85,7 @@ def _judged(
 
 def _left_out_text(off: Float[np.ndarray, "3"], pitch: float, count: int) -> str:
     return (
-        f"{count} frames, a quarter at a time predicted from the rest: {1e3 * pitch * off[0]:.2g} mm, {off[1]:.1%} of "
+        f"{count} frames, a part at a time predicted from the rest: {1e3 * pitch * off[0]:.2g} mm, {off[1]:.1%} of "
         f"the force along the normal, {off[2]:.1%} across, medians"
     )
 
