@@ -212,7 +212,9 @@ class _Linearised:
         information = np.einsum("akj,bkj->ab", sound, self.slopes) + (self.scale / ANY) ** 2 * np.eye(2)
         pull = np.einsum("akj,kj->a", sound, self.residual)
         step = -np.asarray(np.linalg.solve(information, pull), dtype=np.float64)
-        return step, GRID * self._late.shares(self.residual + np.einsum("akj,a->kj", self.slopes, step))
+        late = GRID * self._late.shares(self.residual + np.einsum("akj,a->kj", self.slopes, step))
+        mean = float(late.mean())  # is a delay
+        return np.add(step, (mean, 0.0)), late - mean
 
 
 @takes_arrays
