@@ -25,6 +25,7 @@ ROUNDS, CLOSE, FAR = 20, 1e-5, 0.02  # of Gauss-Newton, s of its last step, and 
 Pair = Float[np.ndarray, "2"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class ServoMotion:
     """Commands `targets` (m, n) that the robot took `late` [s] after they were `sent`, and what it did, `seen` (k, n).
@@ -134,6 +135,7 @@ class ServoMotion:
         return inverse @ (sums.T @ sums + prior) @ inverse + GRAIN**2 * np.eye(2), near.scale
 
 
+@takes_arrays
 class CommandChanges:
     """Changes of positions by commands that the robot takes later, fitted together with a ridge.
 

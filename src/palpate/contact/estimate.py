@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from palpate.calls import by_name, called_as
 from palpate.errors import InputError
-from palpate.spatial._arrays import FLOAT, INT64, Value, shaped
+from palpate.spatial._arrays import FLOAT, INT8, INT64, Value, shaped
 from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
@@ -147,6 +147,8 @@ class ContactEstimate(Value):
             dtype = INT64 if name == "candidates" else FLOAT
             if name != "status" and (type(value) is not np.ndarray or value.dtype != dtype):
                 object.__setattr__(self, name, shaped(value, (...,), name, dtype))
+        if self.batch and not isinstance(self.status, np.ndarray):
+            object.__setattr__(self, "status", shaped(self.status, (...,), "status", INT8))
         if not self.batch:
             object.__setattr__(self, "status", Status(int(self.status)))
         elif self.status.shape != self.batch or self.status.dtype != np.int8:

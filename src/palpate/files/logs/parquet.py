@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import subprocess
@@ -159,7 +160,9 @@ def _probed(path: str) -> int | None:
 def _prober(_: int) -> subprocess.Popen[bytes]:
     """Start the other process of a process; a forked one has its own. It hears no Ctrl-C."""
     pipe, call = subprocess.PIPE, [sys.executable, "-P", "-c", _PROBE]
-    return subprocess.Popen(call, bufsize=0, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, start_new_session=True)
+    made = subprocess.Popen(call, bufsize=0, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, start_new_session=True)
+    atexit.register(made.__exit__, None, None, None)  # closes its input, which ends it
+    return made
 
 
 def _refusal(path: Path, why: str) -> InputError:
