@@ -147,7 +147,7 @@ class ContactEstimate(Value):
             dtype = INT64 if name == "candidates" else FLOAT
             if name != "status" and (type(value) is not np.ndarray or value.dtype != dtype):
                 object.__setattr__(self, name, shaped(value, (...,), name, dtype))
-        if self.batch and not isinstance(self.status, np.ndarray):
+        if self.batch and not hasattr(self.status, "dtype"):
             object.__setattr__(self, "status", shaped(self.status, (...,), "status", INT8))
         if not self.batch:
             object.__setattr__(self, "status", Status(int(self.status)))
