@@ -170,7 +170,8 @@ def test_a_topic_of_ros_is_heard(node: DdsNode, domain: int, monkeypatch: pytest
     source.open()
     batch, count, deadline = Batch((6,)), 0, time.monotonic() + PATIENCE
     given.give(np.array([10**9]), np.ones((1, 6)))
-    while not writer.readers and time.monotonic() < deadline:  # or it may hear the later message alone
+    reader: Any = source._reader
+    while not (writer.readers and reader.publishers) and time.monotonic() < deadline:  # or it may hear the second alone
         time.sleep(0.01)
     while not count and time.monotonic() < deadline:
         for each in messages(np.array([0.9, 1.1]), np.array([[1.0, 2.0, 9.0], [3.0, 2.0, 9.0]])):
