@@ -176,6 +176,23 @@ def test_a_command_that_never_came_is_found_behind_a_larger_one_that_did() -> No
     assert model.joints[0] == pytest.approx(robot.joints[0], abs=2e-5)  # the first feedback was off by 16 urad
 
 
+def test_joints_that_yield_to_a_contact_are_not_taken_for_a_robot_of_another_delay() -> None:
+    """At 20 mrad/s a force that grows to 7 N in 80 ms bends one by 0.5 mrad; without that force 10 ms were learnt."""
+    model, robot = ServoModel(Servo(), 2), ServoModel(Servo(known=0.0), 2)
+    for each in (model, robot):
+        each.start(0.0, np.zeros(2))
+    for k in range(60):
+        for each in (model, robot):
+            each.advance(0.02 * k)
+        bent = robot.joints + [np.interp(k, (40, 44), (0.0, 5e-4)), 0.0]
+        model.correct(0.02 * k, bent, 7.0 / 4.0 * (40 < k <= 44))
+        assert model.joints == pytest.approx(bent, abs=2e-5)
+        for each in (model, robot):
+            each.send(0.02 * k, np.array([4e-4, 1e-4]) * k)
+    assert model.missed == 0
+    assert model.total_delay == pytest.approx(Servo().total_delay, abs=1e-4)
+
+
 @pytest.mark.parametrize("wrong", [0.010, -0.010])
 def test_a_robot_whose_servo_is_stated_wrongly_is_not_taken_for_one_that_loses_commands(wrong: float) -> None:
     """Their sum is found instead, in spite of encoders' noise, and of slow motion each of them less sharply."""

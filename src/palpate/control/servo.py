@@ -21,6 +21,7 @@ SAG = 1e-3  # rad or m, of joints from their commands at the start
 ODD = 16.0  # chi-square per joint above which the model does not explain feedback
 LESS = 0.1  # of it that remains without a lost command; until the servo is LEARNT, of what another servo leaves
 CORRECTION = 0.1  # s: time constant by which feedback corrects the offset
+YIELD = 1e-4  # rad or m per N: by which joints yield to a force on the robot's tip
 WANDER = 2e-4  # s per square root of a second, of delay and lag
 SOUND = 2.0  # chi-square per joint up to which another servo explains feedback that is odd
 LEARNT = 5e-4  # s: standard deviation of delay and lag
@@ -155,8 +156,10 @@ class ServoModel:
         self._next = self._advance(self._now, self._next, time)
         np.add(self._now[0][0], self.offset, out=self.joints)
 
-    def correct(self, time: float, joints: Float[np.ndarray, " n"]) -> Feedback:
+    def correct(self, time: float, joints: Float[np.ndarray, " n"], loaded: float = 0.0) -> Feedback:
         """Correct the model by the joints (n,) [rad, m] at a time [s], at most some cycles ago; return a `Feedback`.
+
+        `loaded` [N] is the change of the force on the robot's tip since the last feedback: its joints yield to it.
 
         Raises:
             InputError: feedback of another number of joints.
@@ -166,9 +169,9 @@ class ServoModel:
         size, *learnt = self._explained(time, joints)
         if not 0.0 <= size < np.inf:
             return Feedback.ODD
-        found, lost = Feedback.AGREES, -1
+        found, lost, first = Feedback.AGREES, -1, size
         if size > ODD:
-            first, (size, *learnt) = size, self._explained(time, joints, widened=WIDENED)
+            size, *learnt = self._explained(time, joints, widened=WIDENED)
             found = Feedback.ODD if size > SOUND else found
             lost, other = self._lost(time, joints)
             if other < min(ODD, LESS * (first if self.found.known < LEARNT else size)):
@@ -182,6 +185,9 @@ class ServoModel:
             self._remove(lost)
             self.missed += 1
         elif found == Feedback.AGREES:
+            if loaded > 0.0 and self.servo.known > 0.0:  # joints that yield are no evidence of another delay
+                widened = WIDENED if first > ODD else 0.0
+                _, *learnt = self._explained(time, joints, widened=widened, yielded=YIELD * loaded)
             self._take(*learnt)
         self._fed = max(time, self._fed)
         self._again(self._now[2][1])
@@ -258,15 +264,21 @@ class ServoModel:
         self._times[:] = values[0], self.servo.ramp, values[1], self.servo.order
 
     def _explained(
-        self, time: float, joints: Float[np.ndarray, " n"], omitted: int = -1, *, widened: float = 0.0
+        self,
+        time: float,
+        joints: Float[np.ndarray, " n"],
+        omitted: int = -1,
+        *,
+        widened: float = 0.0,
+        yielded: float = 0.0,
     ) -> tuple[float, Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
         """Return chi-square per joint of feedback, if a command is omitted, and what the filter learns from it.
 
-        `widened` [s] is added to the standard deviations of delay and lag.
+        `widened` [s] is added to the standard deviations of delay and lag, `yielded` [rad, m] to those of the offset.
         """
         passed = max(0.0, time - self._fed)
         spread, state, values = self._covariance.copy(), self._trial[0], self._values
-        added = np.full(len(values), (self._usual * passed / CORRECTION) ** 2)
+        added = np.full(len(values), (self._usual * passed / CORRECTION) ** 2 + yielded**2)
         added[:2] = WANDER**2 * passed + widened**2 if self.servo.known > 0.0 else 0.0
         spread.flat[:: len(values) + 1] += added
         size, covariance = np.nan, spread
