@@ -184,7 +184,7 @@ def test_joints_that_yield_to_a_contact_are_not_taken_for_a_robot_of_another_del
     for k in range(60):
         for each in (model, robot):
             each.advance(0.02 * k)
-        bent = robot.joints + [np.interp(k, (40, 44), (0.0, 5e-4)), 0.0]
+        bent = robot.joints + np.interp(k, (40, 44), (0.0, 5e-4)) * np.array([1.0, 0.0])
         model.correct(0.02 * k, bent, 7.0 / 4.0 * (40 < k <= 44))
         assert model.joints == pytest.approx(bent, abs=2e-5)
         for each in (model, robot):

@@ -131,20 +131,6 @@ def test_truth_touch_by_touch(tmp_path: Path) -> None:
     assert truth.end.tolist() == [1, 3]
 
 
-@pytest.mark.parametrize(
-    ("text", "word"),
-    [
-        ("t,px,py,pz\n0,1,2,3", "a column 'time'"),
-        ("time,px,py\n0,1,2", "no column 'pz'"),
-        ("start,end,px,py,pz\n3,2,1,1,1", "line 2: a touch must start before it ends"),
-    ],
-)
-def test_a_truth_that_is_none_is_refused(tmp_path: Path, text: str, word: str) -> None:
-    (tmp_path / "truth.csv").write_text(text)
-    with pytest.raises(InputError, match=word):
-        read_ground_truth(tmp_path / "truth.csv")
-
-
 def test_touches_ask_for_touches(tmp_path: Path) -> None:
     (tmp_path / "marks.csv").write_text("time,px,py,pz\n0,1,2,3")
     with pytest.raises(InputError, match="no column 'start'"):
@@ -172,6 +158,9 @@ def test_a_row_of_contacts_that_was_spoilt_is_named(tmp_path: Path, row: str, wo
 @pytest.mark.parametrize(
     ("text", "word"),
     [
+        ("t,px,py,pz\n0,1,2,3", "a column 'time'"),
+        ("time,px,py\n0,1,2", "no column 'pz'"),
+        ("start,end,px,py,pz\n3,2,1,1,1", "line 2: a touch must start before it ends"),
         ("time,px,py,pz\n0,1,2,3\n1,nan,2,3", "line 3: an instant needs a point"),
         ("time,px,py,pz\n0,1,2,3\n1,,2,3", "line 3: an instant needs a point"),
         ("time,px,py,pz\n0,1,2,3\n1,x,2,3", "line 3: 'x' in column 'px'"),

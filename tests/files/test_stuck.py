@@ -23,20 +23,16 @@ def found(
     return np.concatenate([*parts, finder.find(time[:0], wrench[:0], complete=True)]), finder.notes()
 
 
-def test_zeros_in_the_middle_are_not_measured() -> None:
-    wrench = noisy()
-    wrench[600:900] = 0.0
-    stuck, notes = found(wrench)
-    np.testing.assert_array_equal(np.flatnonzero(stuck), np.arange(600, 900))
-    assert notes == ("the wrench is exactly zero from 6.000 s to 8.990 s (300 rows): these samples are invalid",)
-
-
-def test_a_sensor_that_hangs_measured_its_first_row_only() -> None:
-    wrench = noisy()
-    wrench[600:] = wrench[600]
-    stuck, notes = found(wrench)
-    np.testing.assert_array_equal(np.flatnonzero(stuck), np.arange(601, 2000))
-    assert notes == ("the wrench does not change from 6.010 s to 19.990 s (1,399 rows): these samples are invalid",)
+def test_zeros_and_a_sensor_that_hangs_are_not_measured_but_for_the_first_row() -> None:
+    for end, first, said in (
+        (900, 600, "is exactly zero from 6.000 s to 8.990 s (300 rows)"),
+        (2000, 601, "does not change from 6.010 s to 19.990 s (1,399 rows)"),
+    ):
+        wrench = noisy()
+        wrench[600:end] = 0.0 if end == 900 else wrench[600]
+        stuck, notes = found(wrench)
+        np.testing.assert_array_equal(np.flatnonzero(stuck), np.arange(first, end))
+        assert notes == (f"the wrench {said}: these samples are invalid",)
 
 
 def test_a_dead_channel_makes_every_sample_invalid() -> None:

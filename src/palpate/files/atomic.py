@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Generator, Iterable
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryDirectory, mkstemp
@@ -48,9 +48,11 @@ def reserve_output(path: Path) -> None:
     """Let no other process write a file or folder until the command ends.
 
     Raises:
-        InputError: another process is writing it, or its parent folder does not exist.
+        InputError: another process is writing it, its parent folder does not exist, or its name is too long.
     """
     require_folder(path)
+    with writing(path), suppress(FileNotFoundError):
+        part(path).lstat()  # the name may be too long
     reserve(_target(path))
 
 
