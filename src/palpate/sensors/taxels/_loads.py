@@ -132,9 +132,18 @@ def _usual(touch, model):
 
 
 @uncounted
+def _shape(touch, model):
+    """Return by how much a touch's patch exceeds a usual one; of sums their concentration, which stands in its place.
+
+    As gains are off on each taxel by itself, sums are more certain where many taxels bear a force.
+    """
+    return touch[2] if model[SUMS] > 0.0 else touch[2] - _usual(touch, model)
+
+
+@uncounted
 def beside(quantity, touch, model):
     """Return the variance of place (0), normal (1) or tangential force (2) besides that by the loads."""
-    unusual = model[UNUSUAL + quantity] * (touch[2] - _usual(touch, model))
+    unusual = model[UNUSUAL + quantity] * _shape(touch, model)
     return model[INEXACT + quantity] ** 2 + unusual * unusual
 
 
@@ -310,9 +319,12 @@ def share_loads(cells, end, origins, count, scale, place, numbers, whole, model,
 
 @uncounted
 def _sum(cells, end, offset, shares, numbers, whole, touch):
-    """Write the place, force and torque of a touch as the sums over its shares of the loads."""
+    """Write the place, force and torque of a touch as the sums over its shares of the loads, and their concentration.
+
+    That is the root of the sum of their squares, over the force: 1 where one taxel bears all of it.
+    """
     force, live = numbers[FORCE], whole[LIVE]
-    x, y, fx, fy, fz, inside, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    x, y, fx, fy, fz, inside, turn, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(end):
         k = cells[i]
         if live[k]:
@@ -320,10 +332,12 @@ def _sum(cells, end, offset, shares, numbers, whole, touch):
             inside, x, y = inside + own, x + own * offset[0, i], y + own * offset[1, i]
             along, aside = shares[i] * numbers[LOAD, k], shares[i] * numbers[LOAD + 1, k]
             fx, fy, fz = fx + along, fy + aside, fz + shares[i] * force[k]
+            square += along**2 + aside**2 + (shares[i] * force[k]) ** 2
             turn += offset[0, i] * aside - offset[1, i] * along
     if inside > 0.0:
         touch[0], touch[1], touch[3], touch[4], touch[5] = x / inside, y / inside, fx, fy, fz
         touch[6] = turn - touch[0] * fy + touch[1] * fx
+        touch[2] = np.sqrt(square / (fx * fx + fy * fy + fz * fz))
     return inside > 0.0 and fz > 0.0
 
 
@@ -353,10 +367,9 @@ def _sum_spread(cells, end, offset, shares, scale, numbers, whole, model, touch,
 
 @inner
 def write_force(touch, spread, model, here, ways, out, first):
-    """Write a touch's force and torque; from `first` the slip ratio, two deviations, the force's covariance (6,), patch.
+    """Write a touch's force and torque; from `first` the slip ratio, two deviations, the covariance (6,), the shape.
 
-    The deviations are those of the ratio of tangential to normal force, and of the torque; the patch is the variance
-    [m^2] by which it differs from a usual one. A force that the fit finds
+    The deviations are those of the ratio of tangential to normal force, and of the torque. A force that the fit finds
     is corrected by the response's curve, which holds for the whole of a touch.
     """
     curve, off = model[CURVE:WIDENING], model[WIDENING:INEXACT]
@@ -391,7 +404,7 @@ def write_force(touch, spread, model, here, ways, out, first):
         for b in range(3):
             variance += along[a] * local[a, b] * along[b]
     out[first], out[first + 1] = ratio, np.sqrt(variance) / force[2] if force[2] > 0.0 else np.nan
-    out[first + 9] = (touch[2] - _usual(touch, model)) * model[PITCH] ** 2
+    out[first + 9] = _shape(touch, model)
     out[first + 2] = aside * np.sqrt(spread[6, 6]) * model[PITCH]
     for a in range(3):
         for b in range(a, 3):

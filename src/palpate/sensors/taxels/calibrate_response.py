@@ -23,7 +23,7 @@ from palpate.signals.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
 
-# of the presses, each left out in turn: by the size of their patch; where that tells nothing, nearly all train
+# of the presses, each left out in turn; where the taxels bear all of a force, nearly all train
 PARTS, FOLDS = 4, 12
 ROUNDS = 10
 PATCHES = np.concatenate([np.linspace(LEAST_PATCH, 0.0, 4)[:-1], [0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0]])
@@ -31,7 +31,7 @@ _LOOSE = 0.3  # squared pitches: deviation of a patch before it is learned
 _ALIKE = 1e-2  # weight of the mean gains in those of a taxel
 _INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
 FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), np.geomspace(1e-4, 0.3, 24).tolist()
-UNUSUAL = [0.0, *np.geomspace(0.01, 1.0, 12).tolist()]
+UNUSUAL = [0.0, *np.geomspace(1e-3, 1.0, 15).tolist()]
 CHI2 = (3.841458820694124, CHI2_95, 7.814727903251179)  # 95 % points with one, two and three degrees of freedom
 
 
@@ -54,17 +54,21 @@ def identify_response(
     pitch = float(np.median(body.spacing))
     presses = known_presses(body, recording, truth, pitch)
     names = _by_patch(presses, _fitted(body, presses, pitch, False)[1])
-    parts, errors = min(
-        (_judged(body, presses, names, pitch, sums) for sums in (False, True)),
-        key=lambda each: float(np.sum(_corrected(each[1])[2])),
-    )
-    curve, _, _ = _corrected(errors)
+    alike = [
+        _left_out(body, presses, [names[i::count] for i in range(count)], pitch, sums)
+        for count, sums in ((PARTS, False), (FOLDS, True))
+    ]
+    found = [_corrected(np.concatenate([_alone(body, *each) for each in parts])) for parts in alike]
+    sums = int(np.argmin([off.sum() for _, _, off in found]))
+    curve, parts = found[sums][0], alike[sums]
+    if not sums:  # taxels that bear all of a force know no tips
+        parts = _left_out(body, presses, np.array_split(names, PARTS), pitch, False)
     in_turn = np.concatenate([_in_turn(body, recording, *each) for each in parts])
     _, wide, off = _corrected(in_turn, curve)
-    found, _ = _fitted(body, presses, pitch, parts[0][1].sums)
     record = {"left_out": _left_out_text(off, pitch, len(in_turn)), **(provenance or {})}
     kept = dict(zip(("widening", "inexact", "unusual"), wide.T, strict=True)) | {"curve": frozen(curve)}
-    return replace(found, **kept, provenance=record, notes=(f"{len(names)} presses",))
+    response, _ = _fitted(body, presses, pitch, bool(sums))
+    return replace(response, **kept, provenance=record, notes=(f"{len(names)} presses",))
 
 
 def _by_patch(presses: Presses, patch: Float[np.ndarray, " n"]) -> Int[np.ndarray, " p"]:
@@ -74,15 +78,12 @@ def _by_patch(presses: Presses, patch: Float[np.ndarray, " n"]) -> Int[np.ndarra
     return names[np.argsort(np.bincount(number, patch - size @ _least(size, patch)) / np.bincount(number))]
 
 
-def _judged(
-    body: TaxelBody, presses: Presses, names: Int[np.ndarray, " p"], pitch: float, sums: bool
-) -> tuple[list[tuple[Presses, TaxelResponse]], Float[np.ndarray, "n 21"]]:
-    """Return presses that were left out in turn, each part with the fit to the others, and the errors on them."""
-    parts = list[tuple[Presses, TaxelResponse]]()
-    for part in [names[i::FOLDS] for i in range(FOLDS)] if sums else np.array_split(names, PARTS):  # sums know no tips
-        left = np.isin(presses.press, part)
-        parts.append((presses.of(left), _fitted(body, presses.of(~left), pitch, sums)[0]))
-    return parts, np.concatenate([_alone(body, *each) for each in parts])
+def _left_out(
+    body: TaxelBody, presses: Presses, parts: list[np.ndarray], pitch: float, sums: bool
+) -> list[tuple[Presses, TaxelResponse]]:
+    """Return the presses of each part, which lists their numbers, with the fit to all others."""
+    out = [np.isin(presses.press, part) for part in parts]
+    return [(presses.of(each), _fitted(body, presses.of(~each), pitch, sums)[0]) for each in out]
 
 
 def _left_out_text(off: Float[np.ndarray, "3"], pitch: float, count: int) -> str:
@@ -248,7 +249,7 @@ def _errors(
     """Return a row on the hardest of some contacts in a frame of presses; none if there are none.
 
     It is the error of the place [pitches] along both tangents (2), its covariance (3), the force (3), its covariance
-    (3, 3) and the true force (3), along both tangents and into the body, and the feature `patch` [squared pitches].
+    (3, 3) and the true force (3), along both tangents and into the body, and the feature `shape`.
     """
     if not len(there):
         return np.zeros((0, 21))
@@ -259,7 +260,7 @@ def _errors(
     six = np.array([found.features[name][best] for name in SIX])
     spread = turn @ six[SQUARE].reshape(3, 3) @ turn.T
     own = [*error, place[0, 0], place[0, 1], place[1, 1], *(turn @ found.force[best]), *spread.ravel()]
-    return np.array([[*own, *presses.force[i], found.features["patch"][best] / pitch**2]])
+    return np.array([[*own, *presses.force[i], found.features["shape"][best]]])
 
 
 def _corrected(
@@ -269,7 +270,7 @@ def _corrected(
 
     Errors are those of the place [pitches], and of the normal and the tangential force as shares of the force.
     """
-    place, fitted, force, patch = rows[:, :2], rows[:, 5:8], rows[:, 17:20], rows[:, 20]
+    place, fitted, force, shape = rows[:, :2], rows[:, 5:8], rows[:, 17:20], rows[:, 20]
     weight = 1.0 / (np.linalg.norm(force, axis=1) + PRESSED * np.abs(force).max())
     normal, square = fitted[:, 2], (fitted[:, :2] ** 2).sum(axis=1)
     ways = weight[:, None] * np.column_stack([normal, normal**2, square])
@@ -285,13 +286,13 @@ def _corrected(
     spread = slope[:, None] * spread * slope
     wide = np.array(
         [
-            _widening(place, flat, np.ones(len(rows)), patch),
-            _widening(off[:, 2:], spread[:, 2:, 2:], size, patch),
-            _widening(off[:, :2], spread[:, :2, :2], size, patch),
+            _widening(place, flat, np.ones(len(rows)), shape),
+            _widening(off[:, 2:], spread[:, 2:, 2:], size, shape),
+            _widening(off[:, :2], spread[:, :2, :2], size, shape),
         ]
     )
     factor, beside, unusual = wide[[2, 2, 1]].T
-    more = size[:, None] ** 2 * (beside**2 + (unusual * patch[:, None]) ** 2)
+    more = size[:, None] ** 2 * (beside**2 + (unusual * shape[:, None]) ** 2)
     both = factor[:, None] * spread * factor + more[:, None] * np.eye(3)
     wide[1:] *= _excess(off, both)
     errors = [np.linalg.norm(place, axis=1), np.abs(off[:, 2]) / size, np.linalg.norm(off[:, :2], axis=1) / size]
@@ -302,15 +303,15 @@ def _widening(
     error: Float[np.ndarray, "n d"],
     covariance: Float[np.ndarray, "n d d"],
     size: Float[np.ndarray, " n"],
-    patch: Float[np.ndarray, " n"],
+    shape: Float[np.ndarray, " n"],
 ) -> list[float]:
-    """Return the factor of standard deviations, and the deviations over `size` and `size * patch` beside them.
+    """Return the factor of standard deviations, and the deviations over `size` and `size * shape` beside them.
 
     They are the likeliest of Gaussian errors, by which 95 % lie within their 95 % bounds.
     """
     values, ways = np.linalg.eigh(covariance)
     along: np.ndarray = np.einsum("nda,nd->na", ways, error) ** 2
-    flat, wide = size[:, None] ** 2, (size * patch)[:, None] ** 2
+    flat, wide = size[:, None] ** 2, (size * shape)[:, None] ** 2
     unlikely, best = np.inf, (1.0, 0.0, 0.0)
     for each in product(FACTORS, BESIDES, UNUSUAL):
         variance: np.ndarray = each[0] ** 2 * values + each[1] ** 2 * flat + each[2] ** 2 * wide

@@ -35,10 +35,10 @@ more than the force; pressure on one cell at most [Pa], and mean [Pa]; standard 
 principal axes [m]; angle of the long axis [rad], from rising rows towards rising columns, or anticlockwise from
 `TaxelBody.tangents`; number of cells."""
 SIX = ("force_xx", "force_xy", "force_xz", "force_yy", "force_yz", "force_zz")
-SHEAR = ("slip", "slip_sd", "torque_sd", *SIX, "patch")
+SHEAR = ("slip", "slip_sd", "torque_sd", *SIX, "shape")
 """Ratio of tangential to normal force, its standard deviation and that of the torque [N m], the force's covariance
-[N^2], and by how much the variance of the pressed patch along an axis exceeds a usual one [m^2]; of taxels with three
-axes."""
+[N^2], and the shape, with which deviations grow: by how much the variance of the patch exceeds a usual one [squared
+pitches], or the root of the sum of squared loads over the force, if that is their sum; of taxels with three axes."""
 SQUARE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # where the nine numbers of a covariance are among its six
 _One = tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...], tuple[np.ndarray, np.ndarray] | None]
 """Time, readings and number of rows of one frame, which are written; its usual shape; views of its loads."""

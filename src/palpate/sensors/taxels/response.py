@@ -37,7 +37,7 @@ class TaxelResponse(Value):
         widening: (3,) factors of the standard deviations of place, normal and tangential force by the loads.
         inexact: (3,) standard deviations beside them: of the place, and of both as shares of the force. With these,
             `widening` and `unusual`, 95 % of presses that the fit left out lie within their 95 % bounds.
-        unusual: (3,) what is added to `inexact`, squared, for a variance of the patch that exceeds a usual one by 1.
+        unusual: (3,) what is added to `inexact`, squared, where the shape of a touch is 1, in proportion to the shape.
         sums: the taxels bear all of a force among them, as pillars do: force and place are sums of their loads.
         late: (3,) readings are the load and a share of what it was before, exponentially over a time: the time [s], the
             share, and its standard deviation.
