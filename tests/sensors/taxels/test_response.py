@@ -12,7 +12,7 @@ from palpate.contact.ground_truth import TrueSamples
 from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels import _loads
-from palpate.sensors.taxels.calibrate_response import identify_response
+from palpate.sensors.taxels.calibrate_response import _widening, identify_response
 from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.model import TaxelBody
@@ -181,6 +181,20 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
         identify_response(body, recording, replace(known, force=-truth.force))
     with pytest.raises(InputError, match=r"from the nearest taxel.*in m, in the surface's frame"):
         identify_response(body, recording, replace(known, point=truth.place + 0.1 * np.eye(3)[0]))
+
+
+@pytest.mark.parametrize("known", [(1.5, 0.002, 0.0), (0.5, 0.03, 0.0), (0.7, 0.001, 0.3)])
+def test_deviations_of_errors_are_found_by_what_they_grow_with(known: tuple[float, float, float]) -> None:
+    """Errors drawn by a factor of their stated deviation, a share of their size, and a share by their shape."""
+    rng, count = np.random.default_rng(7), 4000
+    stated, size = 0.02 * np.exp(rng.normal(size=count)), rng.uniform(0.5, 10.0, count)
+    shape = np.where(rng.uniform(size=count) < 0.3, 0.3, -0.05)
+    variance = (known[0] * stated) ** 2 + (size * known[1]) ** 2 + (size * shape * known[2]) ** 2
+    error = np.sqrt(variance)[:, None] * rng.normal(size=(count, 1))
+    factor, beside, unusual = _widening(error, stated[:, None, None] ** 2, size, shape)
+    found = (factor * stated) ** 2 + (size * beside) ** 2 + (size * shape * unusual) ** 2
+    for some in (shape > 0.0, shape < 0.0, size < 3.0, stated > 0.02):
+        assert np.mean(found[some] / variance[some]) == pytest.approx(1.0, abs=0.35)  # the search has steps
 
 
 def test_few_presses_and_truths_without_forces_are_refused() -> None:

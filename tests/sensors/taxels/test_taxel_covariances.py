@@ -75,21 +75,25 @@ def test_a_force_in_space_is_as_sure_as_the_fit(aside: float) -> None:
     assert out[24] == pytest.approx(np.sqrt(torque[0, 0]), rel=1e-5)
     if aside:
         assert out[23] == pytest.approx(np.sqrt(rolled(lambda off: written(off)[22:23], spread)[0, 0]), rel=1e-3)
-    more = response(widening=np.array([1.0, 1.5, 2.5]), inexact=np.array([0.0, 0.03, 0.05])).numbers()
-    wide = np.zeros(40)
+    known = {"patch": np.array([0.02, 0.01, 0.1]), "unusual": np.array([0.0, 0.4, 0.3])}
+    more = response(widening=np.array([1.0, 1.5, 2.5]), inexact=np.array([0.0, 0.03, 0.05]), **known).numbers()
+    wide, shape = np.zeros(40), touch[2] - 0.02 - 0.01 * touch[5] ** (2 / 3)
     _loads.write_force(touch, spread, more, HERE, ALONG, wide, 22)
     widths, local = np.array([2.5, 2.5, 1.5]), TILTED * [[1.0], [1.0], [-1.0]]
     was = local @ out[25:31][[[0, 1, 2], [1, 3, 4], [2, 4, 5]]] @ local.T
-    own = was * np.outer(widths, widths) + np.diag(np.array([0.05, 0.05, 0.03]) ** 2) * (force @ force)
+    shares = np.array([0.05, 0.05, 0.03]) ** 2 + (np.array([0.3, 0.3, 0.4]) * shape) ** 2
+    own = was * np.outer(widths, widths) + np.diag(shares) * (force @ force)
+    assert wide[31] == pytest.approx(shape)
     agree(wide[25:31][[[0, 1, 2], [1, 3, 4], [2, 4, 5]]], local.T @ own @ local)
 
 
 def test_a_place_is_as_sure_along_both_axes_as_the_fit() -> None:
-    model = response(widening=np.array([2.0, 1.0, 1.0]), inexact=np.array([0.1, 0.0, 0.0])).numbers()
+    more = {"inexact": np.array([0.1, 0.0, 0.0]), "unusual": np.array([3.0, 0.0, 0.0])}  # of a patch of 0.1
+    model = response(widening=np.array([2.0, 1.0, 1.0]), **more).numbers()
     spread, fit, out = mixed(np.array([0.05, 0.03, 0.02, 0.05, 0.08, 0.1, 0.03]), 3), np.zeros(5), np.zeros(30)
     _kernels._place(TOUCH, spread, model, 0.5 * PITCH, fit)
     _kernels._write(HERE, 0.5 * ALONG, np.array([0.3, 0.2, 0.1]), fit[2:], out, 22)
-    own = 4.0 * spread[:2, :2] + 0.01 * np.eye(2)
+    own = 4.0 * spread[:2, :2] + (0.01 + 0.09) * np.eye(2)
     np.testing.assert_allclose(fit[:2], 2.0 * TOUCH[:2])
     agree(out[10:19].reshape(3, 3), ALONG.T @ own @ ALONG)
 
@@ -150,6 +154,7 @@ def test_sums_over_taxels_are_as_sure_as_loads_and_shares() -> None:
     touch = np.zeros(7)
     assert _loads._sum(cells, 6, offset, shares, numbers, whole, touch)
     np.testing.assert_allclose(touch[[0, 1, 3, 4, 5, 6]], summed(np.zeros((3, 6))))
+    np.testing.assert_allclose(touch[2], np.linalg.norm(shares * loads * whole[LIVE]) / np.linalg.norm(touch[3:6]))
     _loads._sum_spread(cells, 6, offset, shares, 0.5, numbers, whole, model, touch, spread)
     own = numbers[[ROUGH, ROUGH + 1, SPREAD]] * [[0.5], [0.5], [1.0]]  # of the normal load it is scaled already
     own = np.sqrt(own**2 + ((1.0 - shares) * loads) ** 2)

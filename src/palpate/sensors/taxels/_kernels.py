@@ -12,11 +12,11 @@ import numpy as np
 from palpate.contact._track import follow
 from palpate.sensors.taxels._fit import chart, fit_touches, lift
 from palpate.sensors.taxels._loads import (
-    INEXACT,
     LATE,
     PITCH,
     UNKNOWN,
     WIDENING,
+    beside,
     feels,
     fit_forces,
     is_faint,
@@ -473,9 +473,9 @@ def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
 def _place(touch, spread, model, spacing, out):
     """Write the place of a touch that `fit_forces` found, and its variances and covariance, in spacings to out (5,)."""
     size = model[PITCH] / spacing
-    square, inexact = (size * model[WIDENING]) ** 2, (size * model[INEXACT]) ** 2
+    square, more = (size * model[WIDENING]) ** 2, size * size * beside(0, touch, model)
     out[0], out[1] = size * touch[0], size * touch[1]
-    out[2], out[3], out[4] = square * spread[0, 0] + inexact, square * spread[1, 1] + inexact, square * spread[0, 1]
+    out[2], out[3], out[4] = square * spread[0, 0] + more, square * spread[1, 1] + more, square * spread[0, 1]
 
 
 @inner

@@ -24,7 +24,8 @@ WIDTHS = (0.35, 0.6, 1.0, 1.7)  # pitches, deviations of the Gaussians
 PROFILES = 6  # A, B, C, G, H, and T of the torque; each a sum of Gaussians
 LEAST_PATCH = -0.8 * WIDTHS[0] ** 2  # of the patch's variance, which counts from that of a usual tip
 # what a model array holds: the profiles' shares of the Gaussians, then
-PITCH, MISFIT, PATCH, LOOSE, CURVE, WIDENING, INEXACT, SUMS, LATE, MODEL = 20, 21, 23, 25, 26, 31, 34, 37, 38, 41
+PITCH, MISFIT, PATCH, LOOSE, CURVE, WIDENING, INEXACT, UNUSUAL = 20, 21, 23, 25, 26, 31, 34, 37
+SUMS, LATE, MODEL = 40, 41, 44
 UNKNOWN = 7  # of a touch: place (2) [pitches], patch, force along both tangents and inwards [N], torque [N pitches]
 _PLACE = 0.7  # pitches: deviation of a touch from the taxel where it is looked for
 _TWIST = 0.15  # pitches: deviation of the torque, over the normal force
@@ -125,10 +126,31 @@ def _normal(taxels, touches, count, model, work, normal, pull):
 
 
 @uncounted
+def _usual(touch, model):
+    """Return the variance of the patch that is usual by a touch's force."""
+    return max(model[PATCH] + model[PATCH + 1] * max(touch[5], 0.0) ** (2.0 / 3.0), LEAST_PATCH)
+
+
+@uncounted
+def _shape(touch, model):
+    """Return by how much a touch's patch exceeds a usual one; of sums their concentration, which stands in its place.
+
+    As gains are off on each taxel by itself, sums are more certain where many taxels bear a force.
+    """
+    return touch[2] if model[SUMS] > 0.0 else touch[2] - _usual(touch, model)
+
+
+@uncounted
+def beside(quantity, touch, model):
+    """Return the variance of place (0), normal (1) or tangential force (2) besides that by the loads."""
+    unusual = model[UNUSUAL + quantity] * _shape(touch, model)
+    return model[INEXACT + quantity] ** 2 + unusual * unusual
+
+
+@uncounted
 def _prior(touch, first, model, normal, pull):
     """Add what is known of a touch before to the normal equations; return its squared distance from that."""
-    pressed = max(touch[5], 0.0)
-    usual, cost = max(model[PATCH] + model[PATCH + 1] * pressed ** (2.0 / 3.0), LEAST_PATCH), 0.0
+    pressed, usual, cost = max(touch[5], 0.0), _usual(touch, model), 0.0
     for c in range(4):
         at = c if c < 3 else 6
         mean = usual if c == 2 else 0.0
@@ -297,9 +319,12 @@ def share_loads(cells, end, origins, count, scale, place, numbers, whole, model,
 
 @uncounted
 def _sum(cells, end, offset, shares, numbers, whole, touch):
-    """Write the place, force and torque of a touch as the sums over its shares of the loads."""
+    """Write the place, force and torque of a touch as the sums over its shares of the loads, and their concentration.
+
+    That is the root of the sum of their squares, over the force: 1 where one taxel bears all of it.
+    """
     force, live = numbers[FORCE], whole[LIVE]
-    x, y, fx, fy, fz, inside, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    x, y, fx, fy, fz, inside, turn, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(end):
         k = cells[i]
         if live[k]:
@@ -307,10 +332,12 @@ def _sum(cells, end, offset, shares, numbers, whole, touch):
             inside, x, y = inside + own, x + own * offset[0, i], y + own * offset[1, i]
             along, aside = shares[i] * numbers[LOAD, k], shares[i] * numbers[LOAD + 1, k]
             fx, fy, fz = fx + along, fy + aside, fz + shares[i] * force[k]
+            square += along**2 + aside**2 + (shares[i] * force[k]) ** 2
             turn += offset[0, i] * aside - offset[1, i] * along
     if inside > 0.0:
         touch[0], touch[1], touch[3], touch[4], touch[5] = x / inside, y / inside, fx, fy, fz
         touch[6] = turn - touch[0] * fy + touch[1] * fx
+        touch[2] = np.sqrt(square / (fx * fx + fy * fy + fz * fz))
     return inside > 0.0 and fz > 0.0
 
 
@@ -340,12 +367,12 @@ def _sum_spread(cells, end, offset, shares, scale, numbers, whole, model, touch,
 
 @inner
 def write_force(touch, spread, model, here, ways, out, first):
-    """Write a touch's force and torque; from `first` the slip ratio, two deviations, and the force's covariance (6,).
+    """Write a touch's force and torque; from `first` the slip ratio, two deviations, the covariance (6,), the shape.
 
     The deviations are those of the ratio of tangential to normal force, and of the torque. A force that the fit finds
     is corrected by the response's curve, which holds for the whole of a touch.
     """
-    curve, off, inexact = model[CURVE:WIDENING], model[WIDENING:INEXACT], model[INEXACT:SUMS]
+    curve, off = model[CURVE:WIDENING], model[WIDENING:INEXACT]
     x, y, press = touch[3], touch[4], touch[5]
     aside = curve[3] + curve[4] * press
     force = np.array([aside * x, aside * y, (curve[0] + curve[1] * press) * press + curve[2] * (x * x + y * y)])
@@ -358,8 +385,7 @@ def write_force(touch, spread, model, here, ways, out, first):
                 for d in range(3):
                     local[a, b] += slopes[a, c] * spread[3 + c, 3 + d] * slopes[b, d]
             local[a, b] *= off[2 if a < 2 else 1] * off[2 if b < 2 else 1]
-        share = inexact[2 if a < 2 else 1]
-        local[a, a] += share * share * (force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
+        local[a, a] += beside(2 if a < 2 else 1, touch, model) * (force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
     axes = np.empty((3, 3))  # of x, y and into the body
     for a in range(2):
         size = np.sqrt(ways[a, 0] ** 2 + ways[a, 1] ** 2 + ways[a, 2] ** 2)
@@ -378,6 +404,7 @@ def write_force(touch, spread, model, here, ways, out, first):
         for b in range(3):
             variance += along[a] * local[a, b] * along[b]
     out[first], out[first + 1] = ratio, np.sqrt(variance) / force[2] if force[2] > 0.0 else np.nan
+    out[first + 9] = _shape(touch, model)
     out[first + 2] = aside * np.sqrt(spread[6, 6]) * model[PITCH]
     for a in range(3):
         for b in range(a, 3):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import product
 from math import sqrt
 
 import numpy as np
@@ -13,7 +14,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95
 from palpate.contact.ground_truth import TrueSamples
 from palpate.sensors.taxels._loads import LEAST_PATCH
-from palpate.sensors.taxels.estimator import SQUARE, TaxelEstimator
+from palpate.sensors.taxels.estimator import SIX, SQUARE, TaxelEstimator
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.presses import EACH, EVERY, PRESSED, Presses, axes_at, known_presses
@@ -22,7 +23,7 @@ from palpate.signals.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
 
-# of the presses, each left out in turn: by the size of their patch; where that tells nothing, nearly all train
+# of the presses, each left out in turn; where the taxels bear all of a force, nearly all train
 PARTS, FOLDS = 4, 12
 ROUNDS = 10
 PATCHES = np.concatenate([np.linspace(LEAST_PATCH, 0.0, 4)[:-1], [0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0]])
@@ -30,6 +31,7 @@ _LOOSE = 0.3  # squared pitches: deviation of a patch before it is learned
 _ALIKE = 1e-2  # weight of the mean gains in those of a taxel
 _INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
 FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), np.geomspace(1e-4, 0.3, 24).tolist()
+UNUSUAL = [0.0, *np.geomspace(1e-3, 1.0, 15).tolist()]
 CHI2 = (3.841458820694124, CHI2_95, 7.814727903251179)  # 95 % points with one, two and three degrees of freedom
 
 
@@ -52,17 +54,21 @@ def identify_response(
     pitch = float(np.median(body.spacing))
     presses = known_presses(body, recording, truth, pitch)
     names = _by_patch(presses, _fitted(body, presses, pitch, False)[1])
-    parts, errors = min(
-        (_judged(body, presses, names, pitch, sums) for sums in (False, True)),
-        key=lambda each: float(np.sum(_corrected(each[1])[2])),
-    )
-    curve, _, _ = _corrected(errors)
+    alike = [
+        _left_out(body, presses, [names[i::count] for i in range(count)], pitch, sums)
+        for count, sums in ((PARTS, False), (FOLDS, True))
+    ]
+    found = [_corrected(np.concatenate([_alone(body, *each) for each in parts])) for parts in alike]
+    sums = int(np.argmin([off.sum() for _, _, off in found]))
+    curve, parts = found[sums][0], alike[sums]
+    if not sums:  # taxels that bear all of a force know no tips
+        parts = _left_out(body, presses, np.array_split(names, PARTS), pitch, False)
     in_turn = np.concatenate([_in_turn(body, recording, *each) for each in parts])
-    _, widening, off = _corrected(in_turn, curve)
-    found, _ = _fitted(body, presses, pitch, parts[0][1].sums)
+    _, wide, off = _corrected(in_turn, curve)
     record = {"left_out": _left_out_text(off, pitch, len(in_turn)), **(provenance or {})}
-    kept = {"curve": frozen(curve), "widening": widening[:, 0], "inexact": widening[:, 1], "provenance": record}
-    return replace(found, **kept, notes=(f"{len(names)} presses",))
+    kept = dict(zip(("widening", "inexact", "unusual"), wide.T, strict=True)) | {"curve": frozen(curve)}
+    response, _ = _fitted(body, presses, pitch, bool(sums))
+    return replace(response, **kept, provenance=record, notes=(f"{len(names)} presses",))
 
 
 def _by_patch(presses: Presses, patch: Float[np.ndarray, " n"]) -> Int[np.ndarray, " p"]:
@@ -72,15 +78,12 @@ def _by_patch(presses: Presses, patch: Float[np.ndarray, " n"]) -> Int[np.ndarra
     return names[np.argsort(np.bincount(number, patch - size @ _least(size, patch)) / np.bincount(number))]
 
 
-def _judged(
-    body: TaxelBody, presses: Presses, names: Int[np.ndarray, " p"], pitch: float, sums: bool
-) -> tuple[list[tuple[Presses, TaxelResponse]], Float[np.ndarray, "n 20"]]:
-    """Return presses that were left out in turn, each part with the fit to the others, and the errors on them."""
-    parts = list[tuple[Presses, TaxelResponse]]()
-    for part in [names[i::FOLDS] for i in range(FOLDS)] if sums else np.array_split(names, PARTS):  # sums know no tips
-        left = np.isin(presses.press, part)
-        parts.append((presses.of(left), _fitted(body, presses.of(~left), pitch, sums)[0]))
-    return parts, np.concatenate([_alone(body, *each) for each in parts])
+def _left_out(
+    body: TaxelBody, presses: Presses, parts: list[np.ndarray], pitch: float, sums: bool
+) -> list[tuple[Presses, TaxelResponse]]:
+    """Return the presses of each part, which lists their numbers, with the fit to all others."""
+    out = [np.isin(presses.press, part) for part in parts]
+    return [(presses.of(each), _fitted(body, presses.of(~each), pitch, sums)[0]) for each in out]
 
 
 def _left_out_text(off: Float[np.ndarray, "3"], pitch: float, count: int) -> str:
@@ -213,7 +216,7 @@ def _patches(
     return np.maximum(found - np.median(found), LEAST_PATCH)
 
 
-def _alone(body: TaxelBody, presses: Presses, response: TaxelResponse) -> Float[np.ndarray, "n 20"]:
+def _alone(body: TaxelBody, presses: Presses, response: TaxelResponse) -> Float[np.ndarray, "n 21"]:
     """Return the errors on presses, frame by frame less the rest."""
     noise = np.sqrt(np.einsum("kab,kb->ka", response.gains**2, presses.noise**2)).T
     zero, bad = np.zeros(len(body)), np.zeros(len(body), dtype=bool)
@@ -229,7 +232,7 @@ def _alone(body: TaxelBody, presses: Presses, response: TaxelResponse) -> Float[
 
 def _in_turn(
     body: TaxelBody, recording: Recording, presses: Presses, response: TaxelResponse
-) -> Float[np.ndarray, "n 20"]:
+) -> Float[np.ndarray, "n 21"]:
     """Return the errors on presses in the recording as it ran, where what earlier presses left behind counts."""
     estimator = TaxelEstimator(replace(body, response=response, bits=None))
     found = estimator.run(recording)
@@ -242,32 +245,32 @@ def _in_turn(
 
 def _errors(
     body: TaxelBody, found: Contacts, there: Int[np.ndarray, " c"], presses: Presses, i: int, pitch: float
-) -> Float[np.ndarray, "_ 20"]:
+) -> Float[np.ndarray, "_ 21"]:
     """Return a row on the hardest of some contacts in a frame of presses; none if there are none.
 
     It is the error of the place [pitches] along both tangents (2), its covariance (3), the force (3), its covariance
-    (3, 3) and the true force (3), along both tangents and into the body.
+    (3, 3) and the true force (3), along both tangents and into the body, and the feature `shape`.
     """
     if not len(there):
-        return np.zeros((0, 20))
+        return np.zeros((0, 21))
     best = there[int(np.argmax(np.linalg.norm(found.force[there], axis=1)))]
     turn = axes_at(body, presses.point[i : i + 1], pitch)[0]
     error = turn[:2] @ (found.point[best] - presses.point[i]) / pitch
     place = turn[:2] @ found.covariance[best] @ turn[:2].T / pitch**2
-    six = np.array([found.features[f"force_{name}"][best] for name in ("xx", "xy", "xz", "yy", "yz", "zz")])
+    six = np.array([found.features[name][best] for name in SIX])
     spread = turn @ six[SQUARE].reshape(3, 3) @ turn.T
     own = [*error, place[0, 0], place[0, 1], place[1, 1], *(turn @ found.force[best]), *spread.ravel()]
-    return np.array([[*own, *presses.force[i]]])
+    return np.array([[*own, *presses.force[i], found.features["shape"][best]]])
 
 
 def _corrected(
-    rows: Float[np.ndarray, "n 20"], curve: Float[np.ndarray, "5"] | None = None
-) -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "3 2"], Float[np.ndarray, "3"]]:
-    """Return `TaxelResponse.curve`, and `.widening` and `.inexact` side by side, of rows of `_errors`, and medians.
+    rows: Float[np.ndarray, "n 21"], curve: Float[np.ndarray, "5"] | None = None
+) -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Return `TaxelResponse.curve`; `.widening`, `.inexact` and `.unusual` as columns; medians; of rows of `_errors`.
 
     Errors are those of the place [pitches], and of the normal and the tangential force as shares of the force.
     """
-    place, fitted, force = rows[:, :2], rows[:, 5:8], rows[:, 17:]
+    place, fitted, force, shape = rows[:, :2], rows[:, 5:8], rows[:, 17:20], rows[:, 20]
     weight = 1.0 / (np.linalg.norm(force, axis=1) + PRESSED * np.abs(force).max())
     normal, square = fitted[:, 2], (fitted[:, :2] ** 2).sum(axis=1)
     ways = weight[:, None] * np.column_stack([normal, normal**2, square])
@@ -283,35 +286,40 @@ def _corrected(
     spread = slope[:, None] * spread * slope
     wide = np.array(
         [
-            _widening(place, flat, np.ones(len(rows))),
-            _widening(off[:, 2:], spread[:, 2:, 2:], size),
-            _widening(off[:, :2], spread[:, :2, :2], size),
+            _widening(place, flat, np.ones(len(rows)), shape),
+            _widening(off[:, 2:], spread[:, 2:, 2:], size, shape),
+            _widening(off[:, :2], spread[:, :2, :2], size, shape),
         ]
     )
-    factor, beside = wide[[2, 2, 1]].T
-    both = factor[:, None] * spread * factor + (beside**2 * np.eye(3)) * size[:, None, None] ** 2
+    factor, beside, unusual = wide[[2, 2, 1]].T
+    more = size[:, None] ** 2 * (beside**2 + (unusual * shape[:, None]) ** 2)
+    both = factor[:, None] * spread * factor + more[:, None] * np.eye(3)
     wide[1:] *= _excess(off, both)
     errors = [np.linalg.norm(place, axis=1), np.abs(off[:, 2]) / size, np.linalg.norm(off[:, :2], axis=1) / size]
     return np.concatenate([first, second]), wide, np.median(errors, axis=1)
 
 
 def _widening(
-    error: Float[np.ndarray, "n d"], covariance: Float[np.ndarray, "n d d"], size: Float[np.ndarray, " n"]
+    error: Float[np.ndarray, "n d"],
+    covariance: Float[np.ndarray, "n d d"],
+    size: Float[np.ndarray, " n"],
+    shape: Float[np.ndarray, " n"],
 ) -> list[float]:
-    """Return the factor of standard deviations, and the deviation over `size` beside them, that errors show.
+    """Return the factor of standard deviations, and the deviations over `size` and `size * shape` beside them.
 
     They are the likeliest of Gaussian errors, by which 95 % lie within their 95 % bounds.
     """
     values, ways = np.linalg.eigh(covariance)
     along: np.ndarray = np.einsum("nda,nd->na", ways, error) ** 2
-    unlikely, best = np.inf, (1.0, 0.0)
-    for factor in FACTORS:
-        for beside in BESIDES:
-            variance: np.ndarray = factor**2 * values + (beside * size[:, None]) ** 2
-            cost = float(np.mean(along / variance + np.log(variance)))
-            unlikely, best = (cost, (factor, beside)) if cost < unlikely else (unlikely, best)
-    wide = _excess(error, best[0] ** 2 * covariance + (best[1] * size[:, None, None]) ** 2 * np.eye(len(error.T)))
-    return [wide * best[0], wide * best[1]]
+    flat, wide = size[:, None] ** 2, (size * shape)[:, None] ** 2
+    unlikely, best = np.inf, (1.0, 0.0, 0.0)
+    for each in product(FACTORS, BESIDES, UNUSUAL):
+        variance: np.ndarray = each[0] ** 2 * values + each[1] ** 2 * flat + each[2] ** 2 * wide
+        cost = float(np.mean(along / variance + np.log(variance)))
+        unlikely, best = (cost, each) if cost < unlikely else (unlikely, best)
+    more = best[1] ** 2 * flat + best[2] ** 2 * wide
+    excess = _excess(error, best[0] ** 2 * covariance + more[:, None] * np.eye(len(error.T)))
+    return [excess * each for each in best]
 
 
 def _excess(error: Float[np.ndarray, "n d"], covariance: Float[np.ndarray, "n d d"]) -> float:

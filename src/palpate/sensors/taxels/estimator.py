@@ -34,9 +34,11 @@ FEATURES = ("area", "load", "peak", "pressure", "axis_long", "axis_short", "angl
 more than the force; pressure on one cell at most [Pa], and mean [Pa]; standard deviations of the pressure along its
 principal axes [m]; angle of the long axis [rad], from rising rows towards rising columns, or anticlockwise from
 `TaxelBody.tangents`; number of cells."""
-SHEAR = ("slip", "slip_sd", "torque_sd", "force_xx", "force_xy", "force_xz", "force_yy", "force_yz", "force_zz")
-"""Ratio of tangential to normal force, its standard deviation and that of the torque [N m], and the force's covariance
-[N^2]; of taxels with three axes."""
+SIX = ("force_xx", "force_xy", "force_xz", "force_yy", "force_yz", "force_zz")
+SHEAR = ("slip", "slip_sd", "torque_sd", *SIX, "shape")
+"""Ratio of tangential to normal force, its standard deviation and that of the torque [N m], the force's covariance
+[N^2], and the shape, with which deviations grow: by how much the variance of the patch exceeds a usual one [squared
+pitches], or the root of the sum of squared loads over the force, if that is their sum; of taxels with three axes."""
 SQUARE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # where the nine numbers of a covariance are among its six
 _One = tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...], tuple[np.ndarray, np.ndarray] | None]
 """Time, readings and number of rows of one frame, which are written; its usual shape; views of its loads."""

@@ -112,6 +112,7 @@ RESPONSE = Model(
                 "curve": Key("normal c0 n + c1 n^2 + c2 t^2, tangential (c3 + c4 n) t"),
                 "widening": Key("of the deviations of place, normal and tangential force"),
                 "inexact": Key("more deviations of these: pitches, and shares of the force"),
+                "unusual": Key("more deviations, for a shape of 1"),
                 "sums": Key("forces are the sums of the taxels' loads"),
                 "late": Key("s, share, deviation: how much of the loads before a reading follows"),
                 "drift": Key("s, within which the rest is followed", infinite=True),

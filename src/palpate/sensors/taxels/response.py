@@ -35,8 +35,9 @@ class TaxelResponse(Value):
             and its standard deviation.
         curve: (5,) corrects a fitted force: normal c0 n + c1 n^2 + c2 t^2, tangential (c3 + c4 n) t.
         widening: (3,) factors of the standard deviations of place, normal and tangential force by the loads.
-        inexact: (3,) standard deviations beside them: of the place, and of both as shares of the force. With these and
-            `widening`, 95 % of presses that the fit left out lie within their 95 % bounds.
+        inexact: (3,) standard deviations beside them: of the place, and of both as shares of the force. With these,
+            `widening` and `unusual`, 95 % of presses that the fit left out lie within their 95 % bounds.
+        unusual: (3,) what is added to `inexact`, squared, where the shape of a touch is 1, in proportion to the shape.
         sums: the taxels bear all of a force among them, as pillars do: force and place are sums of their loads.
         late: (3,) readings are the load and a share of what it was before, exponentially over a time: the time [s], the
             share, and its standard deviation.
@@ -57,6 +58,7 @@ class TaxelResponse(Value):
     curve: Float[np.ndarray, "5"]
     widening: Float[np.ndarray, "3"]
     inexact: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
+    unusual: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     sums: bool = False
     late: Float[np.ndarray, "3"] = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     drift: float = inf
@@ -65,7 +67,8 @@ class TaxelResponse(Value):
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("gains", "shares", "misfit", "patch", "curve", "widening", "inexact", "late", "limits"):
+        deviations = "misfit", "widening", "inexact", "unusual"
+        for name in ("gains", "shares", "patch", "curve", *deviations, "late", "limits"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         if not (self.pitch > 0 and np.isfinite(self.gains).all()):
             raise InputError("gains must be finite, and the pitch positive.", where="response")
@@ -105,8 +108,8 @@ class TaxelResponse(Value):
 
     def numbers(self) -> Float[np.ndarray, " m"]:
         """Return the model as the array that the compiled fit reads."""
-        parts = ([self.pitch], self.misfit, self.patch, self.curve, self.widening, self.inexact, [self.sums], self.late)
-        return frozen(np.concatenate([self.shares.ravel(), *parts]))
+        parts = [self.pitch], self.misfit, self.patch, self.curve, self.widening, self.inexact, self.unusual
+        return frozen(np.concatenate([self.shares.ravel(), *parts, [self.sums], self.late]))
 
     def spread_of(
         self, offset: Float[np.ndarray, "n 2"], force: Float[np.ndarray, "n 3"], patch: Float[np.ndarray, " n"]
