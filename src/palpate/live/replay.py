@@ -75,7 +75,7 @@ class Replay:
         self.ended, self.patient = False, not speed
         self._said: list[str] = []
         self._rest = self._samples()
-        self._held: tuple[Recording, np.ndarray, np.ndarray, int] | None = None
+        self._held: tuple[Recording, np.ndarray, np.ndarray, np.ndarray, int] | None = None
         self._begun = self._first = 0.0
 
     @classmethod
@@ -108,19 +108,27 @@ class Replay:
                 self.ended = True
                 time.sleep(timeout)
                 return 0
-            due = np.maximum.accumulate(np.nan_to_num(piece.time))
-            self._held = piece, values_of(piece), due, 0
-        piece, values, due, start = self._held
+            times = np.nan_to_num(piece.time)
+            stamps = np.rint(times * 1e9).astype(np.int64)
+            self._held = piece, values_of(piece), stamps, np.maximum.accumulate(times), 0
+        piece, values, stamps, due, start = self._held
         if count := self._due(due[start : start + len(batch)], timeout):
             part = slice(start, start + count)
-            batch.stamp[:count] = np.rint(np.nan_to_num(piece.time[part]) * 1e9).astype(np.int64)
-            batch.arrived, batch.lost[:count] = np.full(count, time.time_ns()), 0
+            batch.stamp[:count], batch.lost[:count] = stamps[part], 0
+            batch.arrived = np.full(count, time.time_ns())
             batch.values[:count] = values[part]
             beside = {ORIENTATION: batch.orientation, POSITION: batch.position, ACCELERATION: batch.acceleration}
             for name, into in beside.items():
                 into[:count] = piece.channels[name][part] if name in piece.channels else np.nan
-            self._held = None if start + count == len(piece) else (piece, values, due, start + count)
+            self._held = None if start + count == len(piece) else (piece, values, stamps, due, start + count)
         return count
+
+    def due(self) -> float:
+        """Return when the next sample comes [s], by `time.monotonic`; inf: the log is at its end."""
+        if self._held is None or not self._speed:
+            return np.inf if self.ended else -np.inf
+        *_, due, start = self._held
+        return self._begun + (float(due[start]) - self._first) / self._speed
 
     def events(self) -> list[str]:
         """Return the sentence on the end of the log once; else []."""
@@ -134,7 +142,7 @@ class Replay:
         """Return how many samples, due at (n,) [s] of the log in order, are due; wait up to `timeout` for the first."""
         if not self._speed:
             return len(due)
-        waiting = (float(due[0]) - self._first) / self._speed - (time.monotonic() - self._begun)
+        waiting = self.due() - time.monotonic()
         if waiting > timeout:
             time.sleep(timeout)
             return 0
