@@ -7,9 +7,9 @@ import gc
 import os
 import signal
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Event
 from pathlib import Path
@@ -101,44 +101,51 @@ def receive_together(
         OSError: a log cannot be read.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    lives, streams = dict[int, Live](), dict[int, _Together]()
+    lives, streams = list[tuple[Live, str, Path, Connection]](), list[_Together]()
     with ExitStack() as stack:
-        for k, (sensor, trouble) in enumerate(zip(sensors, troubles, strict=True)):
+        for sensor, ring, trouble in zip(sensors, rings, troubles, strict=True):
             with _reported(trouble):
-                lives[k] = Live(rig, sensor)
-        _wait(together, [troubles[k] for k in lives], parent)
-        for k, live in lives.items():
-            with _reported(troubles[k]):
+                lives.append((Live(rig, sensor), sensor, ring, trouble))
+        _wait(together, [trouble for *_, trouble in lives], parent)
+        for live, sensor, ring, trouble in lives:
+            with _reported(trouble):
                 stack.enter_context(live)
-                due = live.source.due if isinstance(live.source, PunctualSource) else time.monotonic
-                streams[k] = _Together(live, _ring_for(live, rig, rings[k], sensors[k], recorded), due)
+                streams.append(_Together(live, _ring_for(live, rig, ring, sensor, recorded), trouble))
         gc.collect()
         gc.freeze()
-        while streams and not next(iter(streams.values())).ring["stop"] and not orphaned(parent):
-            for k, each in list(streams.items()):
-                if each.next <= time.monotonic():
-                    with _reported(troubles[k]):
-                        each.step()
-                        continue
-                    del streams[k]  # after an error
-            time.sleep(max(0.0, min((each.next for each in streams.values()), default=0.0) - time.monotonic()))
-        for each in streams.values():
-            each.live.finish()
-            _say(each.live, each.ring)
+        _take_turns(streams, parent)
 
 
-@dataclass
+def _take_turns(streams: list[_Together], parent: int) -> None:
+    begin = time.monotonic()
+    for each in streams:
+        each.source.begin(begin)
+    while streams and not streams[0].ring["stop"] and not orphaned(parent):
+        streams = [each for each in streams if each.step()]
+        time.sleep(max(0.0, min((each.next for each in streams), default=0.0) - time.monotonic()))
+    for each in streams:
+        each.live.finish()
+        _say(each.live, each.ring)
+
+
 class _Together:
-    """One of several sensors in a process, and when to look at it next [s], by `time.monotonic`."""
+    """One of several sensors in a process."""
 
-    live: Live
-    ring: StreamBuffer
-    due: Callable[[], float]
-    next: float = 0.0
+    def __init__(self, live: Live, ring: StreamBuffer, trouble: Connection) -> None:
+        if not isinstance(live.source, PunctualSource):
+            raise InputError("cannot be received in one process with others.", where="[source]")
+        self.live, self.ring, self.source, self._trouble = live, ring, live.source, trouble
+        self.next = 0.0  # s, by `time.monotonic`
 
-    def step(self) -> None:
-        _step(self.live, self.ring, 0.0)
-        self.next = min(self.due(), time.monotonic() + POLL)
+    def step(self) -> bool:
+        """Pass on what has come, if it is time; return False after an error, which is reported."""
+        if self.next > time.monotonic():
+            return True
+        with _reported(self._trouble):
+            _step(self.live, self.ring, 0.0)
+            self.next = min(self.source.due(), time.monotonic() + POLL)
+            return True
+        return False
 
 
 @contextmanager

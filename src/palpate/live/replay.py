@@ -92,7 +92,11 @@ class Replay:
 
     def open(self) -> None:
         """Start the clock: the first sample comes now."""
-        self._begun = time.monotonic()
+        self.begin(time.monotonic())
+
+    def begin(self, at: float) -> None:
+        """Start the clock: the first sample comes at a time [s], by `time.monotonic`."""
+        self._begun = at
 
     def receive(self, batch: Batch, timeout: float) -> int:
         """Fill a batch with due samples and return how many; wait up to `timeout` [s] for the first.

@@ -126,6 +126,10 @@ class CountingSource(Protocol):
 class PunctualSource(Source, Protocol):
     """A source whose next sample has a known time, so that one process can receive several of them."""
 
+    def begin(self, at: float) -> None:
+        """Let the first sample come at a time [s] by `time.monotonic`; that of `open` otherwise."""
+        ...
+
     def due(self) -> float:
         """Return when the next sample comes [s], by `time.monotonic`; inf: none comes any more."""
         ...

@@ -33,8 +33,6 @@ from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
 MAGIC = b"\x89MCAP0\r\n"
 PIECE = 1 << 22  # bytes read at a time
 LONGEST: Mapping[int, int] = {Opcode.CHUNK: LARGEST, Opcode.MESSAGE: 1 << 26}  # bytes; others: PIECE; else skipped
-KEPT = 4  # inflated chunks
-_INFLATED: dict[tuple[Path, int], tuple[bytes, tuple[bytes, str]]] = {}  # by file and place, with the packed content
 _HEAD = 9
 _MOST = 1 << 16  # records of a stretch
 _DECLARING: Mapping[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
@@ -154,7 +152,7 @@ class McapFile(MessageFile):
             self._counts[unpack_from("<H", head, _HEAD)[0]] += 1
 
     def _unpack(self, content: memoryview, at: int) -> Iterator[MessageBlock]:
-        data, problem = _inflated((self.path, at), bytes(content))
+        data, problem = inflate(content)
         end = 0
         for stretch in _stretches(data):
             yield from self._use(stretch, data)
@@ -210,19 +208,6 @@ class McapFile(MessageFile):
         """Read the summary, only once: the library is slow."""
         with open_input(self.path) as file:
             return make_reader(file).get_summary()
-
-
-def _inflated(where: tuple[Path, int], content: bytes) -> tuple[bytes, str]:
-    """Return what `inflate` does; the last few chunks are kept, as several readers of a log come to them together."""
-    before, found = _INFLATED.get(where, (b"", (b"", "")))
-    if before == content:
-        return found
-    found = inflate(memoryview(content))
-    if len(found[0]) <= PIECE:
-        for oldest in [*_INFLATED][: 1 - KEPT]:
-            _INFLATED.pop(oldest, None)
-        _INFLATED[where] = content, found
-    return found
 
 
 def _stretches(data: bytes) -> Iterator[_Stretch]:
