@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from palpate.live.source import Batch, drained
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 from palpate.signals.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, Recording
+
+_READER = ThreadPoolExecutor(1, thread_name_prefix="replay")
 
 
 def bare(layout: LogLayout) -> LogLayout:
@@ -64,7 +67,10 @@ class Replay:
 
     def __init__(self, path: Path, layout: LogLayout, speed: float = 1.0, loop: bool = False) -> None:
         self.path, self._layout, self._speed, self._loop = path, layout, speed, loop
-        first = next(self._blocks(), None)
+        self._begun = self._first = 0.0
+        self._rest = self._samples()
+        self._coming = self._read()
+        first = self._coming.result()
         if first is None:
             raise InputError("holds no samples.", where=str(path))
         values = values_of(first)
@@ -74,9 +80,7 @@ class Replay:
         self.poses = ORIENTATION in first.channels
         self.ended, self.patient = False, not speed
         self._said: list[str] = []
-        self._rest = self._samples()
         self._held: tuple[Recording, np.ndarray, np.ndarray, np.ndarray, int] | None = None
-        self._begun = self._first = 0.0
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> Replay:
@@ -105,13 +109,14 @@ class Replay:
             InputError: the log cannot be read further.
         """
         if self._held is None:
-            piece = next(self._rest, None)
+            piece = self._coming.result()
             if piece is None:
                 if not self.ended:
                     self._said.append(f"{self.path.name} has been played to its end")
                 self.ended = True
                 time.sleep(timeout)
                 return 0
+            self._coming = self._read()
             times = np.nan_to_num(piece.time)
             stamps = np.rint(times * 1e9).astype(np.int64)
             self._held = piece, values_of(piece), stamps, np.maximum.accumulate(times), 0
@@ -141,6 +146,7 @@ class Replay:
     def close(self) -> None:
         """End the replay: no more samples come."""
         self._rest, self._held = iter(()), None
+        self._coming = self._read()
 
     def _due(self, due: Float[np.ndarray, " n"], timeout: float) -> int:
         """Return how many samples, due at (n,) [s] of the log in order, are due; wait up to `timeout` for the first."""
@@ -154,6 +160,10 @@ class Replay:
             time.sleep(waiting)
         now = self._first + (time.monotonic() - self._begun) * self._speed
         return max(1, int(np.searchsorted(due, now, side="right")))
+
+    def _read(self) -> Future[Recording | None]:
+        """Read the next block while samples before it are given: it takes longer than the time between two."""
+        return _READER.submit(next, self._rest, None)
 
     def _blocks(self) -> Iterator[Recording]:
         return iter(open_log(self.path, self._layout).blocks())
