@@ -6,6 +6,7 @@ import ctypes
 import gc
 import os
 import signal
+import sys
 import time
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -28,6 +29,7 @@ PRIORITY = 60  # of SCHED_FIFO: above what is usual, below the threads of the sy
 IMAGES = 1 << 28  # bytes of a ring of images
 SHARED, SLOTS = 8, 8192  # rings of a robot's sensors are smaller by as much, at most, if they have so many slots
 ALONE = 1.0  # s between looks whether the parent is there
+TURN = 2e-4  # s that the thread which reads a log on keeps Python's lock, at most: 5 ms unless stated
 POLL = 0.05  # s that joint states are waited for
 _LOCK_NOW_AND_LATER = 3  # MCL_CURRENT | MCL_FUTURE
 
@@ -117,6 +119,7 @@ def receive_together(
 
 
 def _take_turns(streams: list[_Together], parent: int) -> None:
+    sys.setswitchinterval(TURN)
     begin = time.monotonic()
     for each in streams:
         each.source.begin(begin)
