@@ -281,9 +281,13 @@ def test_the_page_shows_contacts_where_the_joints_have_moved_them(tmp_path: Path
     forms.append(SlotForm("joints", (3,), False, (), 1, 1, joints=names))
     made = [StreamBuffer.make(tmp_path / f"{k}.ring", form, 1 << 20) for k, form in enumerate(forms)]
     stream, none = RobotStream(made, robot), np.zeros((0, 1))
+    answered(made[0], 7)
+    stream.look(watched=False)
+    assert stream.newest is None
+    assert stream.figures().skipped == 0
     with LivePage(None, (stream.layer,), "robot", stream.tare, port=0) as page:
         for k, angles in enumerate([None, np.array([0.3, -0.4, 0.5]), np.array([-1.0, 0.2, 0.9])]):
-            for ring in made[: 1 if k == 2 else 2]:
+            for ring in made[bool(k == 0) : 1 if k == 2 else 2]:  # the first has samples that came unwatched
                 answered(ring, 7)
             if angles is not None:
                 batch = Batch((3,))
