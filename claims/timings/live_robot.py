@@ -2,7 +2,7 @@
 
 The robot is that of the log in `evidence.robots`: 20 sheets and patches of taxels at 100 Hz, four force/torque sensors
 at 1 kHz with payload and filter. Its log is replayed at its own speed in a loop, recorded, and shown by a page that
-nobody looks at. All processes count: a receiver for each sensor and one for the joint states, recorder and page.
+nobody looks at. All processes count: the receiver of all sensors, that of the joint states, recorder and page.
 """
 
 import os
@@ -48,7 +48,8 @@ def rows(small: bool) -> Iterator[Row]:
             yield _memory(rig)
 
 
-_KINDS = "receivers of wrenches", "of sheets and patches", "others"
+_KINDS = "receiver of sensors", "others"
+SENSORS = 24
 
 
 def _run(rig: Path, seconds: float) -> tuple[float, np.ndarray, list[float]]:
@@ -99,7 +100,7 @@ class _Live:
         end = time.monotonic() + 180.0
         while time.monotonic() < end and self._running.poll() is None:
             paths = rings_of(self._record)
-            if len(paths) >= 25:  # 24 sensors and the joint states
+            if len(paths) > SENSORS:  # and the joint states
                 self.rings = [StreamBuffer(path) for path in paths]
                 return self
             time.sleep(0.5)
@@ -112,11 +113,11 @@ class _Live:
         self._running.wait()
 
     def spent(self) -> dict[str, float]:
-        """Return the seconds of processor so far by `_KINDS`: a receiver maps one ring, the others map all or none."""
+        """Return the seconds of processor so far by `_KINDS`: the receiver maps the rings of the sensors alone."""
         spent: dict[str, float] = dict.fromkeys(_KINDS, 0.0)
         for process in self._processes():
             mapped = {line.split()[-1] for line in (process / "maps").read_text().splitlines() if ".ring" in line}
-            kind = 2 if len(mapped) != 1 or "joint" in str(mapped) else 0 if "wrist" in str(mapped) else 1
+            kind = 0 if len(mapped) == SENSORS else 1
             words = (process / "stat").read_text(encoding="ascii").rpartition(")")[2].split()
             spent[_KINDS[kind]] += (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
         return spent

@@ -88,21 +88,19 @@ def live(
         place = stack.enter_context(_rings(record))
         streams, token = sensors.receivers(place, realtime=realtime, recorded=record is not None), token_urlsafe(16)
         count = len(streams)
-        supervisor, rings = WorkerSupervisor([each.worker for each in streams]), list[StreamBuffer]()
+        supervisor, rings = WorkerSupervisor(_workers(streams)), list[StreamBuffer]()
         for worker in supervisor.workers:
             worker.start()
         try:
             streams = ready(streams, came)
-            supervisor.workers = [each.worker for each in streams]
-            for each in streams:
-                each.worker.ring = each.ring
+            receivers = supervisor.workers = _workers(streams)
             rings = [each.ring for each in streams if each.ring is not None]
             hurried = realtime and any(each.kind != "replay" for each in sources.values())
-            supervisor.workers += _readers(streams, rig, record, split, publish, hurried)
+            supervisor.workers = receivers + _readers(streams, rig, record, split, publish, hurried)
             if view:
                 arguments = (tuple(each.path for each in rings), rig, sensor, host, port, token, os.getpid())
                 supervisor.workers.append(Worker("page", show, arguments))
-            for worker in supervisor.workers[len(streams) :]:
+            for worker in supervisor.workers[len(receivers) :]:
                 worker.start()
             _watch(supervisor, streams, came, seconds, token, stays=view)
         finally:
@@ -112,8 +110,13 @@ def live(
                 summary(each.ring, each.name if sensors.several else "")
         if record is not None:
             lines([("record", str(record))])
-    if sensors.faulty or any(each.worker.given_up for each in streams) or len(streams) < count:
+    if sensors.faulty or any(each.over for each in streams) or len(streams) < count:
         raise SystemExit(LEFT_OUT)
+
+
+def _workers(streams: Sequence[LiveStream]) -> list[Worker]:
+    """Return the receivers of streams, each once."""
+    return list({id(each.worker): each.worker for each in streams}.values())
 
 
 def _called(sensors: Sensors) -> str:
@@ -216,5 +219,5 @@ def _watch(
 
 def _ended(streams: Sequence[LiveStream]) -> bool:
     """Return whether all logs that are replayed are at their end."""
-    running = [each for each in streams if not each.worker.given_up and each.name != NAME]
+    running = [each for each in streams if not each.over and each.name != NAME]
     return all(each.ring is not None and each.ring["ended"] for each in running)

@@ -16,7 +16,7 @@ from palpate.live.stream_buffer import StreamBuffer, latencies
 
 __all__ = ["FigureLine", "summary"]
 
-LOOKED_AT = 1 << 14  # samples from which latencies are taken
+LOOKED_AT, BYTES = 1 << 14, 1 << 22  # samples from which latencies are taken, and bytes of them, at most
 
 
 class FigureLine:
@@ -97,9 +97,15 @@ class _Counted:
     def take(self) -> tuple[int, np.ndarray]:
         """Return the number of samples answered since the last call, and the last of their slots."""
         count, before = self.ring["answered"], self._count
-        slots, _ = self.ring.read(max(before, count - LOOKED_AT), LOOKED_AT)
+        slots = _last(self.ring, before)
         self._count = count
         return count - before, slots
+
+
+def _last(ring: StreamBuffer, since: int = 0) -> np.ndarray:
+    """Return the last slots from sample `since` on, of which there are not too many to copy."""
+    most = max(1, min(LOOKED_AT, BYTES // ring.form.slot().itemsize))
+    return ring.read(max(since, ring["answered"] - most), most)[0]
 
 
 def touching(slots: np.ndarray) -> np.ndarray:
@@ -149,8 +155,7 @@ def summary(ring: StreamBuffer, name: str = "") -> None:
     if recorded:
         size = f", {ring['bytes'] / 1e6:,.1f} MB" if ring["bytes"] and not name else ""  # a robot's: of one ring alone
         lines([("recorded", Quantity(f"{recorded:,} samples{size}", recorded))])
-    slots, _ = ring.read(answered - LOOKED_AT, LOOKED_AT)
-    lines(latency(ring, slots))
+    lines(latency(ring, _last(ring)))
 
 
 def _losses(ring: StreamBuffer) -> str:

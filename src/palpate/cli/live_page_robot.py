@@ -65,9 +65,14 @@ class RobotStream:
             each.tare(browser)
 
     def look(self, watched: bool) -> None:
-        """Read new slots of all rings, and make a picture if there are any; `watched`: a browser is connected."""
+        """Read new slots of all rings, and make a picture if there are any; `watched`: a browser is connected.
+
+        Without one, only the last slot of each is read, and there is no picture.
+        """
         for each in self._streams.values():
-            each.look(watched)
+            each.look(watched, None if watched else 1)
+        if not watched:
+            return
         read = sum(each.next_one for each in self._streams.values()) + self._motion.look()
         if read == self._read:
             return

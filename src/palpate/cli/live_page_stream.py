@@ -53,8 +53,8 @@ class Stream:
         """Request a tare, for a browser at that address."""
         self.ring.ask_tare(f"the page ({browser})")
 
-    def look(self, watched: bool) -> None:
-        """Read new slots and pass them to the feed; `watched`: a browser is connected."""
+    def look(self, watched: bool, most: int | None = None) -> None:
+        """Read new slots, at most `most`, and pass them to the feed; `watched`: a browser is connected."""
         now = time.monotonic()
         received, answered = self.ring["received"], self.ring["answered"]
         if received != self._received:
@@ -62,9 +62,9 @@ class Stream:
         self._counts.append((now, received))
         while self._counts[0][0] < now - RATED:
             self._counts.popleft()
-        since = max(self.next_one, answered - self._most)
-        slots, first = self.ring.read(since, self._most)
-        self._skipped += first - self.next_one
+        most = most or self._most
+        slots, first = self.ring.read(max(self.next_one, answered - most), most)
+        self._skipped += (first - self.next_one) * watched
         self.next_one = first + len(slots)
         if len(slots):
             self._fresh.append(slots)

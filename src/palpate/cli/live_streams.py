@@ -16,7 +16,7 @@ from palpate.console.console import note
 from palpate.console.keys import Came
 from palpate.errors import InputError
 from palpate.live.joints import NAME, joint_source
-from palpate.live.receiver import receive, receive_joints
+from palpate.live.receiver import receive, receive_joints, receive_together
 from palpate.live.stream_buffer import StreamBuffer
 from palpate.live.supervisor import Worker
 from palpate.setup.load import load_rig, robot_of
@@ -68,10 +68,33 @@ class Sensors:
             called = f"receiver of {name}" if self.several else "receiver"
             return LiveStream(name, path, Worker(called, target, arguments), problems, together)
 
-        own = [stream(name, ring(name if self.several else ""), receive, name or None, realtime) for name in self.rigs]
+        def shared(names: list[str]) -> list[LiveStream]:
+            paths, pipes = list(map(ring, names)), [Pipe(duplex=False) for _ in names]
+            arguments = (self.rig, paths, names, os.getpid(), [sender for _, sender in pipes], recorded, together)
+            worker = Worker(f"receiver of {', '.join(names)}", receive_together, arguments)
+            each = zip(names, paths, [pipe for pipe, _ in pipes], strict=True)
+            return [LiveStream(name, path, worker, pipe, together) for name, path, pipe in each]
+
+        own = list[LiveStream]()
+        for names in self._logs():
+            alone, path = names[0], ring(names[0] if self.several else "")
+            own += shared(names) if len(names) > 1 else [stream(alone, path, receive, alone or None, realtime)]
+        own.sort(key=lambda each: list(self.rigs).index(each.name))
         if self.joints:  # its ring is called as no sensor can be
             own.append(stream(NAME, ring(f"_{NAME}"), receive_joints, tuple(self.rigs)))
         return own
+
+    def _logs(self) -> list[list[str]]:
+        """Return the names of sensors that one process receives: those in a log that is replayed at most at its speed.
+
+        Each other sensor is alone.
+        """
+        found = dict[tuple[str, str], list[str]]()
+        for name, rig in self.rigs.items():
+            source = rig.stream()
+            slow = self.several and source.kind == "replay" and 0.0 < source.speed <= 1.0
+            found.setdefault((source.address, "") if slow else ("", name), []).append(name)
+        return list(found.values())
 
 
 @dataclass
@@ -86,6 +109,7 @@ class LiveStream:
         together: what it waits for then; None: it does not.
         prepared: whether it waits.
         ring: the ring, once it is there.
+        failed: whether the receiver has left it out.
     """
 
     name: str
@@ -95,6 +119,12 @@ class LiveStream:
     together: Event | None = None
     prepared: bool = False
     ring: StreamBuffer | None = None
+    failed: bool = False
+
+    @property
+    def over(self) -> bool:
+        """True once nothing more is received."""
+        return self.failed or self.worker.given_up
 
     def problem(self, timeout: float = 0.0) -> str:
         """Return the message of the error that ended the receiver; "" if there is none within `timeout` [s]."""
@@ -109,6 +139,7 @@ class LiveStream:
         """Open the ring if it is there; else return why it will not be, or "" while it may come until `end` [s]."""
         if self.path.exists():
             self.ring = StreamBuffer(self.path)
+            self.worker.rings.append(self.ring)
             return ""
         if problem := self.problem():
             return problem
@@ -154,11 +185,12 @@ def left_out(streams: Sequence[LiveStream]) -> None:
         InputError: it is the last one.
     """
     for each in streams:
-        if not each.worker.given_up and (problem := each.problem()):
-            each.worker.given_up = True
+        if not each.over and (problem := each.problem()):
+            each.failed = True
+            each.worker.given_up = all(other.over for other in streams if other.worker is each.worker)
             if each.ring is not None:
                 each.ring.say(problem if len(streams) == 1 else f"left out from here on: {problem}")
-            if all(other.worker.given_up for other in streams if other.name != NAME):
+            if all(other.over for other in streams if other.name != NAME):
                 raise InputError(problem)
 
 

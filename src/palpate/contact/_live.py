@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate.signals._filters import smooth
 from palpate.surfaces._jit import inner
 
 
@@ -34,3 +35,18 @@ def matrix(memory, table, k):
 @inner
 def vector(memory, table, k):
     return stack(memory, table, k)[0, 0]
+
+
+@inner
+def filtered(time, statuses, wrenches, clock, past, memory, table, k):
+    """Filter wrenches (n, 6) in place, and return the share of their noise that remains, (n,) or (1,).
+
+    From array k on, `memory` holds the sections, start, gains, gap and shares of a `Forward`; no shares: no filter.
+    """
+    shares = vector(memory, table, k + 4)
+    if len(shares) == 0:
+        return np.ones(1)
+    age = np.empty(len(time), np.int64)
+    parts = matrix(memory, table, k), matrix(memory, table, k + 1), vector(memory, table, k + 2)
+    smooth(time, statuses, wrenches, *parts, vector(memory, table, k + 3)[0], clock, past, age)
+    return shares[np.minimum(age, len(shares) - 1)]

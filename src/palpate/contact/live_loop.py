@@ -12,9 +12,13 @@ from numpy.typing import ArrayLike
 from palpate.calls import by_name
 from palpate.contact.estimate import ROW
 from palpate.contact.locate import Locator
-from palpate.signals.wrench_sensor import Measured, Placement, WrenchSensor
+from palpate.signals.smoothing import Forward
+from palpate.signals.wrench_sensor import Placement, WrenchSensor
 
 __all__: list[str] = []  # for this package alone: arrays are checked where they come in
+
+NO_FILTER = np.zeros((0, 6)), np.zeros((0, 2)), np.zeros(0), np.zeros(1), np.zeros(0)  # as `Forward.constants`
+NO_PAST = np.zeros(2), np.zeros((1, 6))
 
 
 @runtime_checkable
@@ -46,10 +50,6 @@ class CompiledSensor(WrenchSensor, Protocol):
         """Return the inputs of n samples as a flat array, one kind after the other."""
         ...
 
-    def measured(self, time: Float[np.ndarray, " n"], inputs: Float[np.ndarray, " _"]) -> Measured:
-        """Return the samples of `inputs`, at times (n,) [s], as `Measured`."""
-        ...
-
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
         """Return the tuple of constant arrays that the loop takes, in its order."""
         ...
@@ -62,12 +62,15 @@ class LiveLoop:
         sensor: wrench sensor.
         locator: on the surface.
         placement: pose of the surface on the sensor, with its covariance.
+        forward: filter of the wrenches; None: none.
     """
 
-    def __init__(self, sensor: CompiledSensor, locator: Locator, placement: Placement) -> None:
+    def __init__(
+        self, sensor: CompiledSensor, locator: Locator, placement: Placement, forward: Forward | None = None
+    ) -> None:
         from palpate.contact import _live  # compiled: loaded when first needed
 
-        self._given = sensor, locator, placement
+        self._given, self._time = (sensor, locator, placement, forward), np.zeros(1)
         self._hold, self._pack, self._revision = sensor.hold, _live.packed, -1
         self._entry = by_name(sensor.loop)
         self._compiled = locator.compiled(known=sensor.noise is not None)
@@ -85,14 +88,20 @@ class LiveLoop:
     ) -> None:
         """Write the contact of one sample at a time [s] into rows (1, width), laid out as `ROW`."""
         self._hold(time, reading, rotation, acceleration)
-        self.run(rows)
+        self._time[0] = time
+        self.run(self._time, rows)
 
-    def run(self, rows: np.ndarray, inputs: np.ndarray | None = None) -> None:
-        """Write the contacts of inputs (a flat array; None: the sensor's `live_inputs`) into rows (n, width)."""
-        sensor, _, placement = self._given
+    def run(self, time: np.ndarray, rows: np.ndarray, inputs: np.ndarray | None = None) -> None:
+        """Write the contacts of samples at times (n,) [s] into rows (n, width).
+
+        `inputs` are a flat array; None: the sensor's `live_inputs`.
+        """
+        sensor, _, placement, forward = self._given
         if self._revision != sensor.revision:
-            packed = self._pack(sensor.constants(placement))
-            self._arguments = *packed, sensor.state, *self._compiled
+            smoothing, past = (NO_FILTER, NO_PAST) if forward is None else (forward.constants, forward.memory)
+            packed = self._pack((*sensor.constants(placement), *smoothing))
+            self._arguments = *packed, sensor.state, *past, *self._compiled
             self._revision = sensor.revision
-            self._loop = self._entry.compiled_for(sensor.live_inputs, *self._arguments, np.empty((1, ROW.length)))
-        self._loop(sensor.live_inputs if inputs is None else inputs, *self._arguments, rows)
+            one = sensor.live_inputs, self._time, *self._arguments, np.empty((1, ROW.length))
+            self._loop = self._entry.compiled_for(*one)
+        self._loop(sensor.live_inputs if inputs is None else inputs, time, *self._arguments, rows)

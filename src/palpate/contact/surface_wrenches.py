@@ -101,6 +101,11 @@ class SurfaceWrenches:
         self._follower = self._told = self._follows(smooth=False)
 
     @property
+    def smoothing(self) -> Forward | None:
+        """Filter of samples as they come; None: none, or one that waits for later samples."""
+        return None if self._ahead else self._forward
+
+    @property
     def followed(self) -> bool:
         """True if the bias is followed."""
         return self._follower is not None

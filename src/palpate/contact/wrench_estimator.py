@@ -106,10 +106,10 @@ class WrenchEstimator(ContactEstimator):
         self.plausibility = Plausibility(self.locator, self.contact_wrenches, self.mount)
         self._live: LiveLoop | None = None
         self._compiled = self.sensor if isinstance(self.sensor, CompiledSensor) and self.sensor.loop else None
-        if filter is None and self._compiled is not None:
-            self._live = LiveLoop(self._compiled, self.locator, placed)
+        if self._compiled is not None:
+            self._live = LiveLoop(self._compiled, self.locator, placed, self._wrenches.smoothing)
             if live:
-                self._live.run(self.empty(1))
+                self._live.run(np.zeros(1), self.empty(1))
         self._widened(self.empty(1))  # compiles
         self.reset()
 
@@ -194,18 +194,15 @@ class WrenchEstimator(ContactEstimator):
         return 1
 
     def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
-        sensor = self._compiled
-        if sensor is None:
+        sensor, live = self._compiled, self._live
+        if sensor is None or live is None:
             return super()._arrays(time, readings, beside, out, counts)
         count = min(len(time), len(out))
         for cut in self._wrenches.cuts(time[:count]) if count else []:
             known = {name: part[cut] for name, part in beside.items()}
             follower = self._wrenches.entered(float(time[cut.start]), DriftTracker.kelvin(known))
             inputs = sensor.inputs(time[cut], readings[cut], known)
-            if self._live is not None:
-                self._live.run(out[cut], inputs)
-            else:
-                self.locator.run_into(*self._wrenches.convert(sensor.measured(time[cut], inputs)), out[cut])
+            live.run(time[cut], out[cut], inputs)
             if follower is not None:
                 follower.add(time[cut], follower.sensor.kept_of(inputs, cut.stop - cut.start))
         self._widened(out[:count])

@@ -6,8 +6,10 @@ import ctypes
 import gc
 import os
 import signal
+import sys
 import time
-from contextlib import closing
+from collections.abc import Generator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Event
@@ -19,7 +21,7 @@ from palpate.errors import InputError, PalpateError
 from palpate.files.logs.topics import LIVE_BOTH
 from palpate.live.joints import JointSource, joint_form, joint_source
 from palpate.live.live import Live
-from palpate.live.source import Batch
+from palpate.live.source import Batch, PunctualSource
 from palpate.live.stream_buffer import SIZE, SlotForm, StreamBuffer
 from palpate.setup.load import load_robot
 
@@ -27,6 +29,7 @@ PRIORITY = 60  # of SCHED_FIFO: above what is usual, below the threads of the sy
 IMAGES = 1 << 28  # bytes of a ring of images
 SHARED, SLOTS = 8, 8192  # rings of a robot's sensors are smaller by as much, at most, if they have so many slots
 ALONE = 1.0  # s between looks whether the parent is there
+TURN = 2e-4  # s that the thread which reads a log on keeps Python's lock, at most: 5 ms unless stated
 POLL = 0.05  # s that joint states are waited for
 _LOCK_NOW_AND_LATER = 3  # MCL_CURRENT | MCL_FUTURE
 
@@ -58,28 +61,120 @@ def receive(
         OSError: the device cannot be read.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
-    try:
+    with _reported(trouble):
         live = Live(rig, sensor)
-        _wait(together, trouble, parent)
+        _wait(together, [trouble], parent)
         with live:  # before the ring is there: without a device nothing is begun
-            form = live.form(rig=str(rig))
-            opened = _opened(ring, _named(live, form, sensor) if together and sensor else form, recorded)
-            live.into(opened)
+            opened = _ring_for(live, rig, ring, sensor if together else None, recorded)
             if realtime and not live.patient:
                 opened.say(_hurried())
             gc.collect()
             gc.freeze()  # what exists now is not collected, which would pause the loop
-            _loop(live, opened, parent)
+            while not opened["stop"] and not orphaned(parent):
+                _step(live, opened)
+            live.finish()
+            _say(live, opened)
+
+
+def receive_together(
+    rig: Path,
+    rings: Sequence[Path],
+    sensors: Sequence[str],
+    parent: int,
+    troubles: Sequence[Connection],
+    recorded: bool,
+    together: Event,
+) -> None:
+    """Pass samples and contacts of several sensors of a robot through rings, as `receive` does, in one process.
+
+    Their sources are punctual: what a process costs, and each time it wakes up, is shared. A sensor with an error is
+    left out, and the others go on.
+
+    Args:
+        rig: file of the robot's rig.
+        rings: file of each sensor's ring, to make or to continue.
+        sensors: names of the sensors.
+        parent: id of the parent process.
+        troubles: for each sensor, as for `receive`.
+        recorded: the rings are recorded.
+        together: as for `receive`.
+
+    Raises:
+        OSError: a log cannot be read.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    lives, streams = list[tuple[Live, str, Path, Connection]](), list[_Together]()
+    with ExitStack() as stack:
+        for sensor, ring, trouble in zip(sensors, rings, troubles, strict=True):
+            with _reported(trouble):
+                lives.append((Live(rig, sensor), sensor, ring, trouble))
+        _wait(together, [trouble for *_, trouble in lives], parent)
+        for live, sensor, ring, trouble in lives:
+            with _reported(trouble):
+                stack.enter_context(live)
+                streams.append(_Together(live, _ring_for(live, rig, ring, sensor, recorded), trouble))
+        gc.collect()
+        gc.freeze()
+        _take_turns(streams, parent)
+
+
+def _take_turns(streams: list[_Together], parent: int) -> None:
+    sys.setswitchinterval(TURN)
+    begin = time.monotonic()
+    for each in streams:
+        each.source.begin(begin)
+    while streams and not streams[0].ring["stop"] and not orphaned(parent):
+        streams = [each for each in streams if each.step()]
+        time.sleep(max(0.0, min((each.next for each in streams), default=0.0) - time.monotonic()))
+    for each in streams:
+        each.live.finish()
+        _say(each.live, each.ring)
+
+
+class _Together:
+    """One of several sensors in a process."""
+
+    def __init__(self, live: Live, ring: StreamBuffer, trouble: Connection) -> None:
+        if not isinstance(live.source, PunctualSource):
+            raise InputError("cannot be received in one process with others.", where="[source]")
+        self.live, self.ring, self.source, self._trouble = live, ring, live.source, trouble
+        self.next = 0.0  # s, by `time.monotonic`
+
+    def step(self) -> bool:
+        """Pass on what has come, if it is time; return False after an error, which is reported."""
+        if self.next > time.monotonic():
+            return True
+        with _reported(self._trouble):
+            _step(self.live, self.ring, 0.0)
+            self.next = min(self.source.due(), time.monotonic() + POLL)
+            return True
+        return False
+
+
+@contextmanager
+def _reported(trouble: Connection) -> Generator[None]:
+    """Send the text of a `PalpateError`, which ends the block."""
+    try:
+        yield
     except PalpateError as problem:
         trouble.send_bytes(str(problem).encode())
 
 
-def _wait(together: Event | None, trouble: Connection, parent: int) -> None:
+def _wait(together: Event | None, troubles: Sequence[Connection], parent: int) -> None:
     """Wait until the receivers of all sensors are prepared: samples that came before would not be recorded."""
     if together is not None:
-        trouble.send_bytes(b"")
+        for trouble in troubles:
+            trouble.send_bytes(b"")
         while not together.wait(ALONE) and not orphaned(parent):
             pass
+
+
+def _ring_for(live: Live, rig: Path, ring: Path, sensor: str | None, recorded: bool) -> StreamBuffer:
+    """Open or make the ring of a stream, of a robot's sensor if it has a name, and store its samples there."""
+    form = live.form(rig=str(rig))
+    opened = _opened(ring, _named(live, form, sensor) if sensor else form, recorded)
+    live.into(opened)
+    return opened
 
 
 def _named(live: Live, form: SlotForm, sensor: str) -> SlotForm:
@@ -113,17 +208,15 @@ def receive_joints(
         together: as for `receive`.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
+    with _reported(trouble):
         source = joint_source(load_robot(rig), sensors)
         if source is None:
             raise InputError("names no topic of joint states that can be read live.", where=str(rig))
         with closing(source):
-            _wait(together, trouble, parent)
+            _wait(together, [trouble], parent)
             source.open()
             opened = _opened(ring, joint_form(source, str(rig)), recorded)
             _pass_on(source, opened, parent)
-    except PalpateError as problem:
-        trouble.send_bytes(str(problem).encode())
 
 
 def _pass_on(source: JointSource, ring: StreamBuffer, parent: int) -> None:
@@ -149,18 +242,16 @@ def orphaned(parent: int) -> bool:
     return os.getppid() != parent
 
 
-def _loop(live: Live, ring: StreamBuffer, parent: int) -> None:
-    while not ring["stop"] and not orphaned(parent):
-        live.step()
-        if live.ended:
-            live.finish()
-        _say(live, ring)
-        ring["alive"], ring["ended"] = time.time_ns(), int(live.ended)
-        if ring["asked"] != ring["done"]:
-            ring["done"] = ring["asked"]
-            live.tare()
-    live.finish()
+def _step(live: Live, ring: StreamBuffer, timeout: float = 0.1) -> None:
+    """Pass on what has come, and take what is requested; wait up to `timeout` [s] for a sample."""
+    live.step(timeout)
+    if live.ended:
+        live.finish()
     _say(live, ring)
+    ring["alive"], ring["ended"] = time.time_ns(), int(live.ended)
+    if ring["asked"] != ring["done"]:
+        ring["done"] = ring["asked"]
+        live.tare()
 
 
 def _say(live: Live, ring: StreamBuffer) -> None:

@@ -23,7 +23,7 @@ from palpate.live.record_messages import RecordMessages, event, event_channels, 
 from palpate.live.stream_buffer import READERS, StreamBuffer
 
 POLL = 0.02  # s between looks at the ring
-SPAN = 0.25  # s of a chunk: a loss of power may cost so much beyond the last sync
+SPAN, LONGEST = 0.25, 1.0  # s of a chunk; of several rings as many times, at most: each chunk costs 2 ms
 CHUNK = 2048  # samples of a chunk, at most
 BYTES = 1 << 23  # of slots of a chunk, at most
 SYNC = 1.0  # s between syncs
@@ -119,17 +119,17 @@ def only_one(ring: Path) -> Generator[None]:
 class _Drain:
     """The samples and sentences of one ring, on their way into the record."""
 
-    def __init__(self, ring: StreamBuffer, events: int, features: tuple[str, ...]) -> None:
-        self.ring, self._events = ring, events
+    def __init__(self, ring: StreamBuffer, events: int, features: tuple[str, ...], span: float) -> None:
+        self.ring, self._events, self._span = ring, events, span
         self._messages = RecordMessages(ring.form, events, features)
         self._most = max(1, min(CHUNK, BYTES // ring.form.slot().itemsize))
         self.next, self.noted = ring["began"], ring["noted"]  # where there is no sample or sentence in the file
         self._written = time.monotonic()
 
     def due(self) -> bool:
-        """Return whether samples fill a chunk, or have waited for 0.25 s."""
+        """Return whether samples fill a chunk, or have waited for its span."""
         waiting, now = self.until() - self.next, time.monotonic()
-        due = waiting >= self._most or (waiting > 0 and now - self._written >= SPAN)
+        due = waiting >= self._most or (waiting > 0 and now - self._written >= self._span)
         self._written = now if due else self._written
         return due
 
@@ -186,7 +186,8 @@ class Recorder:
         features = tuple(dict.fromkeys(name for each in rings for name in each.form.columns))
         self._topics = tuple(topic for each in rings for topic in record_topics(each.form, features))
         events = event_channels(self._topics)
-        self._drains = [_Drain(each, channel, features) for each, channel in zip(rings, events, strict=True)]
+        span = min(SPAN * len(rings), LONGEST)
+        self._drains = [_Drain(each, channel, features, span) for each, channel in zip(rings, events, strict=True)]
         self.file: RecordFile | None = None
         self.full = False
         self._synced = time.monotonic()
@@ -207,7 +208,9 @@ class Recorder:
         return [drain.next for drain in self._drains]
 
     def step(self) -> None:
-        """Write sentences, and answered samples that fill a chunk or have waited for 0.25 s; sync once a second.
+        """Write sentences, and answered samples that fill a chunk or have waited for its span; sync once a second.
+
+        The span is 0.25 s, and up to 1 s of several rings: a loss of power may cost so much beyond the last sync.
 
         Raises:
             InputError: OUTPUT.part is another file.

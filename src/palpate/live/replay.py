@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from palpate.live.source import Batch, drained
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 from palpate.signals.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, Recording
+
+_READER = ThreadPoolExecutor(1, thread_name_prefix="replay")
 
 
 def bare(layout: LogLayout) -> LogLayout:
@@ -64,7 +67,10 @@ class Replay:
 
     def __init__(self, path: Path, layout: LogLayout, speed: float = 1.0, loop: bool = False) -> None:
         self.path, self._layout, self._speed, self._loop = path, layout, speed, loop
-        first = next(self._blocks(), None)
+        self._begun = self._first = 0.0
+        self._rest = self._samples()
+        self._coming = self._read()
+        first = self._coming.result()
         if first is None:
             raise InputError("holds no samples.", where=str(path))
         values = values_of(first)
@@ -74,9 +80,7 @@ class Replay:
         self.poses = ORIENTATION in first.channels
         self.ended, self.patient = False, not speed
         self._said: list[str] = []
-        self._rest = self._samples()
-        self._held: tuple[Recording, np.ndarray, np.ndarray, int] | None = None
-        self._begun = self._first = 0.0
+        self._held: tuple[Recording, np.ndarray, np.ndarray, np.ndarray, int] | None = None
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> Replay:
@@ -92,7 +96,11 @@ class Replay:
 
     def open(self) -> None:
         """Start the clock: the first sample comes now."""
-        self._begun = time.monotonic()
+        self.begin(time.monotonic())
+
+    def begin(self, at: float) -> None:
+        """Start the clock: the first sample comes at a time [s], by `time.monotonic`."""
+        self._begun = at
 
     def receive(self, batch: Batch, timeout: float) -> int:
         """Fill a batch with due samples and return how many; wait up to `timeout` [s] for the first.
@@ -101,26 +109,35 @@ class Replay:
             InputError: the log cannot be read further.
         """
         if self._held is None:
-            piece = next(self._rest, None)
+            piece = self._coming.result()
             if piece is None:
                 if not self.ended:
                     self._said.append(f"{self.path.name} has been played to its end")
                 self.ended = True
                 time.sleep(timeout)
                 return 0
-            due = np.maximum.accumulate(np.nan_to_num(piece.time))
-            self._held = piece, values_of(piece), due, 0
-        piece, values, due, start = self._held
+            self._coming = self._read()
+            times = np.nan_to_num(piece.time)
+            stamps = np.rint(times * 1e9).astype(np.int64)
+            self._held = piece, values_of(piece), stamps, np.maximum.accumulate(times), 0
+        piece, values, stamps, due, start = self._held
         if count := self._due(due[start : start + len(batch)], timeout):
             part = slice(start, start + count)
-            batch.stamp[:count] = np.rint(np.nan_to_num(piece.time[part]) * 1e9).astype(np.int64)
-            batch.arrived, batch.lost[:count] = np.full(count, time.time_ns()), 0
+            batch.stamp[:count], batch.lost[:count] = stamps[part], 0
+            batch.arrived = np.full(count, time.time_ns())
             batch.values[:count] = values[part]
             beside = {ORIENTATION: batch.orientation, POSITION: batch.position, ACCELERATION: batch.acceleration}
             for name, into in beside.items():
                 into[:count] = piece.channels[name][part] if name in piece.channels else np.nan
-            self._held = None if start + count == len(piece) else (piece, values, due, start + count)
+            self._held = None if start + count == len(piece) else (piece, values, stamps, due, start + count)
         return count
+
+    def due(self) -> float:
+        """Return when the next sample comes [s], by `time.monotonic`; inf: the log is at its end."""
+        if self._held is None or not self._speed:
+            return np.inf if self.ended else -np.inf
+        *_, due, start = self._held
+        return self._begun + (float(due[start]) - self._first) / self._speed
 
     def events(self) -> list[str]:
         """Return the sentence on the end of the log once; else []."""
@@ -129,12 +146,13 @@ class Replay:
     def close(self) -> None:
         """End the replay: no more samples come."""
         self._rest, self._held = iter(()), None
+        self._coming = self._read()
 
     def _due(self, due: Float[np.ndarray, " n"], timeout: float) -> int:
         """Return how many samples, due at (n,) [s] of the log in order, are due; wait up to `timeout` for the first."""
         if not self._speed:
             return len(due)
-        waiting = (float(due[0]) - self._first) / self._speed - (time.monotonic() - self._begun)
+        waiting = self.due() - time.monotonic()
         if waiting > timeout:
             time.sleep(timeout)
             return 0
@@ -142,6 +160,10 @@ class Replay:
             time.sleep(waiting)
         now = self._first + (time.monotonic() - self._begun) * self._speed
         return max(1, int(np.searchsorted(due, now, side="right")))
+
+    def _read(self) -> Future[Recording | None]:
+        """Read the next block while samples before it are given: it takes longer than the time between two."""
+        return _READER.submit(next, self._rest, None)
 
     def _blocks(self) -> Iterator[Recording]:
         return iter(open_log(self.path, self._layout).blocks())

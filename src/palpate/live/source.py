@@ -122,6 +122,19 @@ class CountingSource(Protocol):
         ...
 
 
+@runtime_checkable
+class PunctualSource(Source, Protocol):
+    """A source whose next sample has a known time, so that one process can receive several of them."""
+
+    def begin(self, at: float) -> None:
+        """Let the first sample come at a time [s] by `time.monotonic`; that of `open` otherwise."""
+        ...
+
+    def due(self) -> float:
+        """Return when the next sample comes [s], by `time.monotonic`; inf: none comes any more."""
+        ...
+
+
 def source_of(stated: RigSource, setup: Setup) -> Source:
     """Return the source that a rig's [source] states, not opened yet; a camera is opened at once.
 

@@ -27,7 +27,7 @@ class Worker:
         process: the process; None before the first start.
         given_up: whether it is not started again.
         died: times [s] of its last deaths, by `time.monotonic`.
-        ring: the ring that it writes, where there are several; None: the first worker writes the only one.
+        rings: rings that it writes, where there are several; none: the first worker writes the only one.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Worker:
     process: BaseProcess | None = None
     given_up: bool = False
     died: list[float] = field(default_factory=list[float])
-    ring: StreamBuffer | None = None
+    rings: list[StreamBuffer] = field(default_factory=list[StreamBuffer])
 
     def start(self) -> None:
         """Start the function in a new process."""
@@ -63,7 +63,7 @@ class WorkerSupervisor:
     @property
     def writers(self) -> list[Worker]:
         """Workers that write rings."""
-        return [each for each in self.workers if each.ring is not None] or self.workers[:1]
+        return [each for each in self.workers if each.rings] or self.workers[:1]
 
     def watch(self, ring: StreamBuffer) -> None:
         """Restart workers that have died, up to 5 times within 30 s; call this a few times a second.
@@ -73,7 +73,7 @@ class WorkerSupervisor:
         """
         now = time.monotonic()
         for worker in [each for each in self.workers if not (each.alive or each.given_up)]:
-            own = worker.ring or ring
+            own = worker.rings[0] if worker.rings else ring
             code = None if worker.process is None else worker.process.exitcode
             worker.died = [at for at in worker.died if now - at < WITHIN] + [now]
             why = f"was killed by signal {-code}" if code is not None and code < 0 else f"ended with code {code}"
@@ -94,7 +94,7 @@ class WorkerSupervisor:
         Without a ring, when nothing has begun, end them at once and return [].
         """
         said, writers = list[str](), self.writers
-        rings = [each.ring for each in writers if each.ring is not None] or [ring]
+        rings = [own for each in writers for own in each.rings] or [ring]
         readers = [each for each in self.workers if each not in writers]
         for level, workers in ((1, writers), (READERS, readers)):
             for own in (each for each in rings if each is not None):

@@ -73,6 +73,16 @@ class Forward:
         """Tuple of the arguments of `_filters.smooth` between the samples and the ages."""
         return (*self._made, self._gap, self._clock, self._state)
 
+    @property
+    def constants(self) -> tuple[np.ndarray, ...]:
+        """Arrays that stay: sections, start, gains, gap and shares."""
+        return (*self._made, np.array([self._gap]), self.shares)
+
+    @property
+    def memory(self) -> tuple[np.ndarray, np.ndarray]:
+        """Arrays that samples change: clock (2,) and state (a, width)."""
+        return self._clock, self._state
+
     def reset(self) -> None:
         """Forget all samples."""
         self._clock[:], self._state[:] = (-1.0, np.nan), 0.0

@@ -6,21 +6,22 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._kernel import estimate_many
-from palpate.contact._live import matrix, stack, vector
+from palpate.contact._live import filtered, matrix, stack, vector
 from palpate.sensors.force_torque._kernels import compensate, place
 from palpate.surfaces._jit import entry
 
 
 @entry(
     """
-    inputs 20n, memory m, table int64 9 4, unused 0, noises h 6 6, nodes float32 k 14 8 | 10 | function, corners p
-    20 | s 6 | s 6, settings 14, state out 162, rows out n 22
+    inputs 20n, time n, memory m, table int64 14 4, unused 0, clock out 2, past out a 6, noises h 6 6, nodes float32
+    k 14 8 | 10 | function, corners p 20 | s 6 | s 6, settings 14, state out 162, rows out n 22
     """
 )
-def locate(inputs, memory, table, unused, noises, nodes, corners, settings, state, rows):
-    """Compute n rows of estimates from the inputs (20 n,) of n samples, as `Compensation.inputs` lays them out.
+def locate(inputs, time, memory, table, unused, clock, past, noises, nodes, corners, settings, state, rows):
+    """Compute n rows of estimates from the inputs (20 n,) of n samples at times (n,) [s].
 
-    Noises (1, 6, 6) are used if the sensor's noise is not known; else they are (0, 6, 6).
+    `Compensation.inputs` lays them out. Noises (1, 6, 6) are used if the sensor's noise is not known; else they are
+    (0, 6, 6).
     """
     n = len(rows)
     wrenches, statuses, located = np.empty((n, 6)), np.empty(n, np.int8), np.empty((n, 6))
@@ -37,13 +38,14 @@ def locate(inputs, memory, table, unused, noises, nodes, corners, settings, stat
         wrenches,
         statuses,
     )
+    share = filtered(time, statuses, wrenches, clock, past, memory, table, 9)
     place(
         wrenches,
         rotations,
         accelerations,
         inputs[18 * n : 19 * n].reshape((n, 1)),
         inputs[19 * n :].reshape((n, 1)),
-        np.ones(1),
+        share,
         load,
         matrix(memory, table, 4),
         matrix(memory, table, 5),
