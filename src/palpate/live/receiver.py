@@ -127,7 +127,8 @@ def _take_turns(streams: list[_Together], parent: int) -> None:
         streams = [each for each in streams if each.step()]
         time.sleep(max(0.0, min((each.next for each in streams), default=0.0) - time.monotonic()))
     for each in streams:
-        each.live.finish()
+        with _reported(each.trouble):
+            each.live.finish()
         _say(each.live, each.ring)
 
 
@@ -137,14 +138,14 @@ class _Together:
     def __init__(self, live: Live, ring: StreamBuffer, trouble: Connection) -> None:
         if not isinstance(live.source, PunctualSource):
             raise InputError("cannot be received in one process with others.", where="[source]")
-        self.live, self.ring, self.source, self._trouble = live, ring, live.source, trouble
+        self.live, self.ring, self.source, self.trouble = live, ring, live.source, trouble
         self.next = 0.0  # s, by `time.monotonic`
 
     def step(self) -> bool:
         """Pass on what has come, if it is time; return False after an error, which is reported."""
         if self.next > time.monotonic():
             return True
-        with _reported(self._trouble):
+        with _reported(self.trouble):
             _step(self.live, self.ring, 0.0)
             self.next = min(self.source.due(), time.monotonic() + POLL)
             return True
