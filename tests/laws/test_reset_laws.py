@@ -27,7 +27,7 @@ from tests.support.resets import SCENES, Scene
 from tests.support.state import differences, parts
 
 SOURCE = Path(palpate.__file__).parent
-FOLLOW = ("LiveLoop.", "FusedLocator.", "Cylinder.")  # from settings alone, as do
+FOLLOW = ("FusedLocator.", "Cylinder.")  # from settings alone, as do
 CACHES = (  # and what numbers of earlier blocks mean, and inputs that are all written
     *(f"Compensation.{name}" for name in ("_means", "_placement", "_constant", "_vibration", "revision")),
     *("LoadCellArray._placement", "LoadCellArray._turned", "LoadCellArray.revision"),
