@@ -93,9 +93,9 @@ class ServoModel:
 
     The model is exact for ramps of commands. Delay, lag and each joint's offset from the model (sag, deflection,
     friction) are states of an iterated Kalman filter that feedback corrects: delay and lag from what was stated, with
-    `Servo.known` as standard deviation; the offset follows with a time constant of 0.1 s. A command that the feedback
-    shows as lost is removed. Feedback that nothing explains is ignored; where the next one agrees with it, the model
-    begins from there.
+    `Servo.known` as standard deviation; the offset follows with a time constant of 0.1 s, and sooner where joints yield
+    to a force. A command that the feedback shows as lost is removed. Feedback that nothing explains is ignored; where
+    the next one agrees with it, the model begins from there.
 
     Args:
         servo: times with which the robot follows commands, as stated.
