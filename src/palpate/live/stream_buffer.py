@@ -188,8 +188,6 @@ class StreamBuffer:
                 if size < HEAD or file.read(len(MAGIC)) != MAGIC:
                     raise InputError("is not a buffer of `palpate live`.", where=str(path), hint=_BROKEN)
                 self._map = mmap.mmap(file.fileno(), 0)
-                if hasattr(mmap, "MADV_RANDOM"):  # or Linux fills megabytes of a new file at once, and 20 ms pass
-                    self._map.madvise(mmap.MADV_RANDOM)
         except OSError as problem:
             raise InputError(f"cannot be opened ({problem.strerror}).", where=str(path)) from problem
         begin = len(_WORDS) * LINE
