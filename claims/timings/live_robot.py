@@ -43,7 +43,12 @@ def rows(small: bool) -> Iterator[Row]:
             ("recorder and page: processor", f"<= {SHARE:g} %", f"{middle:.0f} % of a core ({kinds})", middle <= SHARE),
             ("from sample to contact", f"p99 <= {LATE:g} ms", f"p50 {half:.2f}, p99 {last:.2f} ms", last <= LATE),
         ):
-            yield Row(f"24 sensors of a replayed log, {what}", "" if small else bound, f"{got}; {load}", None if small else met)
+            yield Row(
+                f"24 sensors of a replayed log, {what}",
+                "" if small else bound,
+                f"{got}; {load}",
+                None if small else met,
+            )
         if not small:
             yield _memory(rig)
 
@@ -81,7 +86,10 @@ def _memory(rig: Path) -> Row:
         after = live.memory()
     got = f"{before / 2**20:.0f} MiB after a minute, {after / 2**20:.0f} after ten"
     return Row(
-        "24 sensors of a replayed log: memory of all processes", f"<= {GROWN:g} x that of a minute", got, after <= GROWN * before
+        "24 sensors of a replayed log: memory of all processes",
+        f"<= {GROWN:g} x that of a minute",
+        got,
+        after <= GROWN * before,
     )
 
 
