@@ -18,7 +18,6 @@ from palpate.files.output_lock import inherited, reserving
 
 HOLD = """
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from palpate.files.atomic import growing
 

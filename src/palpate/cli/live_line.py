@@ -103,7 +103,7 @@ class _Counted:
 
 
 def _last(ring: StreamBuffer, since: int = 0) -> np.ndarray:
-    """Return the last slots from sample `since` on, of which there are not too many to copy."""
+    """Return the newest slots from sample `since` on, at most 4 MB of them."""
     most = max(1, min(LOOKED_AT, BYTES // ring.form.slot().itemsize))
     return ring.read(max(since, ring["answered"] - most), most)[0]
 

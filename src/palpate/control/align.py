@@ -113,7 +113,7 @@ class AlignController:
         self._command, self._feedback, self._unheard, self._jumps = np.zeros(count), np.zeros(count), 0, 0
         self._bounds = np.array([DAMPING, self.limits.speed, self.limits.turn])
         self._fed, self._read = list[float](), list[float]()
-        self._pushed = self._borne = [0.0] * 3  # N: the contact's force, now and at the feedback before
+        self._pressed = self._pressed_before = [0.0] * 3  # N: the contact's force, now and at the last feedback
         self._wrench, self._felt = np.full(6, np.nan), np.zeros(6)
         self._time = self._due = -np.inf
         self._upright = np.zeros(3)  # the probe's axis where it first touched
@@ -179,7 +179,7 @@ class AlignController:
         self._wrench[:], self._row[:], self._read = np.nan, np.nan, []
         self._time = self._due = time
         self._fed = self._command.tolist()
-        self._pushed = self._borne = [0.0] * 3
+        self._pressed = self._pressed_before = [0.0] * 3
         self._moves.pose.unchecked(self.arm.chain, self.model.joints, self._sensor, self._place)
         self._home[:] = self._place + self._sensor @ self._tip
         self._tared = time if self._tared is None else self._tared
@@ -222,8 +222,8 @@ class AlignController:
         fed = feedback.tolist()  # of six numbers a list compares ten times as fast as an array
         if fed != self._fed:
             self._fed = fed
-            before, self._borne = self._borne, self._pushed
-            self._heed(time, self.model.correct(time, feedback, math.dist(before, self._borne)))
+            change, self._pressed_before = math.dist(self._pressed, self._pressed_before), self._pressed
+            self._heed(time, self.model.correct(time, feedback, change))
             self.law.delay = self.model.total_delay
         self._moves.pose.unchecked(self.arm.chain, self.model.joints, self._sensor, self._place)
         if self._new(wrench):
@@ -268,7 +268,7 @@ class AlignController:
         before, force = self.supervisor.state, math.hypot(*row[ROW.force].tolist())
         pressing = -float(row[ROW.force] @ row[ROW.normal])
         known = math.isfinite(force) and math.isfinite(pressing)
-        self._pushed = row[ROW.force].tolist() if known else [0.0] * 3
+        self._pressed = row[ROW.force].tolist() if known else [0.0] * 3
         self.supervisor.fresh(time, status, force if known else 0.0, pressing if known else 0.0)
         if status > Status.AMBIGUOUS or force > self.limits.force:
             return

@@ -156,10 +156,10 @@ class ServoModel:
         self._next = self._advance(self._now, self._next, time)
         np.add(self._now[0][0], self.offset, out=self.joints)
 
-    def correct(self, time: float, joints: Float[np.ndarray, " n"], loaded: float = 0.0) -> Feedback:
+    def correct(self, time: float, joints: Float[np.ndarray, " n"], force_change: float = 0.0) -> Feedback:
         """Correct the model by the joints (n,) [rad, m] at a time [s], at most some cycles ago; return a `Feedback`.
 
-        `loaded` [N] is the change of the force on the robot's tip since the last feedback: its joints yield to it.
+        `force_change` [N] is that of the force on the robot's tip since the last feedback: its joints yield to it.
 
         Raises:
             InputError: feedback of another number of joints.
@@ -169,9 +169,10 @@ class ServoModel:
         size, *learnt = self._explained(time, joints)
         if not 0.0 <= size < np.inf:
             return Feedback.ODD
-        found, lost, first = Feedback.AGREES, -1, size
+        found, lost, widened = Feedback.AGREES, -1, 0.0
         if size > ODD:
-            size, *learnt = self._explained(time, joints, widened=WIDENED)
+            first, widened = size, WIDENED
+            size, *learnt = self._explained(time, joints, widened=widened)
             found = Feedback.ODD if size > SOUND else found
             lost, other = self._lost(time, joints)
             if other < min(ODD, LESS * (first if self.found.known < LEARNT else size)):
@@ -185,9 +186,8 @@ class ServoModel:
             self._remove(lost)
             self.missed += 1
         elif found == Feedback.AGREES:
-            if loaded > 0.0 and self.servo.known > 0.0:  # joints that yield are no evidence of another delay
-                widened = WIDENED if first > ODD else 0.0
-                _, *learnt = self._explained(time, joints, widened=widened, yielded=YIELD * loaded)
+            if force_change > 0.0 and self.servo.known > 0.0:  # joints that yield are no evidence of another delay
+                _, *learnt = self._explained(time, joints, widened=widened, yielded=YIELD * force_change)
             self._take(*learnt)
         self._fed = max(time, self._fed)
         self._again(self._now[2][1])

@@ -29,7 +29,7 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, siblings: Iterab
 
     Raises:
         InputError: a file to write is an input (under any name or link), a folder, a pipe or a device; its folder does
-            not exist; or another process is writing it.
+            not exist; its name is too long; or another process is writing it.
     """
     read = [(path, _status(path)) for path in inputs if path is not None]
     grown = Path(f"{output}{PART}")

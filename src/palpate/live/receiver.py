@@ -103,7 +103,7 @@ def receive_together(
         OSError: a log cannot be read.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    lives, streams = list[tuple[Live, str, Path, Connection]](), list[_Together]()
+    lives, streams = list[tuple[Live, str, Path, Connection]](), list[_SharedStream]()
     with ExitStack() as stack:
         for sensor, ring, trouble in zip(sensors, rings, troubles, strict=True):
             with _reported(trouble):
@@ -112,13 +112,14 @@ def receive_together(
         for live, sensor, ring, trouble in lives:
             with _reported(trouble):
                 stack.enter_context(live)
-                streams.append(_Together(live, _ring_for(live, rig, ring, sensor, recorded), trouble))
+                streams.append(_SharedStream(live, _ring_for(live, rig, ring, sensor, recorded), trouble))
         gc.collect()
         gc.freeze()
         _take_turns(streams, parent)
 
 
-def _take_turns(streams: list[_Together], parent: int) -> None:
+def _take_turns(streams: list[_SharedStream], parent: int) -> None:
+    """Receive from whichever stream has the next sample, until the first ring says stop or the parent is gone."""
     sys.setswitchinterval(TURN)
     begin = time.monotonic()
     for each in streams:
@@ -132,8 +133,8 @@ def _take_turns(streams: list[_Together], parent: int) -> None:
         _say(each.live, each.ring)
 
 
-class _Together:
-    """One of several sensors in a process."""
+class _SharedStream:
+    """Receive one of several sensors of a process."""
 
     def __init__(self, live: Live, ring: StreamBuffer, trouble: Connection) -> None:
         if not isinstance(live.source, PunctualSource):

@@ -16,11 +16,11 @@ from palpate.sensors.taxels._loads import (
     PITCH,
     UNKNOWN,
     WIDENING,
-    beside,
     feels,
     fit_forces,
     is_faint,
     share_loads,
+    unexplained,
     write_force,
 )
 from palpate.sensors.taxels._rest import (
@@ -473,7 +473,7 @@ def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
 def _place(touch, spread, model, spacing, out):
     """Write the place of a touch that `fit_forces` found, and its variances and covariance, in spacings to out (5,)."""
     size = model[PITCH] / spacing
-    square, more = (size * model[WIDENING]) ** 2, size * size * beside(0, touch, model)
+    square, more = (size * model[WIDENING]) ** 2, size * size * unexplained(0, touch, model)
     out[0], out[1] = size * touch[0], size * touch[1]
     out[2], out[3], out[4] = square * spread[0, 0] + more, square * spread[1, 1] + more, square * spread[0, 1]
 

@@ -141,8 +141,8 @@ def _shape(touch, model):
 
 
 @uncounted
-def beside(quantity, touch, model):
-    """Return the variance of place (0), normal (1) or tangential force (2) besides that by the loads."""
+def unexplained(quantity, touch, model):
+    """Return the variance that the loads do not explain: of place (0), normal (1) or tangential force (2)."""
     unusual = model[UNUSUAL + quantity] * _shape(touch, model)
     return model[INEXACT + quantity] ** 2 + unusual * unusual
 
@@ -385,7 +385,7 @@ def write_force(touch, spread, model, here, ways, out, first):
                 for d in range(3):
                     local[a, b] += slopes[a, c] * spread[3 + c, 3 + d] * slopes[b, d]
             local[a, b] *= off[2 if a < 2 else 1] * off[2 if b < 2 else 1]
-        local[a, a] += beside(2 if a < 2 else 1, touch, model) * (force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
+        local[a, a] += unexplained(2 if a < 2 else 1, touch, model) * (force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
     axes = np.empty((3, 3))  # of x, y and into the body
     for a in range(2):
         size = np.sqrt(ways[a, 0] ** 2 + ways[a, 1] ** 2 + ways[a, 2] ** 2)

@@ -291,8 +291,8 @@ def _corrected(
             _widening(off[:, :2], spread[:, :2, :2], size, shape),
         ]
     )
-    factor, beside, unusual = wide[[2, 2, 1]].T
-    more = size[:, None] ** 2 * (beside**2 + (unusual * shape[:, None]) ** 2)
+    factor, inexact, unusual = wide[[2, 2, 1]].T
+    more = size[:, None] ** 2 * (inexact**2 + (unusual * shape[:, None]) ** 2)
     both = factor[:, None] * spread * factor + more[:, None] * np.eye(3)
     wide[1:] *= _excess(off, both)
     errors = [np.linalg.norm(place, axis=1), np.abs(off[:, 2]) / size, np.linalg.norm(off[:, :2], axis=1) / size]
@@ -305,7 +305,7 @@ def _widening(
     size: Float[np.ndarray, " n"],
     shape: Float[np.ndarray, " n"],
 ) -> list[float]:
-    """Return the factor of standard deviations, and the deviations over `size` and `size * shape` beside them.
+    """Return the factor of standard deviations, and deviations over `size` and `size * shape`, which errors show.
 
     They are the likeliest of Gaussian errors, by which 95 % lie within their 95 % bounds.
     """
