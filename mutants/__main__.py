@@ -1,7 +1,8 @@
-"""`python -m mutants [--count N | --kinds] [--seed N] [--only TEXT] [--jobs N] [--trust] [--list]`: turn on faults.
+"""`python -m mutants [--count N | --kinds] [--seed N] [--only TEXT] [--jobs N] [--list]`: turn on faults.
 
-Faults are made from what stands in the package, by chance. Everything is compiled once; each fault is turned on in a
-forked process of its own, which runs the tests of the fault's room until one fails; where none does, those of the laws.
+Faults are made from what stands in the package, by chance. Everything is compiled once. The tests of the rooms run
+without a fault first, which shows which files of tests reach which fault. Then each fault is turned on in a forked
+process of its own, which runs those files of the fault's room until a test fails; where none does, those of the laws.
 Processes that a test starts have the fault, too. Those of `equivalent.txt` change nothing that can be noticed, and do
 not count. With --kinds the faults are those of `kinds.toml`, and the tests of their law must notice each.
 """
@@ -9,16 +10,21 @@ not count. With --kinds the faults are those of `kinds.toml`, and the tests of t
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Generator, Sequence
 from pathlib import Path
+
+import pytest
 
 from mutants.build import ROOT, import_with_faults
 from mutants.fault import Fault, chosen
+from mutants.switch import reached, reached_into, turn_on
 
 LAWS = "tests/laws"
 LIMIT = 900.0  # s: beyond it a fault has made something endless, which is noticed
@@ -34,7 +40,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of what is chosen")
     parser.add_argument("--only", default="", help="faults with this in their file or words, or a number")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time")
-    parser.add_argument("--trust", action="store_true", help="do not try first whether the tests pass without a fault")
     parser.add_argument("--list", action="store_true", help="say what there is and where, and run nothing")
     options = parser.parse_args()
     faults = chosen(options.count, options.seed)
@@ -47,10 +52,9 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.chdir(ROOT)
     import_with_faults(faults)
-    if not options.trust and not _sound(sorted({each for fault in meant.values() for each in fault.tests.split()})):
-        return 2
     end = time.monotonic() + WALL
-    found = _run([(k, fault.tests.split()) for k, fault in meant.items()], faults, options.jobs, end)
+    by_room = _reaching(sorted({LAWS, *(fault.tests for fault in meant.values())}), options.jobs)
+    found = _run([(k, by_room[fault.tests].get(k, [])) for k, fault in meant.items()], faults, options.jobs, end)
     tried = [(fault, code) for fault, (code, _, _) in zip(meant.values(), found, strict=True) if code is not None]
     unseen = [fault for fault, code in tried if code == 0]
     known = (Path(__file__).parent / "equivalent.txt").read_text(encoding="utf-8")
@@ -64,18 +68,53 @@ def main() -> int:
             print(f"      {words}: {fault.what}  ({fault.tests})")
     if missed:
         print("\nwhat is not noticed, by the tests of the laws:")
-        _run([(faults.index(fault) + 1, [LAWS]) for fault in missed], faults, options.jobs, end)
+        numbers = [faults.index(fault) + 1 for fault in missed]
+        _run([(k, by_room[LAWS].get(k, [])) for k in numbers], faults, options.jobs, end)
     wanted = WANTED if options.count else 1.0
     return int(share < wanted or len(same) > EQUIVALENT * len(tried))
 
 
-def _sound(tests: list[str]) -> bool:
-    """Do the tests pass without any fault? Else nothing is learnt from them."""
-    [(code, took, output)] = _run([(0, tests)], [], 1, float("inf"))
-    print(
-        output if code else "", f"without a fault the tests {'fail' if code else 'pass'}, in {took:.0f} s", flush=True
-    )
-    return code == 0
+def _reaching(rooms: list[str], jobs: int) -> dict[str, dict[int, list[str]]]:
+    """Run the tests of each room without a fault, and return the files that reach each fault, less tests that fail."""
+    begin, found = time.monotonic(), dict[str, dict[int, list[str]]]()
+    kept = [Path(tempfile.mkstemp(prefix="reached")[1]) for _ in rooms]
+    _run([(0, [*room.split(), str(file)]) for room, file in zip(rooms, kept, strict=True)], [], jobs, float("inf"))
+    for room, file in zip(rooms, kept, strict=True):
+        by_file, failed = json.loads(file.read_text())
+        file.unlink()
+        found[room] = defaultdict(list)
+        for name, numbers in by_file.items():
+            for number in numbers:
+                found[room][number] += [name, *(f"--deselect={each}" for each in failed if each.startswith(name))]
+        print(*(f"fails without a fault: {each}\n" for each in failed), sep="", end="")
+    print(f"the tests of {len(rooms)} rooms, without a fault, in {time.monotonic() - begin:.0f} s", flush=True)
+    return found
+
+
+class _Reached:
+    """A plugin of pytest that writes which files of tests reach which faults, and which tests fail."""
+
+    def __init__(self, file: Path) -> None:
+        self._file, self._by_file, self._failed = file, defaultdict[str, set[int]](set), list[str]()
+        reached_into(file.with_suffix(".places"))
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
+        """Look at what was reached after each test."""
+        result = yield
+        self._by_file[item.nodeid.partition("::")[0]].update(reached())
+        return result
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Note what fails."""
+        if report.failed:
+            self._failed.append(report.nodeid)
+
+    def pytest_sessionfinish(self) -> None:
+        """Write what was found."""
+        by_file = {name: sorted(numbers) for name, numbers in self._by_file.items()}
+        self._file.write_text(json.dumps([by_file, self._failed]))
+        self._file.with_suffix(".places").unlink()
 
 
 def _meant(number: int, fault: Fault, text: str) -> bool:
@@ -86,8 +125,11 @@ def _run(
     work: Sequence[tuple[int, list[str]]], faults: list[Fault], jobs: int, end: float
 ) -> list[tuple[int | None, float, str]]:
     """Of each fault and its tests: exit code of pytest (0: not noticed, None: not tried by `end`), seconds, output."""
-    waiting, running = list(enumerate(work)), dict[int, tuple[int, float, Path]]()
-    results: list[tuple[int | None, float, str]] = [(None, 0.0, "")] * len(work)
+    waiting, running = [each for each in enumerate(work) if each[1][1]], dict[int, tuple[int, float, Path]]()
+    results: list[tuple[int | None, float, str]] = [(None if tests else 0, 0.0, "") for _, tests in work]
+    for (number, _), (code, took, _) in zip(work, results, strict=True):
+        if code == 0:
+            _tell(number, faults, code, took, "")
     while running or (waiting and time.monotonic() < end):
         while waiting and len(running) < jobs and time.monotonic() < end:
             at, (number, tests) = waiting.pop(0)
@@ -97,7 +139,7 @@ def _run(
         for process, (at, begin, said) in list(running.items()):
             took = time.monotonic() - begin
             done, status = os.waitpid(process, os.WNOHANG)
-            if not done and took > LIMIT:
+            if not done and took > LIMIT and work[at][0]:
                 os.kill(process, signal.SIGKILL)
             if done:
                 code = os.waitstatus_to_exitcode(status)
@@ -112,32 +154,32 @@ def _forked(number: int, tests: list[str], said: Path) -> int:
     """The process that turns a fault on and runs its tests."""
     if process := os.fork():
         return process
-    import pytest  # the parent has it already
-
-    from mutants.switch import turn_on
-
     with said.open("w") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
         turn_on(number)
         _, *others = os.environ["PALPATE_FAULT"].split()
-        os.environ["PALPATE_FAULT"] = " ".join([str(number), *others]) if number else ""
+        os.environ["PALPATE_FAULT"] = " ".join([str(number), *others])
         os.environ["NUMBA_CACHE_DIR"] = f"{os.environ['NUMBA_CACHE_DIR']}-children"  # of what the tests start
         quiet = ["-q", "--no-header", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
-        code = pytest.main(["-x", *quiet, *tests])  # the warning: plugins were imported before the fork
+        if number:
+            code = pytest.main(["-x", *quiet, *tests])  # the warning: plugins were imported before the fork
+        else:
+            *tests, file = tests
+            code = pytest.main([*quiet, *tests], plugins=[_Reached(Path(file))])
         sys.stdout.flush()
-    os._exit(int(code))
+    os._exit(0 if code == pytest.ExitCode.NO_TESTS_COLLECTED else int(code))  # all that reach it fail without it
 
 
 def _tell(number: int, faults: list[Fault], code: int, took: float, output: str) -> None:
     if number == 0:
         return
-    if code in (4, 5):  # a wrong call, no tests
+    if code == 4:  # a wrong call
         print(output, file=sys.stderr)
         raise SystemExit(f"pytest did not run for fault {number}: {code}")
     names = [line.split(" ")[1] for line in output.splitlines() if line.startswith(("FAILED ", "ERROR "))]
     by = names[0] if names else f"it ended with {code}"
-    noticed = "NOT NOTICED" if code == 0 else "noticed"
+    noticed = ("NOT NOTICED" if took else "NOT REACHED") if code == 0 else "noticed"
     said = "" if code == 0 else f"  [{by}]"
     print(f"{number:4}  {noticed:11}  {took:5.1f} s  {faults[number - 1].what}{said}", flush=True)
 

@@ -207,7 +207,7 @@ class _Inserted(ast.NodeTransformer):
         here, made = self.places.get(id(node)), self.generic_visit(node)
         if here is None:
             return made
-        on = ast.parse(f"{SWITCH}() == {here[0]}", mode="eval").body
+        on = ast.parse(f"{SWITCH}({here[0]})", mode="eval").body
         if isinstance(made, ast.stmt):
             return ast.If(on, [ast.Pass()], [made])
         if not isinstance(made, ast.expr):

@@ -1,56 +1,94 @@
-"""Which fault is on: a number in memory that Python and compiled code read alike, and that a forked process sets.
+"""Which fault is on, and which faults' places were reached: memory that Python and compiled code use alike.
 
-It lies at an address that is the same in every process, so that machine code kept on disk stays right.
+It lies at an address that is the same in every process, so that machine code kept on disk stays right. A forked process
+sets the number of its fault; the page of reached places is shared with the processes that it starts once it has a file.
 """
 
 from __future__ import annotations
 
 import ctypes
 import mmap
+import os
+from pathlib import Path
 
 from llvmlite import ir
 from numba import types
+from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic, overload
 
-__all__ = ["switch", "turn_on"]
+__all__ = ["reached", "reached_into", "switch", "turn_on"]
 
 ADDRESS = 0x5A5A_0000_0000
-_FIXED = 0x100000  # MAP_FIXED_NOREPLACE
+_REACHED = ADDRESS + mmap.PAGESIZE  # a byte a fault
+_FIXED, _NO_REPLACE = 0x10, 0x100000
+_VARIABLE = "PALPATE_REACHED"  # names the file of reached places
 
 
-def _mapped() -> ctypes.c_int64:
+def _map(address: int, flags: int, file: int = -1) -> None:
     libc = ctypes.CDLL(None, use_errno=True)
     libc.mmap.restype = ctypes.c_void_p
     libc.mmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t, *[ctypes.c_int] * 3, ctypes.c_long]
-    flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _FIXED
-    found = libc.mmap(ADDRESS, mmap.PAGESIZE, mmap.PROT_READ | mmap.PROT_WRITE, flags, -1, 0)
-    if found != ADDRESS:
+    if libc.mmap(address, mmap.PAGESIZE, mmap.PROT_READ | mmap.PROT_WRITE, flags, file, 0) != address:
         raise OSError(ctypes.get_errno(), "the switch's address is taken")
-    return ctypes.c_int64.from_address(ADDRESS)
 
 
-_CELL = _mapped()
+for _address in (ADDRESS, _REACHED):
+    _map(_address, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _NO_REPLACE)
+_number = ctypes.c_int64.from_address(ADDRESS)
+_places = (ctypes.c_uint8 * mmap.PAGESIZE).from_address(_REACHED)
 
 
-def switch() -> int:
-    """The number of the fault that is on; 0: none."""
-    return _CELL.value
+def switch(number: int) -> bool:
+    """Whether this fault is on; its place counts as reached."""
+    _places[number] = 1
+    return _number.value == number
 
 
 def turn_on(number: int) -> None:
-    """In this process."""
-    _CELL.value = number
+    """In this process; 0: none."""
+    _number.value = number
 
 
-@intrinsic
-def _read(typingctx):
-    def loaded(context, builder, signature, arguments):
-        pointer = builder.inttoptr(ir.Constant(ir.IntType(64), ADDRESS), ir.IntType(64).as_pointer())
-        return builder.load(pointer)
-
-    return types.int64(), loaded
+def reached_into(path: Path) -> None:
+    """Share the page of reached places with the processes that this one starts."""
+    path.write_bytes(bytes(mmap.PAGESIZE))
+    os.environ[_VARIABLE] = str(path)
+    _map_file()
 
 
-@overload(switch)
-def _switch():
-    return lambda: _read()
+def _map_file() -> None:
+    file = os.open(os.environ[_VARIABLE], os.O_RDWR)
+    _map(_REACHED, mmap.MAP_SHARED | _FIXED, file)
+    os.close(file)
+
+
+def reached() -> list[int]:
+    """Return the faults whose places were reached since the last call."""
+    found = [number for number, place in enumerate(bytes(_places)) if place]
+    ctypes.memset(_REACHED, 0, mmap.PAGESIZE)
+    return found
+
+
+if _VARIABLE in os.environ:
+    _map_file()
+
+
+@intrinsic(prefer_literal=True)
+def _noted(typingctx, number):
+    if not isinstance(number, types.IntegerLiteral):
+        raise RequireLiteralValue("the number of a fault")
+    value = number.literal_value
+
+    def on(context, builder, signature, arguments):
+        byte, word = ir.IntType(8), ir.IntType(64)
+        place = builder.inttoptr(ir.Constant(word, _REACHED + value), byte.as_pointer())
+        builder.store(ir.Constant(byte, 1), place)
+        pointer = builder.inttoptr(ir.Constant(word, ADDRESS), word.as_pointer())
+        return builder.icmp_signed("==", builder.load(pointer), ir.Constant(word, value))
+
+    return types.boolean(types.int64), on
+
+
+@overload(switch, prefer_literal=True)
+def _switch(number):
+    return lambda number: _noted(number)

@@ -7,9 +7,10 @@ import gc
 import os
 import re
 import signal
+import socket
 import sys
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import numpy.typing
@@ -54,6 +55,15 @@ install_import_hook(_checked_modules(), "beartype.beartype")  # here only: produ
 settings.register_profile("seeded", derandomize=True, deadline=None, max_examples=50)
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile("seeded")
+
+
+@pytest.fixture
+def udp() -> Iterator[socket.socket]:
+    """A listener on loopback."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.settimeout(60.0)
+        yield listener
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,7 +15,6 @@ from pathlib import Path
 import pytest
 
 from palpate.live.dds import DdsNode
-from tests.support.listened import PATIENCE
 
 _tests = count()
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,15 +43,6 @@ def node(domain: int) -> Iterator[DdsNode]:
     with closing(DdsNode(domain)) as made:
         assert made.open() == ""
         yield made
-
-
-@pytest.fixture
-def udp() -> Iterator[socket.socket]:
-    """A listener on loopback."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.bind(("127.0.0.1", 0))
-        listener.settimeout(PATIENCE)
-        yield listener
 
 
 @pytest.fixture(scope="session")
