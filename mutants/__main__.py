@@ -53,8 +53,10 @@ def main() -> int:
     os.chdir(ROOT)
     import_with_faults(faults)
     end = time.monotonic() + WALL
-    by_room = _reaching(sorted({LAWS, *(fault.tests for fault in meant.values())}), options.jobs)
-    found = _run([(k, by_room[fault.tests].get(k, [])) for k, fault in meant.items()], faults, options.jobs, end)
+    folders = {LAWS, *(each for fault in meant.values() for each in fault.tests.split())}
+    reaching = _reaching(sorted(folders), options.jobs)
+    work = [(k, [name for each in fault.tests.split() for name in reaching[each][k]]) for k, fault in meant.items()]
+    found = _run(work, faults, options.jobs, end)
     tried = [(fault, code) for fault, (code, _, _) in zip(meant.values(), found, strict=True) if code is not None]
     unseen = [fault for fault, code in tried if code == 0]
     known = (Path(__file__).parent / "equivalent.txt").read_text(encoding="utf-8")
@@ -69,25 +71,25 @@ def main() -> int:
     if missed:
         print("\nwhat is not noticed, by the tests of the laws:")
         numbers = [faults.index(fault) + 1 for fault in missed]
-        _run([(k, by_room[LAWS].get(k, [])) for k in numbers], faults, options.jobs, end)
+        _run([(k, reaching[LAWS][k]) for k in numbers], faults, options.jobs, end)
     wanted = WANTED if options.count else 1.0
     return int(share < wanted or len(same) > EQUIVALENT * len(tried))
 
 
-def _reaching(rooms: list[str], jobs: int) -> dict[str, dict[int, list[str]]]:
-    """Run the tests of each room without a fault, and return the files that reach each fault, less tests that fail."""
+def _reaching(folders: list[str], jobs: int) -> dict[str, dict[int, list[str]]]:
+    """Run the tests of each folder without a fault, and return the files that reach each fault, less tests that fail."""
     begin, found = time.monotonic(), dict[str, dict[int, list[str]]]()
-    kept = [Path(tempfile.mkstemp(prefix="reached")[1]) for _ in rooms]
-    _run([(0, [*room.split(), str(file)]) for room, file in zip(rooms, kept, strict=True)], [], jobs, float("inf"))
-    for room, file in zip(rooms, kept, strict=True):
+    kept = [Path(tempfile.mkstemp(prefix="reached")[1]) for _ in folders]
+    _run([(0, [folder, str(file)]) for folder, file in zip(folders, kept, strict=True)], [], jobs, float("inf"))
+    for folder, file in zip(folders, kept, strict=True):
         by_file, failed = json.loads(file.read_text())
         file.unlink()
-        found[room] = defaultdict(list)
+        found[folder] = defaultdict(list)
         for name, numbers in by_file.items():
             for number in numbers:
-                found[room][number] += [name, *(f"--deselect={each}" for each in failed if each.startswith(name))]
+                found[folder][number] += [name, *(f"--deselect={each}" for each in failed if each.startswith(name))]
         print(*(f"fails without a fault: {each}\n" for each in failed), sep="", end="")
-    print(f"the tests of {len(rooms)} rooms, without a fault, in {time.monotonic() - begin:.0f} s", flush=True)
+    print(f"the tests of {len(folders)} folders, without a fault, in {time.monotonic() - begin:.0f} s", flush=True)
     return found
 
 
@@ -165,8 +167,8 @@ def _forked(number: int, tests: list[str], said: Path) -> int:
         if number:
             code = pytest.main(["-x", *quiet, *tests])  # the warning: plugins were imported before the fork
         else:
-            *tests, file = tests
-            code = pytest.main([*quiet, *tests], plugins=[_Reached(Path(file))])
+            folder, file = tests
+            code = pytest.main([*quiet, folder], plugins=[_Reached(Path(file))])
         sys.stdout.flush()
     os._exit(0 if code == pytest.ExitCode.NO_TESTS_COLLECTED else int(code))  # all that reach it fail without it
 

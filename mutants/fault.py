@@ -62,9 +62,11 @@ class Fault:
 
 
 def tests_of(file: str) -> str:
-    """Return the folder of the tests of a file's room."""
+    """Return the folder of the tests of a file's room; of a sensor, that of the table which all sensors pass, too."""
     _, room, *below = file.split("/")
-    return f"tests/sensors/{below[0]}" if room == "sensors" else f"tests/{_TESTED.get(room, room)}"
+    if room == "sensors" and len(below) > 1:
+        return f"tests/sensors/{below[0]} tests/conformance"
+    return f"tests/{_TESTED.get(room, room)}"
 
 
 def faults_in(file: str, source: str, most: int | None = None, seed: int = 0) -> list[Fault]:
@@ -98,7 +100,7 @@ def chosen(count: int, seed: int = 0) -> list[Fault]:
     if not count:
         return list(_of_kinds())
     names = [file.relative_to(SOURCE).as_posix() for file in (SOURCE / "palpate").rglob("*.py")]
-    tested = [name for name in names if (SOURCE.parent / tests_of(name)).is_dir()]
+    tested = [name for name in names if (SOURCE.parent / tests_of(name).split()[0]).is_dir()]
     each, found = min(MOST, max(1, -(-count // len(tested)))), list[Fault]()
     for name in sorted(tested, key=lambda name: hashlib.sha256(f"{seed} {name}".encode()).digest()):
         found += faults_in(name, (SOURCE / name).read_text(encoding="utf-8"), each, seed)

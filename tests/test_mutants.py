@@ -52,4 +52,4 @@ def test_faults_by_chance_stand_in_the_package_and_have_tests() -> None:
     assert len({fault.file for fault in faults}) > 20
     for path, text in sources(faults).items():
         compile(text, path, "exec")
-    assert [fault.tests for fault in faults if not (ROOT / fault.tests).is_dir()] == []
+    assert [fault.tests for fault in faults if not (ROOT / fault.tests.split()[0]).is_dir()] == []
