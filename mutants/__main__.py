@@ -77,7 +77,7 @@ def main() -> int:
 
 
 def _reaching(folders: list[str], jobs: int) -> dict[str, dict[int, list[str]]]:
-    """Run the tests of each folder without a fault, and return the files that reach each fault, less tests that fail."""
+    """Run the tests of each folder without a fault, and return which files reach each fault, less tests that fail."""
     begin, found = time.monotonic(), dict[str, dict[int, list[str]]]()
     kept = [Path(tempfile.mkstemp(prefix="reached")[1]) for _ in folders]
     _run([(0, [folder, str(file)]) for folder, file in zip(folders, kept, strict=True)], [], jobs, float("inf"))

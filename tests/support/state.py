@@ -23,7 +23,7 @@ _FIXED += (
     Kernel,
     Dispatcher,
     LiveLoop,
-)  # its arrays are those of sensor, filter and locator, where they are looked for
+)  # its arrays are those of others, where they are seen
 
 
 def _fields(value: Any) -> dict[str, Any]:
