@@ -295,7 +295,7 @@ def test_the_page_shows_contacts_where_the_joints_have_moved_them(tmp_path: Path
             if angles is not None:
                 batch = Batch((3,))
                 batch.values[0] = angles
-                batch.arrived = np.full(len(batch), time.time_ns())
+                batch.arrive(1, time.time_ns())
                 made[2].take_in(batch, 1, batch.turned)
                 made[2].answer(none, np.zeros(1, dtype=np.int64))
             if k == 2:  # the elbow's last sample is old now
