@@ -169,7 +169,7 @@ class Live:
         self._tare: _Window | None = None
         self._ring: StreamBuffer | None = None
         self._losses: LossCount | None = None
-        self._seconds = _stream.seconds
+        self._seconds = _stream.seconds.unchecked
         self._seconds(self._batch.stamp)  # compiles
         self._said: list[str] = []
         self._clock, self._quiet = _offset(), 0.0

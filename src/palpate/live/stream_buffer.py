@@ -258,6 +258,8 @@ class StreamBuffer:
             BufferError: an array of the file is still in use.
         """
         self._words.release()
+        self._taking = None
+        vars(self).pop("_answering", None)
         del self.slots, self._memory, self._sentences, self._sent
         self._map.close()
 
@@ -267,6 +269,12 @@ class StreamBuffer:
         from palpate.live import _stream
 
         return _stream
+
+    @cached_property
+    def _answering(self) -> Callable[..., None]:
+        from palpate.surfaces._jit import FixedEntry
+
+        return FixedEntry(self._loops.answer, 0, (self._memory,))
 
     def take_in(self, batch: Batch, count: int, unsteady: Float[np.ndarray, " n"]) -> int:
         """Store the first `count` samples of a batch, and return the number of the first; for the writer.
@@ -321,7 +329,7 @@ class StreamBuffer:
         if self.form.max_contacts > 1 and max(counts.tolist(), default=0) > self.form.max_contacts:
             raise ValueError(f"a sample has {counts.max()} rows, and there is room for {self.form.max_contacts}")
         first = self["answered"]
-        self._loops.answer(self._memory, first, rows, counts, time.time_ns() if known else 0)
+        self._answering(first, rows, counts, time.time_ns() if known else 0)
         self["answered"] = first + len(counts)
 
     def publish(self, samples: Sequence[int]) -> None:
