@@ -382,22 +382,34 @@ class StreamBuffer:
         kept = [self._sentences[k % SENTENCES] for k in range(max(since, count - SENTENCES), count)]
         return [(int(each["stamp"]), bytes(each["text"]).decode(errors="replace")) for each in kept], count
 
-    def read(self, first: int, most: int, word: str = "answered") -> tuple[np.ndarray, int]:
+    def read(
+        self, first: int, most: int, word: str = "answered", fields: Sequence[str] = ()
+    ) -> tuple[np.ndarray, int]:
         """Return a copy of slots, (n,) structured, and the first's number, above `first` if that was overwritten.
 
         Args:
             first: number of the sample to continue with.
             most: number of slots, at most.
             word: number of the head to read up to: "answered" or "received".
+            fields: names of the fields of a slot to copy; (): all.
         """
         while True:
             first = max(first, self._oldest())
             count = min(most, max(self[word] - first, 0))
-            parts = [self.slots[here].copy() for here, _ in self._parts(first, count)]
+            parts = [self._copied(here, fields) for here, _ in self._parts(first, count)]
             overwritten = max(self._oldest() - first, 0)  # during the copy: a second try could be lapped again
             if not count or overwritten < count:
-                slots = parts[0] if len(parts) == 1 else np.concatenate([self.slots[:0], *parts])
+                slots = parts[0] if len(parts) == 1 else np.concatenate([self._copied(slice(0), fields), *parts])
                 return slots[overwritten:], first + overwritten
+
+    def _copied(self, here: slice, fields: Sequence[str]) -> np.ndarray:
+        slots = self.slots[here]
+        if not fields:
+            return slots.copy()
+        made = np.empty(len(slots), [(name, slots.dtype[name]) for name in fields])
+        for name in fields:
+            made[name] = slots[name]
+        return made
 
     def _oldest(self) -> int:
         return max(0, self["received"] - self.safe)
