@@ -21,6 +21,7 @@ from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 from palpate.signals.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, Recording
 
+ROWS = 256  # of a log of topics that are read at once: several sensors then read the same part of it
 _READER = ThreadPoolExecutor(1, thread_name_prefix="replay")
 
 
@@ -188,7 +189,9 @@ class Replay:
         return _READER.submit(next, self._rest, None)
 
     def _blocks(self) -> Iterator[Recording]:
-        return iter(open_log(self.path, self._layout).blocks())
+        log = open_log(self.path, self._layout)
+        log.block_rows = ROWS
+        return iter(log.blocks())
 
     def _samples(self) -> Iterator[Recording]:
         shift, last = 0.0, np.nan
