@@ -31,6 +31,7 @@ SHARED, SLOTS = 8, 8192  # rings of a robot's sensors are smaller by as much, at
 ALONE = 1.0  # s between looks whether the parent is there
 TURN = 2e-4  # s that the thread which reads a log on keeps Python's lock, at most: 5 ms unless stated
 POLL = 0.05  # s that joint states are waited for
+TOGETHER = 0.02  # s in which they come together: they are for the record and the page alone
 _LOCK_NOW_AND_LATER = 3  # MCL_CURRENT | MCL_FUTURE
 
 
@@ -235,8 +236,8 @@ def _pass_on(source: JointSource, ring: StreamBuffer, parent: int) -> None:
             batch.arrive(count, time.time_ns())
             ring.take_in(batch, count, batch.turned)
             ring.answer(none, np.zeros(count, dtype=np.int64))
-        if behind:
-            time.sleep(POLL)
+        if behind or not source.patient:
+            time.sleep(POLL if behind else TOGETHER)
         ring["alive"], ring["ended"] = time.time_ns(), int(source.ended)
         ring["done"] = ring["asked"]  # a tare is of sensors
 
