@@ -261,7 +261,7 @@ class Live:
         return AnsweredSamples(*(each.copy() for each in self.pass_on(timeout)))
 
     def pass_on(self, timeout: float = 0.1) -> _Answers:
-        """Do what `step` does for a stream that is read from its ring: what is returned is valid until the next call."""
+        """Take a step as `step` does, and return the same arrays without a copy, which the next call overwrites."""
         count = 0 if self._held_back(timeout) else self.source.receive(self._batch, timeout)
         self._watch()
         samples = self._taken(count) if count else None

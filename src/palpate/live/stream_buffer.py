@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import prod
+from operator import is_
 from pathlib import Path
 from threading import Lock
 from types import ModuleType
@@ -163,9 +164,9 @@ def _sound(waited: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
 
 
 class _Taking(NamedTuple):
-    """The arrays of a batch, checked once, and the compiled loop that stores them."""
+    """Arrays of a batch, the arguments that they are part of, checked once, and the compiled loop that stores them."""
 
-    batch: Batch
+    arrays: tuple[np.ndarray, ...]
     given: tuple[Any, ...]
     loop: Callable[..., None]
 
@@ -285,7 +286,7 @@ class StreamBuffer:
             unsteady: (n,) [m/s^2] standard deviation of the acceleration's error along each axis; used with poses.
         """
         first, taking = self["received"], self._taking
-        if taking is None or not (taking.batch is batch and taking.given[1] is batch.arrived and taking.given[-1] is unsteady):
+        if taking is None or not all(map(is_, taking.arrays, (batch.values, batch.arrived, unsteady))):
             taking = self._taking = self._checked(batch, unsteady)
         taking.loop(self._memory, first, count, *taking.given)
         if self.form.images:
@@ -300,7 +301,9 @@ class StreamBuffer:
         values = _NONE if self.form.images else batch.values.reshape(len(batch), -1)
         poses = self.form.poses, batch.orientation, batch.position, batch.acceleration, unsteady
         given = batch.stamp, batch.arrived, batch.lost, values, *poses
-        return _Taking(batch, given, self._loops.take_in.compiled_for(self._memory, 0, 0, *given))
+        return _Taking(
+            (batch.values, batch.arrived, unsteady), given, self._loops.take_in.compiled_for(self._memory, 0, 0, *given)
+        )
 
     @property
     def position(self) -> tuple[int, ...]:
@@ -382,9 +385,7 @@ class StreamBuffer:
         kept = [self._sentences[k % SENTENCES] for k in range(max(since, count - SENTENCES), count)]
         return [(int(each["stamp"]), bytes(each["text"]).decode(errors="replace")) for each in kept], count
 
-    def read(
-        self, first: int, most: int, word: str = "answered", fields: Sequence[str] = ()
-    ) -> tuple[np.ndarray, int]:
+    def read(self, first: int, most: int, word: str = "answered", fields: Sequence[str] = ()) -> tuple[np.ndarray, int]:
         """Return a copy of slots, (n,) structured, and the first's number, above `first` if that was overwritten.
 
         Args:
