@@ -61,16 +61,16 @@ class FigureLine:
             announce(text)
 
     def _of_one(self, taken: Mapping[str, _Taken], span: float) -> list[str]:
-        new, ring = next(iter(taken.values())), next(iter(self._streams.values())).ring
-        waited = ", ".join(f"{what} {text}" for what, text in latency(ring, new.times))
+        found, ring = next(iter(taken.values())), next(iter(self._streams.values())).ring
+        waited = ", ".join(f"{what} {text}" for what, text in latency(ring, found.times))
         recorded = f"{ring['recorded']:,} recorded" if ring["recorded"] else ""
-        figures = [f"{new.count / span:7,.0f} Hz", contacts(new.last), waited and f"latency {waited}"]
+        figures = [f"{found.new / span:7,.0f} Hz", contacts(found.last), waited and f"latency {waited}"]
         return [*figures, f"{ring['lost']:,} lost", recorded]
 
     def _of_robot(self, taken: Mapping[str, _Taken], span: float) -> list[str]:
         """Return texts on all sensors: number, contacts, the worst latency, losses, and which are silent."""
         sensors = {name: each.ring for name, each in self._streams.items() if not each.ring.form.joints}
-        rate = sum(taken[name].count for name in sensors) / span
+        rate = sum(taken[name].new for name in sensors) / span
         force = {name: np.linalg.norm(touching(taken[name].last)[:, ROW.force], axis=1) for name in sensors}
         number = sum(map(len, force.values()))
         words = [f"{len(sensors)} sensors {rate:,.0f} Hz", f"{number} contact{'' if number == 1 else 's'}"]
@@ -79,7 +79,7 @@ class FigureLine:
             words[-1] += f", strongest {name} {force[name].max():.2f} N"
         waited = [latencies(taken[name].times) for name in sensors]
         worst = max((float(each.max()) for each in waited if len(each)), default=0.0)
-        silent = [name for name, each in self._streams.items() if not taken[name].count and not each.ring["ended"]]
+        silent = [name for name, each in self._streams.items() if not taken[name].new and not each.ring["ended"]]
         return [
             *words,
             f"latency at worst {1e6 * worst:,.0f} us" if worst else "",
@@ -92,7 +92,7 @@ class FigureLine:
 class _Taken(NamedTuple):
     """The number of samples since the last line, the last slot, and the times of the last slots."""
 
-    count: int
+    new: int
     last: np.ndarray
     times: np.ndarray
 
