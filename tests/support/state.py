@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from palpate.contact.live_loop import LiveLoop
+from palpate.surfaces._jit import FixedEntry
 
 __all__ = ["differences", "parts"]
 
 _PLAIN = (str, bytes, int, float, complex, bool, type(None), Enum, np.generic, PurePath, range, slice)
 _FIXED = (type, types.FunctionType, types.MethodType, types.BuiltinFunctionType, types.ModuleType, Executor, Future)
-_FIXED += (LiveLoop,)  # its arrays are those of sensor, filter and locator, where they are looked for
+_FIXED += (LiveLoop, FixedEntry)  # their arrays are those of sensor, filter and locator, where they are looked for
 
 
 def _fields(value: Any) -> dict[str, Any]:
