@@ -25,7 +25,7 @@ from palpate.live.stream_buffer import READERS, StreamBuffer
 POLL = 0.02  # s between looks at the ring
 SPAN, LONGEST = 0.25, 1.0  # s of a chunk; of several rings as many times, at most
 CHUNK = 2048  # samples of a ring in a chunk, at most
-BYTES = 1 << 23  # of slots of a chunk, at most
+BYTES = 1 << 23  # of slots of a ring in a chunk, at most
 SYNC = 1.0  # s between syncs
 QUIET, SILENT = 0.3, 1.5  # s without a change after which a ring has ended, with all answered or not
 GRACE = 5.0  # s to wait for that, at most
@@ -119,10 +119,10 @@ def only_one(ring: Path) -> Generator[None]:
 class _Drain:
     """The samples and sentences of one ring, on their way into the record."""
 
-    def __init__(self, ring: StreamBuffer, events: int, features: tuple[str, ...], size: int) -> None:
+    def __init__(self, ring: StreamBuffer, events: int, features: tuple[str, ...]) -> None:
         self.ring, self._events = ring, events
         self._messages = RecordMessages(ring.form, events, features)
-        self.most = max(1, min(CHUNK, size // ring.form.slot().itemsize))  # samples of a chunk
+        self.most = max(1, min(CHUNK, BYTES // ring.form.slot().itemsize))  # samples of a chunk
         self.next, self.noted = ring["began"], ring["noted"]  # where there is no sample or sentence in the file
 
     @property
@@ -184,8 +184,7 @@ class Recorder:
         self._topics = tuple(topic for each in rings for topic in record_topics(each.form, features))
         events = event_channels(self._topics)
         self._span, self._written = min(SPAN * len(rings), LONGEST), time.monotonic()
-        size = BYTES // len(rings)
-        self._drains = [_Drain(each, channel, features, size) for each, channel in zip(rings, events, strict=True)]
+        self._drains = [_Drain(each, channel, features) for each, channel in zip(rings, events, strict=True)]
         self.file: RecordFile | None = None
         self.full = False
         self._synced = time.monotonic()
