@@ -30,7 +30,7 @@ from palpate.contact.estimate import ROW
 from palpate.errors import InputError
 from palpate.files.contacts import read_contacts
 from palpate.live.joints import JointSource
-from palpate.live.live import AnsweredSamples, Live
+from palpate.live.live import Live
 from palpate.live.receiver import receive_together
 from palpate.live.record import Recorder, require_record, ring_of, rings_of
 from palpate.live.recover import cut_short
@@ -174,9 +174,9 @@ def test_a_sensor_with_an_error_leaves_the_others_of_its_process(
     names, rings = ["wrist", "elbow"], [tmp_path / "wrist.ring", tmp_path / "elbow.ring"]
     together, pipes = get_context("spawn").Event(), [Pipe(duplex=False) for _ in names]
     together.set()
-    taken = Live.step
+    taken = Live.pass_on
 
-    def step(live: Live, timeout: float) -> AnsweredSamples:
+    def pass_on(live: Live, timeout: float) -> object:
         if live.setup.layout().wrench_topic == OTHER and live.estimator._samples > 100:
             raise InputError("cannot be read on.", where="elbow")
         if live.ended:
@@ -184,7 +184,7 @@ def test_a_sensor_with_an_error_leaves_the_others_of_its_process(
                 ring["stop"] = 1
         return taken(live, timeout)
 
-    monkeypatch.setattr(Live, "step", step)
+    monkeypatch.setattr(Live, "pass_on", pass_on)
     for module, name in ((signal, "signal"), (sys, "setswitchinterval"), (gc, "freeze")):  # of this process they stay
         monkeypatch.setattr(module, name, lambda *_: None)
     senders, rig = [sender for _, sender in pipes], _robot(tmp_path, 1.0)
@@ -295,7 +295,7 @@ def test_the_page_shows_contacts_where_the_joints_have_moved_them(tmp_path: Path
             if angles is not None:
                 batch = Batch((3,))
                 batch.values[0] = angles
-                batch.arrived = np.full(len(batch), time.time_ns())
+                batch.arrive(1, time.time_ns())
                 made[2].take_in(batch, 1, batch.turned)
                 made[2].answer(none, np.zeros(1, dtype=np.int64))
             if k == 2:  # the elbow's last sample is old now

@@ -160,7 +160,7 @@ def test_a_file_without_times_has_those_of_a_rate(tmp_path: Path) -> None:
 
 def test_blocks_do_not_change_what_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.files.logs.columns.BLOCK", 7)
-    monkeypatch.setattr("palpate.files.logs.topic_log.BLOCK", 7)
+    monkeypatch.setattr("palpate.files.logs.log.Log.block_rows", 7)
     monkeypatch.setattr("palpate.files.logs.parquet.PIECE", 17)
     for name in ("log.npz", "log.mcap", "log.parquet"):
         FORMATS[name](tmp_path / name)

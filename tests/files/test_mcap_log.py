@@ -181,7 +181,7 @@ def test_how_a_file_is_cut_into_chunks_does_not_matter(tmp_path: Path, chunk: in
 
 
 def test_rows_do_not_wait_for_a_topic_that_fell_silent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.files.logs.topic_log.BLOCK", 100)
+    monkeypatch.setattr("palpate.files.logs.log.Log.block_rows", 100)
     monkeypatch.setattr("palpate.files.logs.topic_log.HELD", 300)
     monkeypatch.setattr("palpate.files.logs.stuck.FIRST", 100)
     log = session(2000, start=10**9)
@@ -197,7 +197,7 @@ def test_rows_do_not_wait_for_a_topic_that_fell_silent(tmp_path: Path, monkeypat
 
 
 def test_one_stamp_from_the_future_costs_one_pose(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.files.logs.topic_log.BLOCK", 100)
+    monkeypatch.setattr("palpate.files.logs.log.Log.block_rows", 100)
     monkeypatch.setattr("palpate.files.logs.topic_log.HELD", 300)
     log = session(2000, start=10**9)
     messages = list(log.messages())

@@ -25,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each reader cuts this short log where it likes."""
-    monkeypatch.setattr(topic_log, "BLOCK", 211)
+    monkeypatch.setattr(topic_log.TopicLog, "block_rows", 211)
     monkeypatch.setattr(columns, "BLOCK", 137)
 
 

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Mapping
 from datetime import datetime
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from palpate.live.stream_buffer import StreamBuffer, latencies
 
 __all__ = ["FigureLine", "summary"]
 
-LOOKED_AT, BYTES = 1 << 14, 1 << 22  # samples from which latencies are taken, and bytes of them, at most
+LOOKED_AT = 1 << 14  # samples from which latencies are taken, at most
 
 
 class FigureLine:
@@ -59,26 +60,26 @@ class FigureLine:
         else:
             announce(text)
 
-    def _of_one(self, taken: Mapping[str, tuple[int, np.ndarray]], span: float) -> list[str]:
-        (count, slots), ring = next(iter(taken.values())), next(iter(self._streams.values())).ring
-        waited = ", ".join(f"{what} {text}" for what, text in latency(ring, slots))
+    def _of_one(self, taken: Mapping[str, _Taken], span: float) -> list[str]:
+        found, ring = next(iter(taken.values())), next(iter(self._streams.values())).ring
+        waited = ", ".join(f"{what} {text}" for what, text in latency(ring, found.times))
         recorded = f"{ring['recorded']:,} recorded" if ring["recorded"] else ""
-        figures = [f"{count / span:7,.0f} Hz", contacts(slots), waited and f"latency {waited}"]
+        figures = [f"{found.new / span:7,.0f} Hz", contacts(found.last), waited and f"latency {waited}"]
         return [*figures, f"{ring['lost']:,} lost", recorded]
 
-    def _of_robot(self, taken: Mapping[str, tuple[int, np.ndarray]], span: float) -> list[str]:
+    def _of_robot(self, taken: Mapping[str, _Taken], span: float) -> list[str]:
         """Return texts on all sensors: number, contacts, the worst latency, losses, and which are silent."""
         sensors = {name: each.ring for name, each in self._streams.items() if not each.ring.form.joints}
-        rate = sum(taken[name][0] for name in sensors) / span
-        force = {name: np.linalg.norm(touching(taken[name][1])[:, ROW.force], axis=1) for name in sensors}
+        rate = sum(taken[name].new for name in sensors) / span
+        force = {name: np.linalg.norm(touching(taken[name].last)[:, ROW.force], axis=1) for name in sensors}
         number = sum(map(len, force.values()))
         words = [f"{len(sensors)} sensors {rate:,.0f} Hz", f"{number} contact{'' if number == 1 else 's'}"]
         if number:
             name = max(force, key=lambda each: float(force[each].max(initial=0.0)))
             words[-1] += f", strongest {name} {force[name].max():.2f} N"
-        waited = [latencies(taken[name][1]) for name in sensors]
+        waited = [latencies(taken[name].times) for name in sensors]
         worst = max((float(each.max()) for each in waited if len(each)), default=0.0)
-        silent = [name for name, each in self._streams.items() if not taken[name][0] and not each.ring["ended"]]
+        silent = [name for name, each in self._streams.items() if not taken[name].new and not each.ring["ended"]]
         return [
             *words,
             f"latency at worst {1e6 * worst:,.0f} us" if worst else "",
@@ -88,24 +89,31 @@ class FigureLine:
         ]
 
 
+class _Taken(NamedTuple):
+    """The number of samples since the last line, the last slot, and the times of the last slots."""
+
+    new: int
+    last: np.ndarray
+    times: np.ndarray
+
+
 class _Counted:
     """A ring, and what of it was printed."""
 
     def __init__(self, ring: StreamBuffer) -> None:
         self.ring, self.event, self._count = ring, 0, ring["answered"]
 
-    def take(self) -> tuple[int, np.ndarray]:
-        """Return the number of samples answered since the last call, and the last of their slots."""
+    def take(self) -> _Taken:
+        """Return what was answered since the last call."""
         count, before = self.ring["answered"], self._count
-        slots = _last(self.ring, before)
         self._count = count
-        return count - before, slots
+        last = self.ring.read(max(before, count - 1), 1)[0]
+        return _Taken(count - before, last, _times(self.ring, before))
 
 
-def _last(ring: StreamBuffer, since: int = 0) -> np.ndarray:
-    """Return the newest slots from sample `since` on, at most 4 MB of them."""
-    most = max(1, min(LOOKED_AT, BYTES // ring.form.slot().itemsize))
-    return ring.read(max(since, ring["answered"] - most), most)[0]
+def _times(ring: StreamBuffer, since: int = 0) -> np.ndarray:
+    """Return the times of the newest slots from sample `since` on, as `latencies` takes them."""
+    return ring.read(max(since, ring["answered"] - LOOKED_AT), LOOKED_AT, fields=("arrived", "ready"))[0]
 
 
 def touching(slots: np.ndarray) -> np.ndarray:
@@ -129,9 +137,9 @@ def contacts(slots: np.ndarray) -> str:
     return f"{several}{force.max():.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
 
 
-def latency(ring: StreamBuffer, slots: np.ndarray) -> list[tuple[str, str]]:
+def latency(ring: StreamBuffer, times: np.ndarray) -> list[tuple[str, str]]:
     """Return names and texts of the latencies of some slots, from arrival to contact and to publication, if known."""
-    known = (("sample to contact", latencies(slots)), ("sample to published", ring.published()))
+    known = (("sample to contact", latencies(times)), ("sample to published", ring.published()))
     return [(what, _percentiles(waited)) for what, waited in known if len(waited)]
 
 
@@ -155,7 +163,7 @@ def summary(ring: StreamBuffer, name: str = "") -> None:
     if recorded:
         size = f", {ring['bytes'] / 1e6:,.1f} MB" if ring["bytes"] and not name else ""  # a robot's: of one ring alone
         lines([("recorded", Quantity(f"{recorded:,} samples{size}", recorded))])
-    lines(latency(ring, _last(ring)))
+    lines(latency(ring, _times(ring)))
 
 
 def _losses(ring: StreamBuffer) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
+from operator import is_
 from types import MappingProxyType
 from typing import Any, NamedTuple, cast
 
@@ -20,12 +21,13 @@ from palpate.signals.filters import Filter
 from palpate.signals.recording import Recording, split_channels
 from palpate.signals.smoothing import require_forward
 from palpate.signals.wrench_sensor import Tare
-from palpate.spatial._arrays import FLOAT, INT64, require_out, shaped
+from palpate.spatial._arrays import FLOAT, INT64, form_of, require_out, shaped
 from palpate.spatial.pose import Pose
 
 __all__ = ["NOTHING_BESIDE", "Answered", "Channels", "ContactEstimator", "Counts", "Known", "Rows", "Times"]
 
 NOTHING_BESIDE: Mapping[str, np.ndarray] = MappingProxyType({})
+_KEPT = 64  # forms of arguments of `run_into`
 
 Rows = Float[np.ndarray, "rows width"]
 Times = Float[np.ndarray, " n"]
@@ -82,6 +84,7 @@ class ContactEstimator(ABC):
         self.mount = Pose.identity() if mount is None else mount
         self._width, self._dtype = ROW.length + len(features) + (most > 1), dtype
         self.plausibility: Plausibility | None = None
+        self._fitting = set[tuple[Any, ...]]()  # forms of arguments that `run_into` took as they are
         self._samples = 0  # that `update`, `update_into` and `run_into` have answered
 
     @abstractmethod
@@ -253,8 +256,17 @@ class ContactEstimator(ABC):
                 missing; the baseline of a skin is not known.
         """
         require_forward(self.filter)
-        require_out(out, (None, self._width))
-        done = self._arrays(*_samples(time, readings, counts, extra_channels, self._dtype), out, counts)
+        form = form_of((time, readings, out, counts, *extra_channels.values()))
+        if form not in self._fitting:
+            require_out(out, (None, self._width))
+            given = time, readings, *extra_channels.values()
+            time, readings, extra_channels = _samples(time, readings, counts, extra_channels, self._dtype)
+            if all(map(is_, given, (time, readings, *extra_channels.values()))):
+                if len(self._fitting) == _KEPT:
+                    self._fitting.clear()
+                self._fitting.add(form)
+        arrays = cast("tuple[Times, np.ndarray, Channels]", (time, readings, extra_channels))
+        done = self._arrays(*arrays, out, counts)
         self._samples += done
         return done
 

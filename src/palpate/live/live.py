@@ -73,13 +73,25 @@ class AnsweredSamples:
         return zip(np.repeat(seconds(self.stamp), self.counts).tolist(), self.rows, strict=True)
 
 
+_Answers = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""As `AnsweredSamples`: stamps, numbers of rows, and rows."""
+
+
 class _Samples(NamedTuple):
-    """Samples as arrays for an estimator."""
+    """Samples as arrays for an estimator; stamps and channels are those of the batch until they are copied."""
 
     stamp: Int[np.ndarray, " n"]
     time: Float[np.ndarray, " n"]
     readings: np.ndarray
     extra_channels: Mapping[str, np.ndarray]
+
+    def picked(self, part: slice) -> _Samples:
+        channels = {name: values[part] for name, values in self.extra_channels.items()}
+        return _Samples(self.stamp[part], self.time[part], self.readings[part], channels)
+
+    def copied(self) -> _Samples:
+        channels = {name: values.copy() for name, values in self.extra_channels.items()}
+        return self._replace(stamp=self.stamp.copy(), extra_channels=channels)
 
     def recording(self, names: tuple[str, ...], frame: str) -> Recording:
         channels = {**split_channels(names, self.readings), **self.extra_channels}
@@ -93,8 +105,8 @@ class _Window:
         self.length, self.held = length, list[_Samples]()
 
     def add(self, samples: _Samples) -> bool:
-        """Add samples, and return whether the window is full."""
-        self.held.append(samples)
+        """Add a copy of samples, and return whether the window is full."""
+        self.held.append(samples.copied())
         return bool(self.held[-1].stamp[-1] - self.held[0].stamp[0] >= 1e9 * self.length)
 
     def joined(self) -> _Samples:
@@ -147,7 +159,7 @@ class Live:
         self._stuck = StuckWatch(limits) if self.kind.channels == (FORCE, TORQUE) else None
         self.estimator = _unseen(self.setup).prepared().estimator  # what is slow, before samples come
         size = max(1, min(BATCH, NUMBERS // prod(self.source.shape)))
-        self._batch = Batch(self.source.shape, size, self.source.dtype)
+        self._batch, self._unsteady = Batch(self.source.shape, size, self.source.dtype), np.zeros(size)
         self._rows = self.estimator.empty(max(self.estimator.most, min(size * self.estimator.most, 4 * BATCH)))
         self._require_enough()
         length = self.setup.start()
@@ -157,7 +169,7 @@ class Live:
         self._tare: _Window | None = None
         self._ring: StreamBuffer | None = None
         self._losses: LossCount | None = None
-        self._seconds = _stream.seconds
+        self._seconds = _stream.seconds.unchecked
         self._seconds(self._batch.stamp)  # compiles
         self._said: list[str] = []
         self._clock, self._quiet = _offset(), 0.0
@@ -188,7 +200,7 @@ class Live:
         """Store samples in a ring as they are received, and contacts as they are known, from now on."""
         if (most := max(1, ring.safe // 2)) < len(self._batch):  # or one batch would lap its readers
             self._batch = Batch(self.source.shape, most, self.source.dtype)
-        ring.take_in(self._batch, 0, self._batch.turned)  # of nothing: compiles, before samples come
+        ring.take_in(self._batch, 0, self._unsteady)  # of nothing: compiles, before samples come
         ring.answer(self._rows[:0], np.zeros(0, dtype=np.int64))
         self._ring, self._losses = ring, LossCount(ring, self.source)
 
@@ -246,6 +258,10 @@ class Live:
             InputError: the estimator needs a value that the source does not give, or a replayed log cannot be read.
             OSError: the device cannot be read.
         """
+        return AnsweredSamples(*(each.copy() for each in self.pass_on(timeout)))
+
+    def pass_on(self, timeout: float = 0.1) -> _Answers:
+        """Take a step as `step` does, and return the same arrays without a copy, which the next call overwrites."""
         count = 0 if self._held_back(timeout) else self.source.receive(self._batch, timeout)
         self._watch()
         samples = self._taken(count) if count else None
@@ -254,7 +270,8 @@ class Live:
         if samples is None:
             return self._none
         answers = self._answered(samples)
-        self._tared(samples)
+        if self._tare is not None:
+            self._tared(self._tare, samples)
         return answers
 
     def _held_back(self, timeout: float) -> bool:
@@ -269,8 +286,8 @@ class Live:
         return behind
 
     @property
-    def _none(self) -> AnsweredSamples:
-        return AnsweredSamples(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
+    def _none(self) -> _Answers:
+        return self._batch.stamp[:0], self._batch.stamp[:0], self._rows[:0]
 
     def _require_enough(self) -> None:
         """Raise InputError if the estimator needs an orientation or an IMU and gets none."""
@@ -289,13 +306,14 @@ class Live:
             self.estimator.reset()
 
     def _taken(self, count: int) -> _Samples:
-        """Return the batch's first samples, copied, in the estimator's units; store them in the ring."""
-        batch, beside = self._batch, dict[str, np.ndarray]()
+        """Return the batch's first samples, in the estimator's units; store them in the ring."""
+        batch, beside, unsteady = self._batch, dict[str, np.ndarray](), self._unsteady
+        stamp = batch.stamp[:count]
         if self._poses is not None:
-            self._poses.at(batch.stamp[:count]).into(batch)
-        unsteady = TILT * batch.turned if self._posed else batch.turned
+            self._poses.at(stamp).into(batch)
         if self._posed:
-            beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
+            unsteady[:count] = TILT * batch.turned[:count]
+            beside = {ORIENTATION: batch.orientation[:count], POSITION: batch.position[:count]}
             beside[UNSTEADY] = unsteady[:count, None]
         if self._felt:
             beside[ACCELERATION] = self._samples.acceleration * batch.acceleration[:count]
@@ -303,7 +321,6 @@ class Live:
             self._ring.take_in(batch, count, unsteady)
             if event := self._losses.add(count, int(batch.lost[0])):
                 self._said.append(event)
-        stamp = batch.stamp[:count].copy()
         time, readings = self._seconds(stamp), self._samples.readings(batch.values[:count])
         if self._stuck is not None:
             if event := self._stuck.add(time, batch.values[:count]):
@@ -312,22 +329,22 @@ class Live:
                 readings[:] = np.nan
         return _Samples(stamp, time, readings, beside)
 
-    def _answered(self, samples: _Samples) -> AnsweredSamples:
+    def _answered(self, samples: _Samples) -> _Answers:
         """Return samples with their contacts; store these in the ring."""
-        total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
-        samples = self._moved(samples)
-        counts = np.zeros(total, dtype=np.int64)
-        while done < total:
-            piece = slice(done, done + len(self._batch))
-            beside = {name: values[piece] for name, values in samples.extra_channels.items()}
-            many = counts[piece]
-            step = self.estimator.run_into(samples.time[piece], samples.readings[piece], self._rows, many, beside)
-            rows = self._rows[: sum(many[:step].tolist())]  # quicker than NumPy's, for most batches hold one sample
+        rest, most, parts = self._moved(samples), len(self._batch), list[_Answers]()
+        while total := len(rest.stamp):
+            piece = rest if total <= most else rest.picked(slice(most))
+            counts = np.zeros(len(piece.stamp), dtype=np.int64)
+            step = self.estimator.run_into(piece.time, piece.readings, self._rows, counts, piece.extra_channels)
+            rows = self._rows[: sum(counts[:step].tolist())]  # quicker than NumPy's, for most batches hold one sample
             if self._ring is not None:
-                self._ring.answer(rows, many[:step])
-            parts.append(rows.copy())
-            done += step
-        return AnsweredSamples(samples.stamp, counts, parts[0] if len(parts) == 1 else np.concatenate(parts))
+                self._ring.answer(rows, counts[:step])
+            if step == total and not parts:
+                return samples.stamp, counts, rows
+            parts.append((piece.stamp[:step], counts[:step], rows.copy()))
+            rest = rest.picked(slice(step, None))
+        stamp, counts, rows = map(np.concatenate, zip(*parts, strict=True))
+        return stamp, counts, rows
 
     def _moved(self, samples: _Samples) -> _Samples:
         """Return samples with the accelerations that the estimator's sensor takes."""
@@ -337,7 +354,7 @@ class Live:
         moved = isinstance(sensor, MovedSensor)
         return samples._replace(extra_channels=sensor.moved(samples.extra_channels)) if moved else samples
 
-    def _started(self, start: _Window, samples: _Samples | None) -> AnsweredSamples:
+    def _started(self, start: _Window, samples: _Samples | None) -> _Answers:
         """Collect samples of the start; return them, answered, once its values are known."""
         enough = samples is not None and start.add(samples)
         if self._build is None:
@@ -356,8 +373,8 @@ class Live:
         """
         start, build = self._start, self._build
         if start is None or not start.held:
-            return self._none
-        return self._built(start, self._prepared(start) if build is None else build)
+            return AnsweredSamples(*self._none)
+        return AnsweredSamples(*self._built(start, self._prepared(start) if build is None else build))
 
     def _prepared(self, start: _Window) -> Future[BuiltEstimator]:
         """Begin to build the estimator from the first seconds, in a thread."""
@@ -367,7 +384,7 @@ class Live:
             setup = replace(setup, filter=replace(setup.filter, rate=(len(seen.stamp) - 1) / span))
         return self._maker.submit(setup.with_head(seen.recording(self.estimator.channels, self._frame)).prepared)
 
-    def _built(self, start: _Window, build: Future[BuiltEstimator]) -> AnsweredSamples:
+    def _built(self, start: _Window, build: Future[BuiltEstimator]) -> _Answers:
         """Return the answered samples of the start, INVALID if it cannot be used."""
         self._build = None
         try:
@@ -382,7 +399,7 @@ class Live:
         self.estimator, self._start = made.estimator, None
         return self._answered(start.joined())
 
-    def _refused(self, samples: _Samples) -> AnsweredSamples:
+    def _refused(self, samples: _Samples) -> _Answers:
         """Return samples with one INVALID row each, and store these in the ring."""
         count = len(samples.stamp)
         rows, counts = self.estimator.empty(count), np.ones(count, dtype=np.int64)
@@ -391,12 +408,12 @@ class Live:
         if self._ring is not None:
             for start in range(0, count, BATCH):
                 self._ring.answer(rows[start : start + BATCH], counts[start : start + BATCH])
-        return AnsweredSamples(samples.stamp, counts, rows)
+        return samples.stamp, counts, rows
 
-    def _tared(self, samples: _Samples) -> None:
-        if self._tare is None or not self._tare.add(samples):
+    def _tared(self, tare: _Window, samples: _Samples) -> None:
+        if not tare.add(samples):
             return
-        window, self._tare = self._moved(self._tare.joined()), None
+        window, self._tare = self._moved(tare.joined()), None
         try:
             taken = self.estimator.tare(window.recording(self.estimator.channels, self._frame))
         except InputError as problem:
@@ -405,7 +422,9 @@ class Live:
             self._said += [taken.note, *([taken.warning] if taken.warning else [])]
 
     def _watch(self) -> None:
-        self._said += [*self.source.events(), *(() if self._poses is None else self._poses.events())]
+        self._said += self.source.events()
+        if self._poses is not None:
+            self._said += self._poses.events()
         clock = _offset()
         if abs(clock - self._clock) > JUMP:
             jump = (clock - self._clock) / 1e9

@@ -23,9 +23,9 @@ from palpate.live.record_messages import RecordMessages, event, event_channels, 
 from palpate.live.stream_buffer import READERS, StreamBuffer
 
 POLL = 0.02  # s between looks at the ring
-SPAN, LONGEST = 0.25, 1.0  # s of a chunk; of several rings as many times, at most: each chunk costs 2 ms
-CHUNK = 2048  # samples of a chunk, at most
-BYTES = 1 << 23  # of slots of a chunk, at most
+SPAN, LONGEST = 0.25, 1.0  # s of a chunk; of several rings as many times, at most
+CHUNK = 2048  # samples of a ring in a chunk, at most
+BYTES = 1 << 23  # of slots of a ring in a chunk, at most
 SYNC = 1.0  # s between syncs
 QUIET, SILENT = 0.3, 1.5  # s without a change after which a ring has ended, with all answered or not
 GRACE = 5.0  # s to wait for that, at most
@@ -119,19 +119,16 @@ def only_one(ring: Path) -> Generator[None]:
 class _Drain:
     """The samples and sentences of one ring, on their way into the record."""
 
-    def __init__(self, ring: StreamBuffer, events: int, features: tuple[str, ...], span: float) -> None:
-        self.ring, self._events, self._span = ring, events, span
+    def __init__(self, ring: StreamBuffer, events: int, features: tuple[str, ...]) -> None:
+        self.ring, self._events = ring, events
         self._messages = RecordMessages(ring.form, events, features)
-        self._most = max(1, min(CHUNK, BYTES // ring.form.slot().itemsize))
+        self.most = max(1, min(CHUNK, BYTES // ring.form.slot().itemsize))  # samples of a chunk
         self.next, self.noted = ring["began"], ring["noted"]  # where there is no sample or sentence in the file
-        self._written = time.monotonic()
 
-    def due(self) -> bool:
-        """Return whether samples fill a chunk, or have waited for its span."""
-        waiting, now = self.until() - self.next, time.monotonic()
-        due = waiting >= self._most or (waiting > 0 and now - self._written >= self._span)
-        self._written = now if due else self._written
-        return due
+    @property
+    def waiting(self) -> int:
+        """Number of samples that can be written."""
+        return self.until() - self.next
 
     def until(self) -> int:
         """Return the number after the last sample to write: answered, or soon overwritten in the ring."""
@@ -139,7 +136,7 @@ class _Drain:
 
     def samples(self, end: int) -> tuple[int, np.ndarray, list[np.ndarray]]:
         """Return the number after the next samples, at most `end`, and their messages; report those that are lost."""
-        slots, first = self.ring.read(self.next, min(self._most, end - self.next), "received")
+        slots, first = self.ring.read(self.next, min(self.most, end - self.next), "received")
         if lost := first - self.next:
             self.ring["missed"] += lost
             said = f"{lost} samples from sample {self.next} on are not recorded, because the disk was too slow"
@@ -186,8 +183,8 @@ class Recorder:
         features = tuple(dict.fromkeys(name for each in rings for name in each.form.columns))
         self._topics = tuple(topic for each in rings for topic in record_topics(each.form, features))
         events = event_channels(self._topics)
-        span = min(SPAN * len(rings), LONGEST)
-        self._drains = [_Drain(each, channel, features, span) for each, channel in zip(rings, events, strict=True)]
+        self._span, self._written = min(SPAN * len(rings), LONGEST), time.monotonic()
+        self._drains = [_Drain(each, channel, features) for each, channel in zip(rings, events, strict=True)]
         self.file: RecordFile | None = None
         self.full = False
         self._synced = time.monotonic()
@@ -215,10 +212,12 @@ class Recorder:
         Raises:
             InputError: OUTPUT.part is another file.
         """
-        now = time.monotonic()
+        now, waiting = time.monotonic(), [drain.waiting for drain in self._drains]
+        full = any(count >= drain.most for drain, count in zip(self._drains, waiting, strict=True))
+        if full or (any(waiting) and now - self._written >= self._span):
+            self._written = now
+            self._samples([drain.until() for drain in self._drains])
         for drain in self._drains:
-            if drain.due():
-                self._samples(drain, drain.until())
             if drain.ring["said"] > drain.noted:
                 self._sentences(drain)
         if now - self._synced >= SYNC and self.file is not None:
@@ -232,8 +231,8 @@ class Recorder:
         Raises:
             InputError: OUTPUT.part is another file.
         """
+        self._samples([drain.ring["received"] for drain in self._drains])
         for drain in self._drains:
-            self._samples(drain, drain.ring["received"])
             self._sentences(drain)
         with self._guarded():
             if self.file is None and not self._ring["file"] and not self.full:
@@ -241,15 +240,19 @@ class Recorder:
             if self.file is not None:
                 self._end(self.file)
 
-    def _samples(self, drain: _Drain, end: int) -> None:
-        while drain.next < end and not self.full:
-            last, raw, views = drain.samples(end)
-            if last > drain.next:
+    def _samples(self, ends: Sequence[int]) -> None:
+        """Write samples up to a number of each ring, in chunks of all rings: what a chunk costs is shared."""
+        drains = list(zip(self._drains, ends, strict=True))
+        while not self.full and (waiting := [(drain, end) for drain, end in drains if drain.next < end]):
+            taken = [(drain, *drain.samples(end)) for drain, end in waiting]
+            if fresh := [each for each in taken if each[1] > each[0].next]:
                 with self._guarded():
-                    self._opened().append(raw, views)
-                    drain.next = last
+                    records = np.concatenate([raw for *_, raw, _ in fresh])
+                    self._opened().append(records, [view for *_, views in fresh for view in views])
+                    for drain, last, *_ in fresh:
+                        drain.next = last
                 self._grown()
-        if self.full:
+        for drain, end in drains if self.full else ():
             drain.next = end
 
     def _sentences(self, drain: _Drain) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import DTypeLike
 
 from palpate.errors import InputError
@@ -20,6 +21,7 @@ from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 from palpate.signals.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, Recording
 
+ROWS = 256  # of a log of topics that are read at once: several sensors then read the same part of it
 _READER = ThreadPoolExecutor(1, thread_name_prefix="replay")
 
 
@@ -43,6 +45,25 @@ def values_of(recording: Recording) -> np.ndarray:
     count = len(recording)
     parts = [*(values.reshape(count, -1) for values in rest[:1]), channels[FORCE], channels[TORQUE]]
     return np.concatenate([*parts, channels[AVERAGED]] if AVERAGED in channels else parts, axis=1)
+
+
+def _beside(batch: Batch) -> tuple[tuple[str, np.ndarray], ...]:
+    return (ORIENTATION, batch.orientation), (POSITION, batch.position), (ACCELERATION, batch.acceleration)
+
+
+class _Block(NamedTuple):
+    """A block of the log: stamps [ns] and values of its samples, and when each is due [s of the log]."""
+
+    channels: Mapping[str, np.ndarray]
+    stamp: np.ndarray
+    values: np.ndarray
+    due: Sequence[float]  # a list: its numbers are looked at one by one
+
+    @classmethod
+    def of(cls, recording: Recording) -> _Block:
+        times = np.nan_to_num(recording.time)
+        stamp = np.rint(times * 1e9).astype(np.int64)
+        return cls(recording.channels, stamp, values_of(recording), np.maximum.accumulate(times).tolist())
 
 
 class Replay:
@@ -80,7 +101,8 @@ class Replay:
         self.poses = ORIENTATION in first.channels
         self.ended, self.patient = False, not speed
         self._said: list[str] = []
-        self._held: tuple[Recording, np.ndarray, np.ndarray, np.ndarray, int] | None = None
+        self._block: _Block | None = None
+        self._next = 0  # number of the next sample in the block
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> Replay:
@@ -108,36 +130,34 @@ class Replay:
         Raises:
             InputError: the log cannot be read further.
         """
-        if self._held is None:
-            piece = self._coming.result()
-            if piece is None:
+        if self._block is None:
+            found = self._coming.result()
+            if found is None:
                 if not self.ended:
                     self._said.append(f"{self.path.name} has been played to its end")
                 self.ended = True
                 time.sleep(timeout)
                 return 0
             self._coming = self._read()
-            times = np.nan_to_num(piece.time)
-            stamps = np.rint(times * 1e9).astype(np.int64)
-            self._held = piece, values_of(piece), stamps, np.maximum.accumulate(times), 0
-        piece, values, stamps, due, start = self._held
-        if count := self._due(due[start : start + len(batch)], timeout):
+            self._block, self._next = _Block.of(found), 0
+        block, start = self._block, self._next
+        if count := self._due(block.due, start, min(start + len(batch), len(block.due)), timeout):
             part = slice(start, start + count)
-            batch.stamp[:count], batch.lost[:count] = stamps[part], 0
-            batch.arrived = np.full(count, time.time_ns())
-            batch.values[:count] = values[part]
-            beside = {ORIENTATION: batch.orientation, POSITION: batch.position, ACCELERATION: batch.acceleration}
-            for name, into in beside.items():
-                into[:count] = piece.channels[name][part] if name in piece.channels else np.nan
-            self._held = None if start + count == len(piece) else (piece, values, stamps, due, start + count)
+            batch.stamp[:count], batch.lost[:count], batch.values[:count] = block.stamp[part], 0, block.values[part]
+            batch.arrive(count, time.time_ns())
+            if self.poses or self.felt:
+                for name, into in _beside(batch):
+                    into[:count] = block.channels[name][part] if name in block.channels else np.nan
+            self._next = start + count
+            if self._next == len(block.due):
+                self._block = None
         return count
 
     def due(self) -> float:
         """Return when the next sample comes [s], by `time.monotonic`; inf: the log is at its end."""
-        if self._held is None or not self._speed:
+        if self._block is None or not self._speed:
             return np.inf if self.ended else -np.inf
-        *_, due, start = self._held
-        return self._begun + (float(due[start]) - self._first) / self._speed
+        return self._begun + (self._block.due[self._next] - self._first) / self._speed
 
     def events(self) -> list[str]:
         """Return the sentence on the end of the log once; else []."""
@@ -145,13 +165,16 @@ class Replay:
 
     def close(self) -> None:
         """End the replay: no more samples come."""
-        self._rest, self._held = iter(()), None
+        self._rest, self._block = iter(()), None
         self._coming = self._read()
 
-    def _due(self, due: Float[np.ndarray, " n"], timeout: float) -> int:
-        """Return how many samples, due at (n,) [s] of the log in order, are due; wait up to `timeout` for the first."""
+    def _due(self, due: Sequence[float], start: int, end: int, timeout: float) -> int:
+        """Return how many samples from `start` to `end`, due at [s] of the log in order, are due.
+
+        Wait up to `timeout` for the first.
+        """
         if not self._speed:
-            return len(due)
+            return end - start
         waiting = self.due() - time.monotonic()
         if waiting > timeout:
             time.sleep(timeout)
@@ -159,14 +182,16 @@ class Replay:
         if waiting > 0:
             time.sleep(waiting)
         now = self._first + (time.monotonic() - self._begun) * self._speed
-        return max(1, int(np.searchsorted(due, now, side="right")))
+        return max(1, bisect_right(due, now, start, end) - start)
 
     def _read(self) -> Future[Recording | None]:
         """Read the next block while samples before it are given: it takes longer than the time between two."""
         return _READER.submit(next, self._rest, None)
 
     def _blocks(self) -> Iterator[Recording]:
-        return iter(open_log(self.path, self._layout).blocks())
+        log = open_log(self.path, self._layout)
+        log.block_rows = ROWS
+        return iter(log.blocks())
 
     def _samples(self) -> Iterator[Recording]:
         shift, last = 0.0, np.nan

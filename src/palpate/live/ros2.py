@@ -116,7 +116,7 @@ class RosTopics:
             return 0
         self._hear()
         batch.stamp[:count], batch.values[:count], batch.lost[:count] = stamp, values, 0
-        batch.arrived = np.full(count, time.time_ns())
+        batch.arrive(count, time.time_ns())
         batch.lost[0], self._missed = self._missed, 0
         if self._poses is not None:
             self._poses.at(stamp).into(batch)

@@ -31,7 +31,7 @@ class Batch:
 
     Attributes:
         stamp: (size,) int64 [ns] since 1970: time of each sample by its message or log, else of its arrival.
-        arrived: int64 [ns] since 1970: arrival of each sample; None: it is `stamp`.
+        arrived: (size,) int64 [ns] since 1970: arrival of each sample; `stamp` itself until `arrive` states another.
         lost: (size,) int64 number of samples missing just before each, by the device's counter.
         values: (size, *shape) as in a log of the same rig: a wrench force first, in the rig's units and axes.
         orientation: (size, 4) quaternion x, y, z, w of the sensor in the base; NaN if unknown.
@@ -42,7 +42,7 @@ class Batch:
 
     def __init__(self, shape: tuple[int, ...], size: int = BATCH, dtype: DTypeLike = np.float64) -> None:
         self.stamp = np.zeros(size, dtype=np.int64)
-        self.arrived: Int[np.ndarray, " size"] | None = None
+        self.arrived: Int[np.ndarray, " size"] = self.stamp
         self.lost = np.zeros(size, dtype=np.int64)
         self.values = np.zeros((size, *shape), dtype=dtype)
         self.orientation = np.full((size, 4), np.nan)
@@ -52,6 +52,12 @@ class Batch:
 
     def __len__(self) -> int:
         return len(self.stamp)
+
+    def arrive(self, count: int, now: int) -> None:
+        """Set the arrival of the first `count` samples to a time [ns] since 1970, which is not their stamp."""
+        if self.arrived is self.stamp:
+            self.arrived = np.zeros_like(self.stamp)
+        self.arrived[:count] = now
 
 
 @runtime_checkable

@@ -11,15 +11,16 @@ import json
 import mmap
 import os
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import prod
+from operator import is_
 from pathlib import Path
 from threading import Lock
 from types import ModuleType
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -46,7 +47,7 @@ _WORDS = (
     *("lost", "away", "unknown"),  # samples lost; of them, while no receiver ran; how often their number is unknown
     *("position", "published"),  # where the sender's counters were; samples published, by all publishers
 )
-_PLACE = {word: place for place, word in enumerate(_WORDS)}
+_PLACE = {word: place * LINE // 8 for place, word in enumerate(_WORDS)}  # in int64
 _JSON, _SAID, _SENT = 4096, 24576, 61440  # where the description, the sentences and latencies begin
 SENTENCES, SENTENCE = 112, 320  # kept, and bytes of each
 PUBLISHED = 512  # latencies of the last that were published
@@ -162,6 +163,14 @@ def _sound(waited: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
     return waited if len(waited) and 0.0 <= np.median(waited) < LATE else waited[:0]
 
 
+class _Taking(NamedTuple):
+    """Arrays of a batch, the arguments that they are part of, checked once, and the compiled loop that stores them."""
+
+    arrays: tuple[np.ndarray, ...]
+    given: tuple[Any, ...]
+    loop: Callable[..., None]
+
+
 class StreamBuffer:
     """A ring in a mapped file, opened by its writer or by a reader.
 
@@ -182,6 +191,7 @@ class StreamBuffer:
 
     def __init__(self, path: Path) -> None:
         self.path, self._talking = path, Lock()
+        self._taking: _Taking | None = None
         try:
             with path.open("r+b") as file:
                 size = os.fstat(file.fileno()).st_size
@@ -191,7 +201,7 @@ class StreamBuffer:
         except OSError as problem:
             raise InputError(f"cannot be opened ({problem.strerror}).", where=str(path)) from problem
         begin = len(_WORDS) * LINE
-        self._words = np.frombuffer(self._map, "<i8", begin // 8, LINE).reshape(-1, LINE // 8)
+        self._words = memoryview(self._map)[LINE : LINE + begin].cast("q")  # quicker than NumPy for single numbers
         if self["version"] != VERSION:
             hint = "Read it with that version."
             raise InputError("was written by another version of Palpate.", where=str(path), hint=hint)
@@ -237,10 +247,10 @@ class StreamBuffer:
         Raises:
             KeyError: the head has no such number.
         """
-        return int(self._words[_PLACE[word], 0])
+        return self._words[_PLACE[word]]
 
     def __setitem__(self, word: str, value: int) -> None:
-        self._words[_PLACE[word], 0] = value
+        self._words[_PLACE[word]] = value
 
     def close(self) -> None:
         """Unmap the file, which stays on the disk.
@@ -248,7 +258,10 @@ class StreamBuffer:
         Raises:
             BufferError: an array of the file is still in use.
         """
-        del self._words, self.slots, self._memory, self._sentences, self._sent
+        self._words.release()
+        self._taking = None
+        vars(self).pop("_answering", None)
+        del self.slots, self._memory, self._sentences, self._sent
         self._map.close()
 
     @cached_property
@@ -258,6 +271,12 @@ class StreamBuffer:
 
         return _stream
 
+    @cached_property
+    def _answering(self) -> Callable[..., None]:
+        from palpate.surfaces._jit import FixedEntry
+
+        return FixedEntry(self._loops.answer, 0, (self._memory,))
+
     def take_in(self, batch: Batch, count: int, unsteady: Float[np.ndarray, " n"]) -> int:
         """Store the first `count` samples of a batch, and return the number of the first; for the writer.
 
@@ -266,27 +285,36 @@ class StreamBuffer:
             count: number of samples.
             unsteady: (n,) [m/s^2] standard deviation of the acceleration's error along each axis; used with poses.
         """
-        first, form = self["received"], self.form
-        when = batch.stamp, batch.stamp if batch.arrived is None else batch.arrived
-        values = _NONE if form.images else batch.values.reshape(len(batch), -1)
-        poses = form.poses, batch.orientation, batch.position, batch.acceleration, unsteady
-        self._loops.take_in(self._memory, first, count, *when, batch.lost, values, *poses)
-        if form.images:
+        first, taking = self["received"], self._taking
+        if taking is None or not all(map(is_, taking.arrays, (batch.values, batch.arrived, unsteady))):
+            taking = self._taking = self._checked(batch, unsteady)
+        taking.loop(self._memory, first, count, *taking.given)
+        if self.form.images:
             for here, part in self._parts(first, count):
                 self.slots["values"][here] = batch.values[part]
-        self["lost"] += sum(batch.lost[:count].tolist())  # quicker than NumPy's, as most batches hold one sample
+        if lost := sum(batch.lost[:count].tolist()):  # quicker than NumPy's, as most batches hold one sample
+            self["lost"] += lost
         self["received"] = first + count
         return first
+
+    def _checked(self, batch: Batch, unsteady: np.ndarray) -> _Taking:
+        values = _NONE if self.form.images else batch.values.reshape(len(batch), -1)
+        poses = self.form.poses, batch.orientation, batch.position, batch.acceleration, unsteady
+        given = batch.stamp, batch.arrived, batch.lost, values, *poses
+        return _Taking(
+            (batch.values, batch.arrived, unsteady), given, self._loops.take_in.compiled_for(self._memory, 0, 0, *given)
+        )
 
     @property
     def position(self) -> tuple[int, ...]:
         """Position that a `LossCount` stores for a later receiver, up to seven integers; for the writer."""
-        size, *values = self._words[_PLACE["position"]].tolist()
+        size, *values = self._words[_PLACE["position"] : _PLACE["position"] + LINE // 8].tolist()
         return tuple(values[:size])
 
     @position.setter
     def position(self, position: tuple[int, ...]) -> None:
-        self._words[_PLACE["position"], : 1 + len(position)] = (len(position), *position)
+        for place, value in enumerate((len(position), *position), _PLACE["position"]):
+            self._words[place] = value
 
     def answer(
         self, rows: Float[np.ndarray, "rows width"], counts: Int[np.ndarray, " n"], *, known: bool = True
@@ -301,10 +329,10 @@ class StreamBuffer:
         Raises:
             ValueError: a sample has more rows than a slot with room for several.
         """
-        if self.form.max_contacts > 1 and counts.max(initial=0) > self.form.max_contacts:
+        if self.form.max_contacts > 1 and max(counts.tolist(), default=0) > self.form.max_contacts:
             raise ValueError(f"a sample has {counts.max()} rows, and there is room for {self.form.max_contacts}")
         first = self["answered"]
-        self._loops.answer(self._memory, first, rows, counts, time.time_ns() if known else 0)
+        self._answering(first, rows, counts, time.time_ns() if known else 0)
         self["answered"] = first + len(counts)
 
     def publish(self, samples: Sequence[int]) -> None:
@@ -357,22 +385,32 @@ class StreamBuffer:
         kept = [self._sentences[k % SENTENCES] for k in range(max(since, count - SENTENCES), count)]
         return [(int(each["stamp"]), bytes(each["text"]).decode(errors="replace")) for each in kept], count
 
-    def read(self, first: int, most: int, word: str = "answered") -> tuple[np.ndarray, int]:
+    def read(self, first: int, most: int, word: str = "answered", fields: Sequence[str] = ()) -> tuple[np.ndarray, int]:
         """Return a copy of slots, (n,) structured, and the first's number, above `first` if that was overwritten.
 
         Args:
             first: number of the sample to continue with.
             most: number of slots, at most.
             word: number of the head to read up to: "answered" or "received".
+            fields: names of the fields of a slot to copy; (): all.
         """
         while True:
             first = max(first, self._oldest())
             count = min(most, max(self[word] - first, 0))
-            parts = [self.slots[here].copy() for here, _ in self._parts(first, count)]
+            parts = [self._copied(here, fields) for here, _ in self._parts(first, count)]
             overwritten = max(self._oldest() - first, 0)  # during the copy: a second try could be lapped again
             if not count or overwritten < count:
-                slots = parts[0] if len(parts) == 1 else np.concatenate([self.slots[:0], *parts])
+                slots = parts[0] if len(parts) == 1 else np.concatenate([self._copied(slice(0), fields), *parts])
                 return slots[overwritten:], first + overwritten
+
+    def _copied(self, here: slice, fields: Sequence[str]) -> np.ndarray:
+        slots = self.slots[here]
+        if not fields:
+            return slots.copy()
+        made = np.empty(len(slots), [(name, slots.dtype[name]) for name in fields])
+        for name in fields:
+            made[name] = slots[name]
+        return made
 
     def _oldest(self) -> int:
         return max(0, self["received"] - self.safe)

@@ -123,7 +123,7 @@ class WaitingSource(ABC):
         if not count:
             return 0
         batch.stamp[:count], batch.lost[:count] = self._stamp[:count], self._lost[:count]
-        batch.arrived = np.full(count, time.time_ns())
+        batch.arrive(count, time.time_ns())
         found = self._join(batch, seconds(self._stamp[:count]), self._values[:count])
         self._stamp, self._lost, self._values = self._stamp[count:], self._lost[count:], self._values[count:]
         self._since = time.monotonic()

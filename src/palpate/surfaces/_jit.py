@@ -174,6 +174,32 @@ class Entry(Kernel):
         return self.py_func.__name__
 
 
+class FixedEntry:
+    """An entry whose arguments from a place on are made once and stay: a call gives the others, and checks only these.
+
+    Args:
+        entry: the compiled function.
+        place: of the first fixed argument.
+        fixed: these arguments.
+    """
+
+    def __init__(self, entry: Entry, place: int, fixed: tuple[Any, ...]) -> None:
+        self._made, self._place, self.fixed = entry, place, fixed
+        self._fitting: dict[tuple[Any, ...], Callable[..., Any]] = {}
+
+    def __call__(self, *given: Any) -> Any:
+        every, form = (*given[: self._place], *self.fixed, *given[self._place :]), form_of(given)
+        compiled = self._fitting.get(form)
+        if compiled is None:
+            if len(self._fitting) >= KEPT:
+                self._fitting.clear()
+            compiled = self._fitting[form] = self._made.compiled_for(*every)
+        return compiled(*every)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return FixedEntry, (self._made, self._place, self.fixed)
+
+
 def entry(stated: str) -> Callable[[Callable[..., Any]], Entry]:
     """Return a decorator of a compiled function that Python calls; its arguments are stated as `forms` reads them.
 

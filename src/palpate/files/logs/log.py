@@ -67,9 +67,11 @@ class Log(Watched, ABC):
 
     Attributes:
         pose_log: table of the poses, if it is another one.
+        block_rows: rows of a block of a log of topics, at most.
     """
 
     pose_log: Log | None = None
+    block_rows = 1 << 13
 
     @abstractmethod
     def contents(self) -> LogContents:

@@ -37,7 +37,6 @@ from palpate.files.urdf import Kinematics, Urdf
 from palpate.signals.recording import ACCELERATION, AVERAGED, ORIENTATION, POSITION, TEMPERATURE, Recording
 from palpate.spatial.pose_track import PoseTrack
 
-BLOCK = 1 << 13  # rows, of few numbers each
 BESIDE = 7  # numbers behind an array in a live record: the wrench, and of how many readings it is the mean
 TEMPERATURE_GAP = 60.0  # s: it changes slowly
 HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not hold the others for ever
@@ -130,7 +129,7 @@ class TopicLog(Log):
         if (topic := chosen.get("wrench")) is not None:
             limits = None if layout.wrench_range is None else samples.recorded(layout.wrench_range)
             sources["wrench"] = self._tracked(topic, WrenchMeans(layout.max_gap, limits))
-        self._join = join = _Join(main, sources, samples, layout, table)
+        self._join = join = _Join(main, sources, samples, layout, table, self.block_rows)
         return join, {main.topic.name, *(topic.name for source in sources.values() for topic in source.topics)}
 
     @property
@@ -322,12 +321,13 @@ class _Join:
         samples: SampleReader,
         layout: LogLayout,
         table: PoseTable | None,
+        rows: int,
     ) -> None:
         self.main, self._sources, self._samples, self._layout, self._table = main, sources, samples, layout, table
         array = main_channel(layout)
         self._name, self._width = ("wrench", 6) if array is None else (array.name, array.size)
         width = self._width
-        self._block, self._held = rows_at_once(BLOCK, width), rows_at_once(HELD, width, 8 * NUMBERS)
+        self._block, self._held = rows_at_once(rows, width), rows_at_once(HELD, width, 8 * NUMBERS)
         self._time, self._values = list[np.ndarray](), list[np.ndarray]()  # of rows that wait
         self._fresh = self.rows = self._lost = 0
 

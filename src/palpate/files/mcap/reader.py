@@ -7,10 +7,10 @@ MAGIC. Messages are in chunks, compressed or not, or between them.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Generator, Iterator, Mapping
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from io import BytesIO
 from pathlib import Path
 from struct import error as StructError
@@ -152,9 +152,10 @@ class McapFile(MessageFile):
             self._counts[unpack_from("<H", head, _HEAD)[0]] += 1
 
     def _unpack(self, content: memoryview, at: int) -> Iterator[MessageBlock]:
-        data, problem = inflate(content)
+        small = len(content) <= PIECE
+        data, problem, stretches = _unpacked_lately(bytes(content)) if small else _unpacked(content)
         end = 0
-        for stretch in _stretches(data):
+        for stretch in stretches:
             yield from self._use(stretch, data)
             end = stretch.end
         if end < len(data):
@@ -208,6 +209,19 @@ class McapFile(MessageFile):
         """Read the summary, only once: the library is slow."""
         with open_input(self.path) as file:
             return make_reader(file).get_summary()
+
+
+def _unpacked(content: memoryview) -> tuple[bytes, str, Iterable[_Stretch]]:
+    """Return what `inflate` does for a chunk, and its records."""
+    data, problem = inflate(content)
+    return data, problem, _stretches(data)
+
+
+@lru_cache(maxsize=4)
+def _unpacked_lately(content: bytes) -> tuple[bytes, str, Iterable[_Stretch]]:
+    """Do the same for a small chunk, which is kept: the sensors of a robot read one log side by side."""
+    data, problem, stretches = _unpacked(memoryview(content))
+    return data, problem, tuple(stretches)
 
 
 def _stretches(data: bytes) -> Iterator[_Stretch]:

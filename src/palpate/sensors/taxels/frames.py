@@ -12,6 +12,7 @@ from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.signals.smoothing import Forward
+from palpate.surfaces._jit import FixedEntry
 
 __all__: list[str] = []
 
@@ -73,7 +74,7 @@ class TaxelFrames:
         self._channels = body.axes * count
         self._unfiltered = np.zeros((1, self._channels)), np.zeros(1, dtype=np.int8), np.zeros(0)
         self.no_forces = np.zeros((0, count))
-        self._same = self._fixed()
+        self._loop = FixedEntry(_kernels.frames, _FIRST, self._fixed())
 
     def know(self, health: Health) -> None:
         """Use the baseline, noise and bad cells of a `Health` from the next `reset` on."""
@@ -84,7 +85,7 @@ class TaxelFrames:
         self._whole[_rest.GOOD], self._numbers[_rest.NOISE] = self._usable & health.good, health.noise
         if health.sideways is not None:
             self._numbers[_rest.ROUGH : _rest.LOAD] = health.sideways[1]
-        self._same = self._fixed()
+        self._loop = FixedEntry(_kernels.frames, _FIRST, self._fixed())
 
     def notes(self, health: Health) -> tuple[str, ...]:
         """Return a sentence each on baselines that drifted from `health`, unusable frames and wrapped readings."""
@@ -194,8 +195,8 @@ class TaxelFrames:
             The number of frames that were processed, and the number of their rows.
         """
         values = self._unfiltered if filtered is None else filtered
-        known = (_constant(time), _constant(raw), _constant(sideways), self._model)
-        return _kernels.frames(*known, *values, *self._same, out, counts, forces)
+        known = (_constant(time), _constant(raw), _constant(sideways), self._model, *values)
+        return self._loop(*known, out, counts, forces)
 
     def prepare(
         self, raw: Float[np.ndarray, "n k"], sideways: Float[np.ndarray, "n _"]
@@ -210,7 +211,7 @@ class TaxelFrames:
         return values, status
 
     def _fixed(self) -> tuple[object, ...]:
-        """Return the arguments of the loop that are the same objects for all frames."""
+        """Return the arguments of the loop, from `_FIRST` on, that are the same objects for all frames."""
         set_, forward, drift = self._settings, self._forward, self._settings.drift
         drift = min(drift, self._follow) if drift < np.inf else drift
         resting = 1.0 / self._health.frames if self._filtered and self._health is not None else 0.0
@@ -231,6 +232,7 @@ def _constant(values: np.ndarray) -> np.ndarray:
     return view
 
 
+_FIRST = 7  # argument of the loop that is the same object for all frames
 _NO_FILTER = (
     np.zeros((0, 6)),
     np.zeros((0, 2)),

@@ -94,7 +94,7 @@ class TaxelResponse(Value):
         Raises:
             InputError: readings of another shape.
         """
-        full = self.full(readings)
+        full = self._full(readings)
         found = np.einsum("kab,nkb->nak", self.gains, np.where(full, np.nan, readings) if full.any() else readings)
         return np.ascontiguousarray(found[:, 2]), found[:, :2].reshape(len(found), 2 * readings.shape[1])
 
@@ -104,6 +104,9 @@ class TaxelResponse(Value):
         Raises:
             InputError: readings of another shape.
         """
+        return self._full(readings)
+
+    def _full(self, readings: np.ndarray) -> np.ndarray:
         return (readings <= self.limits[0]) | (readings >= self.limits[1])
 
     def numbers(self) -> Float[np.ndarray, " m"]:
