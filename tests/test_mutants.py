@@ -10,7 +10,7 @@ from numba import njit
 
 from mutants.build import ROOT, sources
 from mutants.fault import chosen, faults_in, written
-from mutants.switch import turn_on
+from mutants.switch import reached, turn_on
 
 SOURCE = '''"""Words."""
 from __future__ import annotations
@@ -42,8 +42,11 @@ def judged(request: pytest.FixtureRequest) -> Iterator[Callable]:
 def test_the_switch_turns_one_fault_on(judged: Callable, number: int, expected: tuple[int, int]) -> None:
     out = np.zeros(1, dtype=np.int64)
     turn_on(number)
+    reached()
     found = judged(5, out)
     assert (out[0], found) == expected
+    assert {COMPARED, SUM} <= {*reached()} <= {COMPARED, COMPARED + 1, SUM, TWICE}  # not those of the other function
+    assert reached() == []
 
 
 def test_faults_by_chance_stand_in_the_package_and_have_tests() -> None:
