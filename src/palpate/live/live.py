@@ -73,8 +73,7 @@ class AnsweredSamples:
         return zip(np.repeat(seconds(self.stamp), self.counts).tolist(), self.rows, strict=True)
 
 
-_Answers = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""As `AnsweredSamples`: stamps, numbers of rows, and rows."""
+_Answers = tuple[np.ndarray, np.ndarray, np.ndarray]  # stamps, numbers of rows and rows, as of `AnsweredSamples`
 
 
 class _Samples(NamedTuple):
@@ -307,16 +306,16 @@ class Live:
 
     def _taken(self, count: int) -> _Samples:
         """Return the batch's first samples, in the estimator's units; store them in the ring."""
-        batch, beside, unsteady = self._batch, dict[str, np.ndarray](), self._unsteady
+        batch, unsteady, extra = self._batch, self._unsteady, dict[str, np.ndarray]()
         stamp = batch.stamp[:count]
         if self._poses is not None:
             self._poses.at(stamp).into(batch)
         if self._posed:
             unsteady[:count] = TILT * batch.turned[:count]
-            beside = {ORIENTATION: batch.orientation[:count], POSITION: batch.position[:count]}
-            beside[UNSTEADY] = unsteady[:count, None]
+            extra = {ORIENTATION: batch.orientation[:count], POSITION: batch.position[:count]}
+            extra[UNSTEADY] = unsteady[:count, None]
         if self._felt:
-            beside[ACCELERATION] = self._samples.acceleration * batch.acceleration[:count]
+            extra[ACCELERATION] = self._samples.acceleration * batch.acceleration[:count]
         if self._ring is not None and self._losses is not None:
             self._ring.take_in(batch, count, unsteady)
             if event := self._losses.add(count, int(batch.lost[0])):
@@ -327,7 +326,7 @@ class Live:
                 self._said.append(event)
             if self._stuck.stuck:
                 readings[:] = np.nan
-        return _Samples(stamp, time, readings, beside)
+        return _Samples(stamp, time, readings, extra)
 
     def _answered(self, samples: _Samples) -> _Answers:
         """Return samples with their contacts; store these in the ring."""

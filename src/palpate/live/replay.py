@@ -47,10 +47,6 @@ def values_of(recording: Recording) -> np.ndarray:
     return np.concatenate([*parts, channels[AVERAGED]] if AVERAGED in channels else parts, axis=1)
 
 
-def _beside(batch: Batch) -> tuple[tuple[str, np.ndarray], ...]:
-    return (ORIENTATION, batch.orientation), (POSITION, batch.position), (ACCELERATION, batch.acceleration)
-
-
 class _Block(NamedTuple):
     """A block of the log: stamps [ns] and values of its samples, and when each is due [s of the log]."""
 
@@ -146,7 +142,8 @@ class Replay:
             batch.stamp[:count], batch.lost[:count], batch.values[:count] = block.stamp[part], 0, block.values[part]
             batch.arrive(count, time.time_ns())
             if self.poses or self.felt:
-                for name, into in _beside(batch):
+                extra = (ORIENTATION, batch.orientation), (POSITION, batch.position), (ACCELERATION, batch.acceleration)
+                for name, into in extra:
                     into[:count] = block.channels[name][part] if name in block.channels else np.nan
             self._next = start + count
             if self._next == len(block.due):
