@@ -20,13 +20,7 @@ from palpate_lab.papers.steering import Speedometer, Steering
 
 __all__ = ["Condition", "PaperNavigator", "PaperSettings", "PaperState"]
 
-_READINGS = {
-    "retreat": ("goal", "turned", "random"),
-    "backward": ("axis", "turn"),
-    "meanwhile": ("avoided", "ignored"),
-    "timer": ("state", "touch"),
-    "turning": ("before", "within"),
-}
+_RETREATS = "goal", "turned", "random"
 
 
 class PaperState(StrEnum):
@@ -50,7 +44,7 @@ class Condition(StrEnum):
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """The parameters of table II, and a choice for each point that the paper leaves open.
+    """The parameters of table II, and what the paper leaves open.
 
     Args:
         f_max: F_max [N]: a touch this strong is avoided immediately, at any T. (Table I has both NO and TBO.2 hold
@@ -71,21 +65,14 @@ class PaperSettings:
         still: speed [m/s] below which |V_R| ~ 0. (Not stated; a tenth of the top speed.)
         window: duration [s] over which V_R is measured from the poses; not above `t_t`, so that only motion during the
             touch counts. (Not stated.) A robot that turns on the spot does not move, as the paper's condition reads.
-        backward: motion along V_B of a drive that cannot move sideways. "axis": straight along its own axis, forward if
-            V_B points forward and else backward, because "the robot moves backward ... the robot steers its axis to a
-            perpendicular direction" has it steer in III only; "turn": it turns its axis along V_B as it moves, by the
-            nearer end.
-        meanwhile: response to touches during III. "avoided": F_max starts II again; "ignored": T of III runs out first.
-            (Figure 10 shows no such transition; the text wants strong touches avoided immediately.) During II the
-            contact that the robot retreats from still presses: touches are ignored, and V_B stays as it was when II
-            began.
-        timer: start of T. "state": the first touch in I; "touch": the first touch in any state, so that a touch that
-            outlasts II and III is decided as soon as I begins.
-        turning: whether t_a includes the turn to V_A. "before": no, the robot "steers its axis to a perpendicular
-            direction and moves forward a short distance"; "within": yes, and next to nothing of table II's second
-            remains to move in, because 90 deg take longer.
-        aligned: heading error [rad] at which the turn of "before" is done; `turn_limit` [s] after which it is given up.
+        aligned: heading error [rad] at which the turn to V_A is done; `turn_limit` [s] after which it is given up.
         turn_limit: see `aligned`.
+
+    What the paper leaves open is read so. The drive cannot move sideways: in II it moves straight along its own axis,
+    forward if V_B points forward and else backward, and it turns in III only. In III t_a begins when the turn to V_A is
+    done, as the robot "steers its axis to a perpendicular direction and moves forward a short distance", and a touch of
+    F_max starts II again. In II, touches change nothing: the contact that the robot retreats from still presses. T
+    begins with the first touch in I.
 
     Raises:
         InputError: a number that is not positive, a window above t_t, a share above 1, or a choice not listed here.
@@ -103,20 +90,14 @@ class PaperSettings:
     retreat: str = "goal"
     still: float = 0.005
     window: float = 0.5
-    backward: str = "axis"
-    meanwhile: str = "avoided"
-    timer: str = "state"
-    turning: str = "before"
     aligned: float = math.radians(10.0)
     turn_limit: float = 4.0
 
     def __post_init__(self) -> None:
+        if self.retreat not in _RETREATS:
+            raise InputError(f"retreat must be one of {', '.join(_RETREATS)}, not {self.retreat!r}.", where="settings")
         for name, value in vars(self).items():
-            if name in _READINGS and value not in _READINGS[name]:
-                raise InputError(
-                    f"{name} must be one of {', '.join(_READINGS[name])}, not {value!r}.", where="settings"
-                )
-            if name not in _READINGS and not 0.0 < value < math.inf:  # NaN too
+            if name != "retreat" and not 0.0 < value < math.inf:  # NaN too
                 raise InputError(f"{name} must be positive, not {value}.", where="settings")
         if max(self.alpha, self.beta, self.gamma) > 1.0:
             raise InputError(
@@ -179,7 +160,7 @@ class PaperNavigator:
         self._steering.reset()
         self._random = np.random.default_rng(self.seed)
         self._time = -math.inf
-        self._since = math.nan  # when the present state began; of III with "before": when the turn was done
+        self._since = math.nan  # when the present state began; of III: when the turn was done
         self._touched = math.nan  # when T began, NaN while nothing touches
         self._back = self._along = 0.0  # [rad] directions of V_B and V_A
         self._lined_up = False
@@ -238,12 +219,11 @@ class PaperNavigator:
         if self.state == PaperState.BACK and time - self._since >= set_.t_r:
             self._begin_along(time, bearing)
         elif self.state == PaperState.ALONG:
-            if set_.meanwhile == "avoided" and strongest >= set_.f_max:
+            if strongest >= set_.f_max:
                 self._begin_back(time, touches, heading, f"{strongest:.2g} N while it moved along")
             elif self._along_is_over(time, heading):
                 self._to(PaperState.GOAL, "moved along: the goal again", time)
-                if set_.timer == "state":
-                    self._touched = math.nan
+                self._touched = math.nan
         if self.state == PaperState.GOAL:
             self._judge(time, touches, strongest, speed, heading)
 
@@ -277,7 +257,7 @@ class PaperNavigator:
             sides.sort(key=lambda side: abs(heading_error(bearing, side)))
         elif retreat == "random" and self._random.random() < 0.5:
             sides.reverse()
-        self._along, self._lined_up = sides[0], self.settings.turning == "within"
+        self._along, self._lined_up = sides[0], False
         self._to(PaperState.ALONG, "moved backward: along what it touched", time)
 
     def _along_is_over(self, time: float, heading: float) -> bool:
@@ -297,12 +277,8 @@ class PaperNavigator:
         if self.state == PaperState.ALONG:
             error = heading_error(self._along, heading)
             return self._steering.wheels(time, error, set_.gamma * top if self._lined_up else 0.0)
-        error = heading_error(self._back, heading)
-        ahead = math.cos(error) > 0.0
-        speed = set_.beta * top if ahead else -set_.beta * top
-        if set_.backward == "axis":
-            return self.drive.wheels(speed, 0.0)
-        return self._steering.wheels(time, error if ahead else heading_error(error, math.pi), speed)
+        ahead = math.cos(heading_error(self._back, heading)) > 0.0
+        return self.drive.wheels(set_.beta * top if ahead else -set_.beta * top, 0.0)
 
     def _to(self, state: PaperState, why: str, time: float) -> None:
         if state != self.state or state == PaperState.BACK:
