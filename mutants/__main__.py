@@ -43,7 +43,6 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="say what there is and where, and run nothing")
     options = parser.parse_args()
     faults = chosen(options.count, options.seed)
-    os.environ["PALPATE_FAULT"] = f"0 {options.count} {options.seed}"
     meant = {k: fault for k, fault in enumerate(faults, start=1) if _meant(k, fault, options.only)}
     if options.list:
         for k, fault in meant.items():
@@ -160,8 +159,7 @@ def _forked(number: int, tests: list[str], said: Path) -> int:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
         turn_on(number)
-        _, *others = os.environ["PALPATE_FAULT"].split()
-        os.environ["PALPATE_FAULT"] = " ".join([str(number), *others])
+        os.environ["PALPATE_FAULT"] = str(number)
         os.environ["NUMBA_CACHE_DIR"] = f"{os.environ['NUMBA_CACHE_DIR']}-children"  # of what the tests start
         quiet = ["-q", "--no-header", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
         if number:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import hashlib
 import importlib
 import os
+import py_compile
 import sys
 from importlib.machinery import SourceFileLoader
+from importlib.util import cache_from_source
 from pathlib import Path
 
 from mutants.fault import SOURCE, Fault, written
 
-__all__ = ["import_with_faults", "read_with_faults", "sources"]
+__all__ = ["import_with_faults", "sources"]
 
 ROOT = SOURCE.parent
 CACHE, CHILD = ROOT / ".cache" / "mutants", Path(__file__).parent / "child"
+_ANYWAY = py_compile.PycInvalidationMode.UNCHECKED_HASH  # whatever the source is
 USED = ("hypothesis", "mcap.writer", "rosbags.rosbag2", "scipy.optimize", "scipy.signal", "trimesh")  # by many tests
 
 
@@ -28,7 +31,10 @@ def sources(faults: list[Fault]) -> dict[str, bytes]:
 
 
 def import_with_faults(faults: list[Fault]) -> None:
-    """Import every module of the package, those with faults as `written`; machine code has a cache of its own."""
+    """Import every module of the package, those with faults as `written`; machine code has a cache of its own.
+
+    So has Python's: the processes that tests start find the files with faults there, compiled.
+    """
     made = sources(faults)
     digest = hashlib.sha256(b"".join(made[path] for path in sorted(made)))
     for file in sorted(SOURCE.rglob("*.py")):
@@ -41,18 +47,19 @@ def import_with_faults(faults: list[Fault]) -> None:
     os.environ["PYTHONPATH"] = os.pathsep.join(map(str, (CHILD, ROOT, SOURCE)))  # of what the tests start
     sys.path[:0] = [str(ROOT), str(SOURCE), str(ROOT / "tests")]
     importlib.import_module("conftest")  # enforces shapes and types of what is imported from now on
-    sys.pycache_prefix = str(folder / "pyc")
+    sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(folder / "pyc")
+    sys.dont_write_bytecode = False
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    faulty = folder / "faulty.py"
+    for path, text in made.items():  # for the processes that tests start
+        faulty.write_bytes(text)
+        py_compile.compile(str(faulty), cache_from_source(path), path, True, invalidation_mode=_ANYWAY)
     for file in sorted(SOURCE.rglob("*.py")):
         parts = file.relative_to(SOURCE).with_suffix("").parts
         if parts[-1] != "__main__":
             importlib.import_module(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
     for name in USED:
         importlib.import_module(name)
-
-
-def read_with_faults(faults: list[Fault]) -> None:
-    """Read files with their faults from now on, in a process that a test has started."""
-    _read_instead(sources(faults))
 
 
 def _read_instead(made: dict[str, bytes]) -> None:

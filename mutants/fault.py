@@ -194,7 +194,8 @@ def written(source: str, faults: Sequence[tuple[int, Fault]]) -> str:
     nodes = list(ast.walk(tree))
     tree = ast.fix_missing_locations(_Inserted({id(nodes[fault.at]): (k, fault) for k, fault in faults}).visit(tree))
     first = 1 + next(k for k, node in enumerate(tree.body) if not _comes_first(node, k))
-    tree.body[first - 1 : first - 1] = ast.parse(f"from mutants.switch import switch as {SWITCH}").body
+    module = "compiled_switch" if _COMPILED in source else "switch"
+    tree.body[first - 1 : first - 1] = ast.parse(f"from mutants.{module} import switch as {SWITCH}").body
     return ast.unparse(tree)
 
 

@@ -1,7 +1,7 @@
 """Which fault is on, and which faults' places were reached: memory that Python and compiled code use alike.
 
-It lies at an address that is the same in every process, so that machine code kept on disk stays right. A forked process
-sets the number of its fault; the page of reached places is shared with the processes that it starts once it has a file.
+It lies at an address that is the same in every process, so that machine code kept on disk stays right. A process sets
+the number of its fault; the page of reached places is shared with the processes that it starts once it has a file.
 """
 
 from __future__ import annotations
@@ -11,15 +11,10 @@ import mmap
 import os
 from pathlib import Path
 
-from llvmlite import ir
-from numba import types
-from numba.core.errors import RequireLiteralValue
-from numba.extending import intrinsic, overload
-
-__all__ = ["reached", "reached_into", "switch", "turn_on"]
+__all__ = ["ADDRESS", "REACHED", "reached", "reached_into", "switch", "turn_on"]
 
 ADDRESS = 0x5A5A_0000_0000
-_REACHED = ADDRESS + mmap.PAGESIZE  # a byte a fault
+REACHED = ADDRESS + mmap.PAGESIZE  # a byte a fault
 _FIXED, _NO_REPLACE = 0x10, 0x100000
 _VARIABLE = "PALPATE_REACHED"  # names the file of reached places
 
@@ -32,10 +27,10 @@ def _map(address: int, flags: int, file: int = -1) -> None:
         raise OSError(ctypes.get_errno(), "the switch's address is taken")
 
 
-for _address in (ADDRESS, _REACHED):
+for _address in (ADDRESS, REACHED):
     _map(_address, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _NO_REPLACE)
 _number = ctypes.c_int64.from_address(ADDRESS)
-_places = (ctypes.c_uint8 * mmap.PAGESIZE).from_address(_REACHED)
+_places = (ctypes.c_uint8 * mmap.PAGESIZE).from_address(REACHED)
 
 
 def switch(number: int) -> bool:
@@ -58,37 +53,16 @@ def reached_into(path: Path) -> None:
 
 def _map_file() -> None:
     file = os.open(os.environ[_VARIABLE], os.O_RDWR)
-    _map(_REACHED, mmap.MAP_SHARED | _FIXED, file)
+    _map(REACHED, mmap.MAP_SHARED | _FIXED, file)
     os.close(file)
 
 
 def reached() -> list[int]:
     """Return the faults whose places were reached since the last call."""
     found = [number for number, place in enumerate(bytes(_places)) if place]
-    ctypes.memset(_REACHED, 0, mmap.PAGESIZE)
+    ctypes.memset(REACHED, 0, mmap.PAGESIZE)
     return found
 
 
 if _VARIABLE in os.environ:
     _map_file()
-
-
-@intrinsic(prefer_literal=True)
-def _noted(typingctx, number):
-    if not isinstance(number, types.IntegerLiteral):
-        raise RequireLiteralValue("the number of a fault")
-    value = number.literal_value
-
-    def on(context, builder, signature, arguments):
-        byte, word = ir.IntType(8), ir.IntType(64)
-        place = builder.inttoptr(ir.Constant(word, _REACHED + value), byte.as_pointer())
-        builder.store(ir.Constant(byte, 1), place)
-        pointer = builder.inttoptr(ir.Constant(word, ADDRESS), word.as_pointer())
-        return builder.icmp_signed("==", builder.load(pointer), ir.Constant(word, value))
-
-    return types.boolean(types.int64), on
-
-
-@overload(switch, prefer_literal=True)
-def _switch(number):
-    return lambda number: _noted(number)

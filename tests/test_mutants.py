@@ -9,6 +9,7 @@ import pytest
 from numba import njit
 
 from mutants.build import ROOT, sources
+from mutants.compiled_switch import switch  # noqa: F401 - that numba knows it
 from mutants.fault import chosen, faults_in, written
 from mutants.switch import reached, turn_on
 
