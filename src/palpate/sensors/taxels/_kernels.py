@@ -14,8 +14,10 @@ from palpate.sensors.taxels._fit import chart, fit_touches, lift
 from palpate.sensors.taxels._loads import (
     LATE,
     PITCH,
+    UNEXPLAINED,
     UNKNOWN,
     WIDENING,
+    add_force,
     feels,
     fit_forces,
     is_faint,
@@ -482,6 +484,7 @@ def _place(touch, spread, model, spacing, out):
 def _measure(cells, count, end, shares, fit, raw, value, numbers, sign, place, origin, model, touch, spread, out):
     """Write one contact of an area: sums over its share of each cell, with the centroid over the sum of forces."""
     force, error, used = numbers[FORCE], numbers[ERROR], numbers[USED]
+    bears = used if len(model) > 0 else force
     own, limit, at = numbers[OWN], numbers[LIMIT], numbers[AT:]
     vectors, sizes, grid, ring, covariances = place
     normals, areas = vectors[1], sizes[0]
@@ -497,22 +500,22 @@ def _measure(cells, count, end, shares, fit, raw, value, numbers, sign, place, o
         column += own[i] * used[k] * at[1, k]
         inside += own[i] * used[k]
         if i < count:
-            pressed += own[i] * force[k]
+            pressed += own[i] * bears[k]
             covered += own[i] * areas[k]
             held += own[i]
             if own[i] > 0.5:
                 peak = max(peak, force[k] / areas[k])
                 full = full or sign * value[k] >= sign * limit[k] or sign * raw[k] >= sign * limit[k]
-    if inside <= 0.0 or pressed <= 0.0 or total <= 0.0:
+    if inside <= 0.0 or pressed <= 0.0 or (total <= 0.0 and len(model) == 0):
         return False
     row, column = row / inside, column / inside
     rr, cc, rc = 0.0, 0.0, 0.0
     for i in range(count):
         k = cells[i]
         a, b = at[0, k] - row, at[1, k] - column
-        rr += own[i] * force[k] * a * a
-        cc += own[i] * force[k] * b * b
-        rc += own[i] * force[k] * a * b
+        rr += own[i] * bears[k] * a * a
+        cc += own[i] * bears[k] * b * b
+        rc += own[i] * bears[k] * a * b
     moments = np.array([rr / pressed, cc / pressed, rc / pressed])
     here, ways, first = np.empty(6), np.empty((2, 3)), AREA
     if len(grid) > 0:
@@ -630,7 +633,18 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
         if len(model) > 0:
             for part in range(number):
                 origins[part] = int(parts[part, 4])
-            number = fit_forces(cells, end, origins, number, scale, place, numbers, whole, model, touches, unsure)
+            fitted = (scale, place, numbers, whole, model, touches, unsure)
+            cost, far = fit_forces(cells, end, origins, number, *fitted), end
+            if number == 1 and cost > UNEXPLAINED:
+                far = _rim(name, end, live, neighbours, steps, label, at, cells)
+                number += add_force(cells, far, origins, *fitted)
+            for i in range(end, far if number == 1 else end):
+                label[cells[i]] = 0
+            if number > 1 and far > end:
+                end = far
+                _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
+            for i in range(end):
+                numbers[USED, cells[i]] = max(numbers[USED, cells[i]], 0.0)  # a touch may pull at some
             share_loads(cells, end, origins, number, scale, place, numbers, whole, model, touches, unsure, shares)
             for part in range(number):
                 _place(touches[part], unsure[part], model, place[1][1, origins[part]], fits[part])

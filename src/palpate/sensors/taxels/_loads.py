@@ -31,8 +31,9 @@ _PLACE = 0.7  # pitches: deviation of a touch from the taxel where it is looked 
 _TWIST = 0.15  # pitches: deviation of the torque, over the normal force
 _STEPS, _DONE = 25, 1e-3
 # a touch without a peak: deviations by which a load exceeds those of the others, pitches from these to the taxel and to
-# the place that is found, and the decrease of the sum of squares. Presses on skins that were not tested with showed it.
-_CLEAR, _NEXT, _APART, _BETTER = 2.5, 1.0, 1.7, 30.0
+# the place that is found, and the decrease of the sum of squares, which presses on other skins showed; and the sum of
+# squares from which it is looked for
+_CLEAR, _NEXT, _APART, _BETTER, UNEXPLAINED = 2.5, 1.0, 1.7, 30.0, 10.0
 _FAINT, _AROUND = 4.0, 5.0  # misfits that a load must exceed to be a touch, and pitches to what causes them
 
 
@@ -263,16 +264,13 @@ def _offset(some, origin, place, at, model, out):
 
 @inner
 def fit_forces(cells, end, origins, count, scale, place, numbers, whole, model, touches, spread):
-    """Fit the touches of an area together, one about each of its peaks; return their number.
-
-    A light touch next to a heavy one has no peak of its own. A touch is added where the loads exceed those of the
-    others most, if it is far enough from them, and all together explain the loads so much better.
+    """Fit the touches of an area together, one about each of its peaks; return the sum of squares.
 
     Args:
         cells: of the area and its rim.
         end: number of those.
-        origins: (most,) the cell about which each touch lies; those of added touches are written.
-        count: number of peaks.
+        origins: (most,) the cell about which each touch lies.
+        count: number of touches.
         scale: of the noise, by a filter.
         place: as of `palpate.sensors.taxels._kernels.frames`.
         numbers: the same.
@@ -282,7 +280,7 @@ def fit_forces(cells, end, origins, count, scale, place, numbers, whole, model, 
         spread: (most, 7, 7) their covariances, written.
     """
     some, loads, weights = _gather(cells, end, scale, numbers, whole, model)
-    offsets = np.empty((len(touches), 2, len(some)))
+    offsets = np.empty((count, 2, len(some)))
     taxels, at = (offsets, loads, weights), numbers[AT:]
     touches[:] = 0.0
     for p in range(count):
@@ -291,23 +289,37 @@ def fit_forces(cells, end, origins, count, scale, place, numbers, whole, model, 
     size = UNKNOWN * count
     normal, factor = np.empty((size, size)), np.empty((size, size))
     cost = _settle(taxels, touches, count, model, normal, factor)
-    while cost > _BETTER and count < len(touches):
-        exceeds = _exceeds(taxels, touches, count, model)
-        if exceeds < 0:
-            break
-        origins[count] = some[exceeds]
-        _offset(some, origins[count], place, at, model, offsets[count])
-        trial, size = touches.copy(), UNKNOWN * (count + 1)
-        trial[count, 5] = max(numbers[FORCE, origins[count]], 0.0)
-        ahead, other = np.empty((size, size)), np.empty((size, size))
-        found = _settle(taxels, trial, count + 1, model, ahead, other)
-        better = cost - found > _BETTER * max(1.0, found / max(3 * len(some) - size, 1))
-        if not better or trial[count, 5] <= 0.0 or _beside(offsets, exceeds, trial, count, trial[count]) < _APART:
-            break
-        touches[:], normal, factor, cost, count = trial, ahead, other, found, count + 1
     # what the model cannot explain widens all
     _covariances(normal, factor, count, max(1.0, cost / max(3 * len(some) - UNKNOWN * count, 1)), spread)
-    return count
+    return cost
+
+
+@inner
+def add_force(cells, end, origins, scale, place, numbers, whole, model, touches, spread):
+    """Add a second touch to an area with one peak, if there is one, and return whether; arguments as of `fit_forces`.
+
+    A light touch next to a heavy one has no peak of its own. It is looked for where the loads exceed those of the heavy
+    one most, and is found if it is far enough from it, and both explain the loads so much better.
+    """
+    some, loads, weights = _gather(cells, end, scale, numbers, whole, model)
+    offsets, both, size = np.empty((2, 2, len(some))), touches[:2].copy(), 2 * UNKNOWN
+    taxels, at = (offsets, loads, weights), numbers[AT:]
+    normal, factor = np.empty((size, size)), np.empty((size, size))
+    _offset(some, origins[0], place, at, model, offsets[0])
+    cost = _settle(taxels, both, 1, model, normal, factor)
+    exceeds = _exceeds(taxels, both, 1, model)
+    if exceeds < 0:
+        return False
+    origins[1] = some[exceeds]
+    _offset(some, origins[1], place, at, model, offsets[1])
+    both[1, 5] = max(numbers[FORCE, origins[1]], 0.0)
+    found = _settle(taxels, both, 2, model, normal, factor)
+    more = max(1.0, found / max(3 * len(some) - size, 1))
+    if cost - found < _BETTER * more or both[1, 5] <= 0.0 or _beside(offsets, exceeds, both, 1, both[1]) < _APART:
+        return False
+    touches[:2] = both
+    _covariances(normal, factor, 2, more, spread)
+    return True
 
 
 @uncounted
