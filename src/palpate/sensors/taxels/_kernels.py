@@ -12,6 +12,7 @@ import numpy as np
 from palpate.contact._track import follow
 from palpate.sensors.taxels._fit import chart, fit_touches, lift
 from palpate.sensors.taxels._loads import (
+    APART,
     LATE,
     PITCH,
     UNEXPLAINED,
@@ -624,7 +625,8 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
         for i in range(count):
             k = cells[i]
             origin = k if force[k] > force[origin] else origin
-        if len(model) > 0 and is_faint(origin, place, force, model):
+        known = len(model) > 0 and feels(origin, out[:found], place, model, APART)  # of a touch that was added
+        if known or (len(model) > 0 and is_faint(origin, place, force, model)):
             continue
         end = _rim(name, count, live, neighbours, steps, label, at, cells)
         _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
@@ -637,7 +639,7 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
             cost, far = fit_forces(cells, end, origins, number, *fitted), end
             if number == 1 and cost > UNEXPLAINED:
                 far = _rim(name, end, live, neighbours, steps, label, at, cells)
-                number += add_force(cells, far, origins, *fitted)
+                number += add_force(cells, far, origins, out[:found], *fitted)
             for i in range(end, far if number == 1 else end):
                 label[cells[i]] = 0
             if number > 1 and far > end:

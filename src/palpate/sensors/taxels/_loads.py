@@ -33,7 +33,7 @@ _STEPS, _DONE = 25, 1e-3
 # a touch without a peak: deviations by which a load exceeds those of the others, pitches from these to the taxel and to
 # the place that is found, and the decrease of the sum of squares, which presses on other skins showed; and the sum of
 # squares from which it is looked for
-_CLEAR, _NEXT, _APART, _BETTER, UNEXPLAINED = 2.5, 1.0, 1.7, 30.0, 10.0
+_CLEAR, _NEXT, APART, _BETTER, UNEXPLAINED = 2.5, 1.0, 1.7, 30.0, 10.0
 _FAINT, _AROUND = 4.0, 5.0  # misfits that a load must exceed to be a touch, and pitches to what causes them
 
 
@@ -242,13 +242,13 @@ def is_faint(origin, place, force, model):
 
 
 @uncounted
-def feels(k, out, place, model):
+def feels(k, out, place, model, reach=_AROUND):
     """Return whether a taxel with three axes lies around a contact: it may pull or shear without being pressed."""
     for row in range(len(out) if len(model) > 0 else 0):
-        square, reach = 0.0, _AROUND * model[PITCH]
+        square = 0.0
         for c in range(3):
             square += (place[0][0, k, c] - out[row, c]) ** 2
-        if square < reach * reach:
+        if square < (reach * model[PITCH]) ** 2:
             return True
     return False
 
@@ -295,11 +295,12 @@ def fit_forces(cells, end, origins, count, scale, place, numbers, whole, model, 
 
 
 @inner
-def add_force(cells, end, origins, scale, place, numbers, whole, model, touches, spread):
+def add_force(cells, end, origins, out, scale, place, numbers, whole, model, touches, spread):
     """Add a second touch to an area with one peak, if there is one, and return whether; arguments as of `fit_forces`.
 
     A light touch next to a heavy one has no peak of its own. It is looked for where the loads exceed those of the heavy
-    one most, and is found if it is far enough from it, and both explain the loads so much better.
+    one most, and is found if it is far enough from it and from those of other areas, the rows of `out`, and both
+    explain the loads so much better.
     """
     some, loads, weights = _gather(cells, end, scale, numbers, whole, model)
     offsets, both, size = np.empty((2, 2, len(some))), touches[:2].copy(), 2 * UNKNOWN
@@ -308,14 +309,14 @@ def add_force(cells, end, origins, scale, place, numbers, whole, model, touches,
     _offset(some, origins[0], place, at, model, offsets[0])
     cost = _settle(taxels, both, 1, model, normal, factor)
     exceeds = _exceeds(taxels, both, 1, model)
-    if exceeds < 0:
+    if exceeds < 0 or feels(some[exceeds], out, place, model, APART):
         return False
     origins[1] = some[exceeds]
     _offset(some, origins[1], place, at, model, offsets[1])
     both[1, 5] = max(numbers[FORCE, origins[1]], 0.0)
     found = _settle(taxels, both, 2, model, normal, factor)
     more = max(1.0, found / max(3 * len(some) - size, 1))
-    if cost - found < _BETTER * more or both[1, 5] <= 0.0 or _beside(offsets, exceeds, both, 1, both[1]) < _APART:
+    if cost - found < _BETTER * more or both[1, 5] <= 0.0 or _beside(offsets, exceeds, both, 1, both[1]) < APART:
         return False
     touches[:2] = both
     _covariances(normal, factor, 2, more, spread)
