@@ -12,7 +12,7 @@ import numpy as np
 from palpate.contact._track import follow
 from palpate.sensors.taxels._fit import chart, fit_touches, lift
 from palpate.sensors.taxels._loads import (
-    APART,
+    DISTANCE,
     LATE,
     PITCH,
     UNEXPLAINED,
@@ -625,7 +625,7 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
         for i in range(count):
             k = cells[i]
             origin = k if force[k] > force[origin] else origin
-        known = len(model) > 0 and feels(origin, out[:found], place, model, APART)  # of a touch that was added
+        known = len(model) > 0 and feels(origin, out[:found], place, model, DISTANCE)  # with an added touch
         if known or (len(model) > 0 and is_faint(origin, place, force, model)):
             continue
         end = _rim(name, count, live, neighbours, steps, label, at, cells)
@@ -640,9 +640,10 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
             if number == 1 and cost > UNEXPLAINED:
                 far = _rim(name, end, live, neighbours, steps, label, at, cells)
                 number += add_force(cells, far, origins, out[:found], *fitted)
-            for i in range(end, far if number == 1 else end):
-                label[cells[i]] = 0
-            if number > 1 and far > end:
+            if number == 1:
+                for i in range(end, far):
+                    label[cells[i]] = 0
+            elif far > end:
                 end = far
                 _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
             for i in range(end):

@@ -30,10 +30,10 @@ UNKNOWN = 7  # of a touch: place (2) [pitches], patch, force along both tangents
 _PLACE = 0.7  # pitches: deviation of a touch from the taxel where it is looked for
 _TWIST = 0.15  # pitches: deviation of the torque, over the normal force
 _STEPS, _DONE = 25, 1e-3
-# a touch without a peak: deviations by which a load exceeds those of the others, pitches from these to the taxel and to
-# the place that is found, and the decrease of the sum of squares, which presses on other skins showed; and the sum of
-# squares from which it is looked for
-_CLEAR, _NEXT, APART, _BETTER, UNEXPLAINED = 2.5, 1.0, 1.7, 30.0, 10.0
+# of a touch without a peak, which presses on other skins showed: deviations by which a load exceeds that of the heavy
+# touch, pitches from this one to the taxel and to the place, decrease of the sum of squares; and the sum from which it
+# is looked for
+_CLEAR, _NEXT, DISTANCE, _BETTER, UNEXPLAINED = 3.5, 1.0, 1.7, 30.0, 10.0
 _FAINT, _AROUND = 4.0, 5.0  # misfits that a load must exceed to be a touch, and pitches to what causes them
 
 
@@ -299,8 +299,8 @@ def add_force(cells, end, origins, out, scale, place, numbers, whole, model, tou
     """Add a second touch to an area with one peak, if there is one, and return whether; arguments as of `fit_forces`.
 
     A light touch next to a heavy one has no peak of its own. It is looked for where the loads exceed those of the heavy
-    one most, and is found if it is far enough from it and from those of other areas, the rows of `out`, and both
-    explain the loads so much better.
+    one most. It is found if it is far enough from that and from the touches of other areas, the rows of `out`, and if
+    both explain the loads much better than one.
     """
     some, loads, weights = _gather(cells, end, scale, numbers, whole, model)
     offsets, both, size = np.empty((2, 2, len(some))), touches[:2].copy(), 2 * UNKNOWN
@@ -308,47 +308,33 @@ def add_force(cells, end, origins, out, scale, place, numbers, whole, model, tou
     normal, factor = np.empty((size, size)), np.empty((size, size))
     _offset(some, origins[0], place, at, model, offsets[0])
     cost = _settle(taxels, both, 1, model, normal, factor)
-    exceeds = _exceeds(taxels, both, 1, model)
-    if exceeds < 0 or feels(some[exceeds], out, place, model, APART):
+    k = _exceeding(offsets[0], loads[2], weights[2], both[0], model)
+    if k < 0 or feels(some[k], out, place, model, DISTANCE):
         return False
-    origins[1] = some[exceeds]
+    origins[1] = some[k]
     _offset(some, origins[1], place, at, model, offsets[1])
     both[1, 5] = max(numbers[FORCE, origins[1]], 0.0)
     found = _settle(taxels, both, 2, model, normal, factor)
     more = max(1.0, found / max(3 * len(some) - size, 1))
-    if cost - found < _BETTER * more or both[1, 5] <= 0.0 or _beside(offsets, exceeds, both, 1, both[1]) < APART:
+    x, y = offsets[0, 0, k] + both[1, 0] - both[0, 0], offsets[0, 1, k] + both[1, 1] - both[0, 1]
+    if cost - found < _BETTER * more or both[1, 5] <= 0.0 or np.sqrt(x * x + y * y) < DISTANCE:
         return False
     touches[:2] = both
     _covariances(normal, factor, 2, more, spread)
     return True
 
 
-@uncounted
-def _beside(offsets, i, touches, count, place):
-    """Return the distance [pitches] of a place, as it lies from the i-th taxel, to the nearest of some touches."""
-    least = np.inf
-    for p in range(count):
-        x, y = offsets[p, 0, i] + place[0] - touches[p, 0], offsets[p, 1, i] + place[1] - touches[p, 1]
-        least = min(least, np.sqrt(x * x + y * y))
-    return least
-
-
 @inner
-def _exceeds(taxels, touches, count, model):
-    """Return the taxel, not next to a touch, whose normal load exceeds that of all touches most; -1: none clearly."""
-    offsets, loads, weights = taxels
-    profiles, load, slopes, here = np.empty((PROFILES, 3)), np.empty(3), np.empty((3, UNKNOWN)), np.zeros(2)
+def _exceeding(offsets, loads, weights, touch, model):
+    """Return the taxel, not next to a touch, whose normal load exceeds the touch's most; -1 if none does clearly."""
+    profiles, load, slopes = np.empty((PROFILES, 3)), np.empty(3), np.empty((3, UNKNOWN))
     best, most = -1, _CLEAR
-    for i in range(loads.shape[1]):
-        if _beside(offsets, i, touches, count, here) < _NEXT:
-            continue
-        left = loads[2, i]
-        for p in range(count):
-            _load(offsets[p, 0, i] - touches[p, 0], offsets[p, 1, i] - touches[p, 1], touches[p], model, profiles,
-                  load, slopes)  # fmt: skip
-            left -= load[2]
-        if left * np.sqrt(weights[2, i]) > most:
-            best, most = i, left * np.sqrt(weights[2, i])
+    for i in range(len(loads)):
+        x, y = offsets[0, i] - touch[0], offsets[1, i] - touch[1]
+        _load(x, y, touch, model, profiles, load, slopes)
+        excess = (loads[i] - load[2]) * np.sqrt(weights[i])
+        if excess > most and np.sqrt(x * x + y * y) >= _NEXT:
+            best, most = i, excess
     return best
 
 
