@@ -636,16 +636,16 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
             for part in range(number):
                 origins[part] = int(parts[part, 4])
             fitted = (scale, place, numbers, whole, model, touches, unsure)
-            cost, far = fit_forces(cells, end, origins, number, *fitted), end
+            cost = fit_forces(cells, end, origins, number, *fitted)
             if number == 1 and cost > UNEXPLAINED:
                 far = _rim(name, end, live, neighbours, steps, label, at, cells)
-                number += add_force(cells, far, origins, out[:found], *fitted)
-            if number == 1:
-                for i in range(end, far):
-                    label[cells[i]] = 0
-            elif far > end:
-                end = far
-                _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
+                _errors(cells, count, far, scale, curves, settings, value, numbers, whole)
+                if add_force(cells, far, origins, out[:found], *fitted):
+                    number, end = 2, far
+                else:
+                    for i in range(end, far):
+                        label[cells[i]] = 0
+                    _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
             for i in range(end):
                 numbers[USED, cells[i]] = max(numbers[USED, cells[i]], 0.0)  # a touch may pull at some
             share_loads(cells, end, origins, number, scale, place, numbers, whole, model, touches, unsure, shares)
