@@ -96,6 +96,40 @@ def test_the_forces_of_two_touches_are_found_exactly() -> None:
     np.testing.assert_allclose(found.force[order], touches[:, 3:6] * [1, 1, -1], atol=1e-3)
 
 
+@pytest.mark.parametrize("light", [0.0, 0.8])
+def test_a_light_touch_next_to_a_heavy_one_needs_no_peak(light: float) -> None:
+    response = TaxelResponse.guessed(30, PITCH)
+    shares = np.roll(response.shares, 1, axis=1)  # of a deviation of one pitch: the light touch lies on a slope
+    body = body_of(replace(response, shares=shares, misfit=np.full(2, 1e-2)))
+    touches = np.array([[1.2, 2.1, 0.0, 0.5, -0.3, 8.0, 0.0], [3.2, 2.3, 0.0, 0.0, 0.1, light, 0.0]])
+    felt = readings(body, touches)
+    assert light == 0.0 or (np.diff(felt[:, 2].reshape(5, 6)[2]) < 0.0)[1:].all()
+    found = TaxelEstimator(body, health=still(body, 1e-3)).update(0.0, felt)
+    many = 2 if light else 1
+    np.testing.assert_allclose(found.point[:, :2], PITCH * touches[:many, :2], atol=0.1 * PITCH)
+    np.testing.assert_allclose(found.force, touches[:many, 3:6] * [1, 1, -1], atol=0.08)  # the misfit, 1 %
+
+
+def test_what_neighbours_read_of_each_other_is_taken_off() -> None:
+    rng = np.random.default_rng(8)
+    plain = body_of(replace(TaxelResponse.guessed(30, PITCH), misfit=np.full(2, 1e-3)))
+    response = replace(plain.response, coupling=0.03 * rng.normal(size=(5, 4)))
+    adds = np.eye(90).reshape(30, 3, 30, 3)
+    for i, j in np.ndindex(30, 30):
+        away = (plain.positions[i] - plain.positions[j])[None, :2] / PITCH
+        if 0.0 < np.linalg.norm(away) < 1.5:
+            for b, way in enumerate(np.eye(3)):
+                spread = replace(response, shares=response.coupling).spread_of(away, way[None], np.zeros(1))
+                adds[i, :, j, b] += spread[0]
+    felt = readings(plain, np.array([[2.2, 2.1, 0.0, 0.5, -0.3, 2.0, 0.0]]))
+    read = np.linalg.solve(adds.reshape(90, 90), felt.ravel()).reshape(30, 3)
+    body = replace(plain, response=response)
+    pairs = (plain, felt), (body, read)
+    wanted, found = (TaxelEstimator(each, health=still(each, 1e-3)).update(0.0, cells) for each, cells in pairs)
+    np.testing.assert_allclose(found.force, wanted.force, rtol=1e-9)
+    np.testing.assert_allclose(found.point, wanted.point, rtol=1e-9)
+
+
 @pytest.mark.parametrize(("stated", "own", "used"), [(10.0, 2.0, 2.0), (1.0, 2.0, 1.0), (np.inf, 2.0, np.inf)])
 def test_the_rest_is_followed_within_the_shorter_time_or_never(stated: float, own: float, used: float) -> None:
     body = body_of(replace(TaxelResponse.guessed(30, PITCH), drift=own))

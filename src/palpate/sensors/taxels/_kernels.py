@@ -12,10 +12,13 @@ import numpy as np
 from palpate.contact._track import follow
 from palpate.sensors.taxels._fit import chart, fit_touches, lift
 from palpate.sensors.taxels._loads import (
+    DISTANCE,
     LATE,
     PITCH,
+    UNEXPLAINED,
     UNKNOWN,
     WIDENING,
+    add_force,
     feels,
     fit_forces,
     is_faint,
@@ -482,6 +485,7 @@ def _place(touch, spread, model, spacing, out):
 def _measure(cells, count, end, shares, fit, raw, value, numbers, sign, place, origin, model, touch, spread, out):
     """Write one contact of an area: sums over its share of each cell, with the centroid over the sum of forces."""
     force, error, used = numbers[FORCE], numbers[ERROR], numbers[USED]
+    bears = used if len(model) > 0 else force
     own, limit, at = numbers[OWN], numbers[LIMIT], numbers[AT:]
     vectors, sizes, grid, ring, covariances = place
     normals, areas = vectors[1], sizes[0]
@@ -497,22 +501,22 @@ def _measure(cells, count, end, shares, fit, raw, value, numbers, sign, place, o
         column += own[i] * used[k] * at[1, k]
         inside += own[i] * used[k]
         if i < count:
-            pressed += own[i] * force[k]
+            pressed += own[i] * bears[k]
             covered += own[i] * areas[k]
             held += own[i]
             if own[i] > 0.5:
                 peak = max(peak, force[k] / areas[k])
                 full = full or sign * value[k] >= sign * limit[k] or sign * raw[k] >= sign * limit[k]
-    if inside <= 0.0 or pressed <= 0.0 or total <= 0.0:
+    if inside <= 0.0 or pressed <= 0.0 or (total <= 0.0 and len(model) == 0):
         return False
     row, column = row / inside, column / inside
     rr, cc, rc = 0.0, 0.0, 0.0
     for i in range(count):
         k = cells[i]
         a, b = at[0, k] - row, at[1, k] - column
-        rr += own[i] * force[k] * a * a
-        cc += own[i] * force[k] * b * b
-        rc += own[i] * force[k] * a * b
+        rr += own[i] * bears[k] * a * a
+        cc += own[i] * bears[k] * b * b
+        rc += own[i] * bears[k] * a * b
     moments = np.array([rr / pressed, cc / pressed, rc / pressed])
     here, ways, first = np.empty(6), np.empty((2, 3)), AREA
     if len(grid) > 0:
@@ -549,7 +553,24 @@ def _catch_up(raw, value, sideways, model, passed, sign, numbers, whole):
 
 
 @uncounted
-def _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours, between):
+def _couple(neighbours, coupling, numbers, live):
+    """Add to the loads of each taxel what `coupling` makes of those that its neighbours read."""
+    added = numbers[ERROR : ERROR + 3]
+    for k in range(len(live)):
+        added[:, k] = 0.0
+        for m in range(neighbours.shape[1] if live[k] else 0):
+            j = neighbours[k, m]
+            if j >= 0 and live[j]:
+                for a in range(3):
+                    for b in range(3):
+                        added[a, k] += coupling[k, m, a, b] * numbers[LOAD + b if b < 2 else FORCE, j]
+    for k in range(len(live)):
+        for a in range(3):
+            numbers[LOAD + a if a < 2 else FORCE, k] += added[a, k]
+
+
+@uncounted
+def _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours, between, coupling):
     """Write the height of each cell above its baseline, in standard deviations and in newtons; `sideways` (2 k,)."""
     tables, gaps = curves
     baseline, noise, z, force = numbers[BASELINE], numbers[NOISE], numbers[Z], numbers[FORCE]
@@ -565,6 +586,8 @@ def _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours
         label[k] = 0
         for a in range(2 if len(sideways) > 0 else 0):
             numbers[LOAD + a, k] = sideways[a * len(raw) + k] - numbers[SIDEWAYS + a, k] if live[k] else 0.0
+    if len(coupling) > 0:
+        _couple(neighbours, coupling, numbers, live)
     if lacking:
         _fill(z, force, live, neighbours, between)
 
@@ -577,14 +600,14 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
     Baselines of untouched cells follow the readings.
     """
     on, off, sure, share, sign = settings[:5]
-    neighbours, steps, between, columns = table
+    neighbours, steps, between, columns, coupling = table
     baseline, z, force, spread = numbers[BASELINE], numbers[Z], numbers[FORCE], numbers[SPREAD]
     label, live, cells, parent = whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
     at = numbers[AT:]
     peak = numbers[PEAK]
     if len(model) > 0:
         _catch_up(raw, value, sideways, model, passed, sign, numbers, whole)
-    _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours, between)
+    _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours, between, coupling)
     moving = moves(z, live, on, off, value, len(model) > 0, numbers, clock)
     if moving or clock[STILL] > 0.0:
         settle(time, moving, value, sideways, zeros, numbers, whole, clock)
@@ -602,7 +625,8 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
         for i in range(count):
             k = cells[i]
             origin = k if force[k] > force[origin] else origin
-        if len(model) > 0 and is_faint(origin, place, force, model):
+        known = len(model) > 0 and feels(origin, out[:found], place, model, DISTANCE)  # with an added touch
+        if known or (len(model) > 0 and is_faint(origin, place, force, model)):
             continue
         end = _rim(name, count, live, neighbours, steps, label, at, cells)
         _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
@@ -611,7 +635,19 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
         if len(model) > 0:
             for part in range(number):
                 origins[part] = int(parts[part, 4])
-            fit_forces(cells, end, origins, number, scale, place, numbers, whole, model, touches, unsure)
+            fitted = (scale, place, numbers, whole, model, touches, unsure)
+            cost = fit_forces(cells, end, origins, number, *fitted)
+            if number == 1 and cost > UNEXPLAINED:
+                far = _rim(name, end, live, neighbours, steps, label, at, cells)
+                _errors(cells, count, far, scale, curves, settings, value, numbers, whole)
+                if add_force(cells, far, origins, out[:found], *fitted):
+                    number, end = 2, far
+                else:
+                    for i in range(end, far):
+                        label[cells[i]] = 0
+                    _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
+            for i in range(end):
+                numbers[USED, cells[i]] = max(numbers[USED, cells[i]], 0.0)  # a touch may pull at some
             share_loads(cells, end, origins, number, scale, place, numbers, whole, model, touches, unsure, shares)
             for part in range(number):
                 _place(touches[part], unsure[part], model, place[1][1, origins[part]], fits[part])
@@ -718,10 +754,10 @@ def prepare(raw, sideways, rest, neighbours, turn, numbers, whole, values, statu
 @released(
     """
     time n, raw n m, sideways n o, model u, values out k v, status out int8 k, left out w, place (3 m 3, 2 m, a b 6,
-    int, c 3 3), table (int64 m d, m d 2, int64 m d 2, int), curves (e 2048, e), settings 13*float, smoothing (out f 6,
-    out f 2, out
-    g, float, out 2, out h p, out q), clock out 11, zeros (out 11 m, out 11 3, out 2), numbers out 25 m, whole out
-    int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n, forces out t m
+    int, c 3 3), table (int64 m d, m d 2, int64 m d 2, int, i d 3 3), curves (e 2048, e), settings 13*float,
+    smoothing (out f 6, out f 2, out g, float, out 2, out h p, out q), clock out 11, zeros (out 11 m, out 11 3, out 2),
+    numbers out 25 m, whole out int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n,
+    forces out t m
     """
 )
 def frames(time, raw, sideways, model, values, status, left, place, table, curves, settings, smoothing, clock, zeros,
@@ -736,7 +772,8 @@ def frames(time, raw, sideways, model, values, status, left, place, table, curve
         variance of their noise; (1, k or 3 k), (1,) as work space and (0,) where not.
     place: (3, k, 3) positions, normals and tangents, (2, k) areas and spacings, grid (0, 0, 6 if none), columns of a
         ring (0: none), (k, 3, 3) covariances of the positions ((0, 3, 3): not known).
-    table: neighbours, steps, between, columns (1 if no sheet).
+    table: neighbours, steps, between, columns (1 if no sheet), and what neighbours' loads add to those of each taxel,
+        (k, m, 3, 3) or (0, m, 3, 3).
     curves: (c, t) forces [N], (c,) counts between two.
     settings: on, off, sure, share, sign, unequal, drift [s], turn (0: none), share of the noise's variance in the
         baseline, reach, speed, patience, walk [counts/sqrt(s)] (0: the baseline follows exponentially, within `drift`).

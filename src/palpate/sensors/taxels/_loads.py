@@ -30,6 +30,10 @@ UNKNOWN = 7  # of a touch: place (2) [pitches], patch, force along both tangents
 _PLACE = 0.7  # pitches: deviation of a touch from the taxel where it is looked for
 _TWIST = 0.15  # pitches: deviation of the torque, over the normal force
 _STEPS, _DONE = 25, 1e-3
+# of a touch without a peak, which presses on other skins showed: deviations by which a load exceeds that of the heavy
+# touch, pitches from this one to the taxel and to the place, decrease of the sum of squares; and the sum from which it
+# is looked for
+_CLEAR, _NEXT, DISTANCE, _BETTER, UNEXPLAINED = 3.5, 1.0, 1.7, 30.0, 10.0
 _FAINT, _AROUND = 4.0, 5.0  # misfits that a load must exceed to be a touch, and pitches to what causes them
 
 
@@ -238,13 +242,13 @@ def is_faint(origin, place, force, model):
 
 
 @uncounted
-def feels(k, out, place, model):
+def feels(k, out, place, model, reach=_AROUND):
     """Return whether a taxel with three axes lies around a contact: it may pull or shear without being pressed."""
     for row in range(len(out) if len(model) > 0 else 0):
-        square, reach = 0.0, _AROUND * model[PITCH]
+        square = 0.0
         for c in range(3):
             square += (place[0][0, k, c] - out[row, c]) ** 2
-        if square < reach * reach:
+        if square < (reach * model[PITCH]) ** 2:
             return True
     return False
 
@@ -260,20 +264,20 @@ def _offset(some, origin, place, at, model, out):
 
 @inner
 def fit_forces(cells, end, origins, count, scale, place, numbers, whole, model, touches, spread):
-    """Fit the touches of an area together, one about each of its peaks.
+    """Fit the touches of an area together, one about each of its peaks; return the sum of squares.
 
     Args:
         cells: of the area and its rim.
         end: number of those.
-        origins: (count,) the cell about which each touch lies.
+        origins: (most,) the cell about which each touch lies.
         count: number of touches.
         scale: of the noise, by a filter.
         place: as of `palpate.sensors.taxels._kernels.frames`.
         numbers: the same.
         whole: the same.
         model: the response, see `TaxelResponse.numbers`.
-        touches: (count, 7) unknowns of the touches, written.
-        spread: (count, 7, 7) their covariances, written.
+        touches: (most, 7) unknowns of the touches, written.
+        spread: (most, 7, 7) their covariances, written.
     """
     some, loads, weights = _gather(cells, end, scale, numbers, whole, model)
     offsets = np.empty((count, 2, len(some)))
@@ -287,6 +291,51 @@ def fit_forces(cells, end, origins, count, scale, place, numbers, whole, model, 
     cost = _settle(taxels, touches, count, model, normal, factor)
     # what the model cannot explain widens all
     _covariances(normal, factor, count, max(1.0, cost / max(3 * len(some) - UNKNOWN * count, 1)), spread)
+    return cost
+
+
+@inner
+def add_force(cells, end, origins, out, scale, place, numbers, whole, model, touches, spread):
+    """Add a second touch to an area with one peak, if there is one, and return whether; arguments as of `fit_forces`.
+
+    A light touch next to a heavy one has no peak of its own. It is looked for where the loads exceed those of the heavy
+    one most. It is found if it is far enough from that and from the touches of other areas, the rows of `out`, and if
+    both explain the loads much better than one.
+    """
+    some, loads, weights = _gather(cells, end, scale, numbers, whole, model)
+    offsets, both, size = np.empty((2, 2, len(some))), touches[:2].copy(), 2 * UNKNOWN
+    taxels, at = (offsets, loads, weights), numbers[AT:]
+    normal, factor = np.empty((size, size)), np.empty((size, size))
+    _offset(some, origins[0], place, at, model, offsets[0])
+    cost = _settle(taxels, both, 1, model, normal, factor)
+    k = _exceeding(offsets[0], loads[2], weights[2], both[0], model)
+    if k < 0 or feels(some[k], out, place, model, DISTANCE):
+        return False
+    origins[1] = some[k]
+    _offset(some, origins[1], place, at, model, offsets[1])
+    both[1, 5] = max(numbers[FORCE, origins[1]], 0.0)
+    found = _settle(taxels, both, 2, model, normal, factor)
+    more = max(1.0, found / max(3 * len(some) - size, 1))
+    x, y = offsets[0, 0, k] + both[1, 0] - both[0, 0], offsets[0, 1, k] + both[1, 1] - both[0, 1]
+    if cost - found < _BETTER * more or both[1, 5] <= 0.0 or np.sqrt(x * x + y * y) < DISTANCE:
+        return False
+    touches[:2] = both
+    _covariances(normal, factor, 2, more, spread)
+    return True
+
+
+@inner
+def _exceeding(offsets, loads, weights, touch, model):
+    """Return the taxel, not next to a touch, whose normal load exceeds the touch's most; -1 if none does clearly."""
+    profiles, load, slopes = np.empty((PROFILES, 3)), np.empty(3), np.empty((3, UNKNOWN))
+    best, most = -1, _CLEAR
+    for i in range(len(loads)):
+        x, y = offsets[0, i] - touch[0], offsets[1, i] - touch[1]
+        _load(x, y, touch, model, profiles, load, slopes)
+        excess = (loads[i] - load[2]) * np.sqrt(weights[i])
+        if excess > most and np.sqrt(x * x + y * y) >= _NEXT:
+            best, most = i, excess
+    return best
 
 
 @inner

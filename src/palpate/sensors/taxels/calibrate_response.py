@@ -18,7 +18,7 @@ from palpate.sensors.taxels.estimator import SIX, SQUARE, TaxelEstimator
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.presses import EACH, EVERY, PRESSED, Presses, axes_at, known_presses
-from palpate.sensors.taxels.response import AXES, TaxelResponse, response_terms
+from palpate.sensors.taxels.response import AXES, TaxelResponse, coupling_terms, response_terms
 from palpate.signals.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
@@ -103,6 +103,9 @@ def _fitted(
     both = offset.reshape(-1, 2), np.repeat(force, taxels, axis=0)
     guess = TaxelResponse.guessed(taxels, pitch)
     shares, patch, inside = guess.shares, np.zeros(count), _inside(body, presses.point)
+    around = coupling_terms(body.steps * body.spacing[:, None, None] / pitch, body.neighbours)
+    between = np.moveaxis(around, 3, 2).reshape(taxels, -1, AXES * shares.size)
+    coupling, coupled = np.zeros(shares.size), np.zeros((count, taxels, AXES))
 
     def spread(patches: np.ndarray) -> np.ndarray:
         return response_terms(*both, np.repeat(patches, taxels)).reshape(count, taxels, AXES, *shares.shape)
@@ -111,30 +114,35 @@ def _fitted(
     loads: np.ndarray = terms.reshape(count, taxels, AXES, -1) @ shares.ravel()
     gains = _summed_gains(presses, weight[:, 0, 0]) if sums else guess.gains
     for turn in range(ROUNDS):
-        gains = gains if sums else _gains(weight * loads, weight * readings)
+        gains = gains if sums else _gains(weight * (loads - coupled), weight * readings)
         felt: np.ndarray = np.einsum("kab,nkb->nka", gains, readings)
+        if not sums:
+            ways = np.matmul(felt[:, body.neighbours].reshape(count, taxels, 1, -1), between)
+            ways = ways.reshape(count, taxels, AXES, -1)
+            coupling = _ridged(weight[..., None] * ways, weight * (loads - felt))
+            coupled = ways @ coupling
+            felt += coupled
         if turn > 1:
             patch = _patches(felt, spread, shares)
             terms = spread(patch)
-        design = (weight[..., None] * terms.reshape(count, taxels, AXES, -1)).reshape(-1, shares.size)
-        square: np.ndarray = design.T @ design
-        ridge = 1e-6 * np.trace(square) / len(square) * np.eye(len(square))
-        shares = _solved(square + ridge, design.T @ (weight * felt).ravel()).reshape(shares.shape)
-        loads = terms.reshape(count, taxels, AXES, -1) @ shares.ravel()
+        terms = terms.reshape(count, taxels, AXES, -1)
+        shares = _ridged(weight[..., None] * terms, weight * felt).reshape(shares.shape)
+        loads = terms @ shares.ravel()
         total: np.ndarray = loads[inside, :, 2].sum(axis=1)
         press = force[inside, 2]
         scale = float(total @ press) / float(press @ press)
         if not sums:
             shares, loads = shares / scale, loads / scale
-    gains = gains if sums else _gains(weight * loads, weight * readings)
-    felt = np.einsum("kab,nkb->nka", gains, readings)
+    gains = gains if sums else _gains(weight * (loads - coupled), weight * readings)
+    felt = np.einsum("kab,nkb->nka", gains, readings) + coupled
     peak = np.abs(loads).max(axis=(1, 2))
     misfit = _misfit((felt - loads) / peak[:, None, None], felt / peak[:, None, None])
     size = np.column_stack([np.ones(count), force[:, 2].clip(min=0.0) ** (2 / 3)])
     line = _least(size, patch)
     learned = np.array([*line, max(float(np.std(patch - size @ line)), 1e-3)])
     found = {"gains": frozen(gains), "shares": frozen(shares), "patch": frozen(learned), "widening": np.ones(3)}
-    found |= {"late": presses.late, "limits": presses.limits, "misfit": frozen(misfit)}
+    found |= {"coupling": frozen(coupling.reshape(shares.shape)), "misfit": frozen(misfit)}
+    found |= {"late": presses.late, "limits": presses.limits}
     return replace(guess, sums=sums, drift=presses.drift, **found), patch
 
 
@@ -184,6 +192,14 @@ def _gains(loads: Float[np.ndarray, "n k 3"], readings: Float[np.ndarray, "n k 3
     usual = _solved(np.sum(square, axis=0), np.sum(across, axis=0).T).T
     reads = np.swapaxes(_solved(square + weight, np.swapaxes(across + usual @ weight, 1, 2)), 1, 2)
     return np.linalg.inv(reads)
+
+
+def _ridged(ways: Float[np.ndarray, "n k 3 q"], wanted: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, " q"]:
+    """Return the least-squares solution (q,), small where it is free."""
+    design = ways.reshape(-1, ways.shape[-1])
+    square: np.ndarray = design.T @ design
+    ridge = 1e-6 * np.trace(square) / len(square) * np.eye(len(square))
+    return _solved(square + ridge, design.T @ wanted.ravel())
 
 
 def _least(ways: np.ndarray, wanted: np.ndarray) -> np.ndarray:

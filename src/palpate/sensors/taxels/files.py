@@ -107,6 +107,7 @@ RESPONSE = Model(
                     "a row a taxel: load [N] along x, y and into the body by the readings x, y, z, row by row"
                 ),
                 "shares": Key("of the Gaussians in A, B, C, G, H, see docs/skin_contacts.md"),
+                "coupling": Key("of the same: what a taxel's readings hold of its neighbours' loads, taken off"),
                 "misfit": Key("shares of the largest load, and of a taxel's own"),
                 "patch": Key("squared pitches: a + b F^(2/3), deviation"),
                 "curve": Key("normal c0 n + c1 n^2 + c2 t^2, tangential (c3 + c4 n) t"),

@@ -11,6 +11,7 @@ from palpate.sensors.taxels import _kernels, _rest
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.response import AXES, coupling_terms
 from palpate.signals.smoothing import Forward
 from palpate.surfaces._jit import FixedEntry
 
@@ -62,7 +63,7 @@ class TaxelFrames:
         self._model.flags.writeable = False
         self._follow = np.inf if body.response is None else body.response.drift
         tables = (body.neighbours.copy(), body.steps.copy(), body.between.copy())
-        self._table = (*tables, max(body.columns, 1))
+        self._table = (*tables, max(body.columns, 1), _couplings(body))
         self._usable, self._name = body.usable, body.name
         self._clock = np.zeros(_rest.CLOCK)
         self._zeros = np.zeros((_rest.SLOTS, count)), np.zeros((_rest.SLOTS, 3)), np.full(2, np.nan)
@@ -221,6 +222,18 @@ class TaxelFrames:
         smoothing = _NO_FILTER if forward is None else (*forward.parts, forward.shares)
         known = (self._place, self._table, self._curves, settings, smoothing)
         return (*known, self._clock, self._zeros, self._numbers, self._whole, *self._tracks)
+
+
+def _couplings(body: TaxelBody) -> Float[np.ndarray, "_ m 3 3"]:
+    """Return what is added to the loads of each taxel by those of its neighbours, (k, m, 3, 3); (0, m, 3, 3): nothing.
+
+    Loads are along both tangents and into the body.
+    """
+    response, count = body.response, body.neighbours.shape[1]
+    if response is None or not response.coupling.any():
+        return np.zeros((0, count, AXES, AXES))
+    terms = coupling_terms(body.steps * body.spacing[:, None, None] / response.pitch, body.neighbours)
+    return np.einsum("kmabpq,pq->kmab", terms, response.coupling)
 
 
 def _constant(values: np.ndarray) -> np.ndarray:

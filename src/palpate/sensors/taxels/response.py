@@ -7,7 +7,7 @@ from dataclasses import field
 from math import inf
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.sensors.taxels import _loads
@@ -30,6 +30,8 @@ class TaxelResponse(Value):
         gains: (k, 3, 3) load [N] for each count: load = gains (reading - rest).
         pitch: [m], the unit of lengths.
         shares: (5, 4) of the Gaussians in the profiles A, B, C, G, H of `palpate.sensors.taxels._loads`.
+        coupling: (5, 4) of the Gaussians with which a load spreads to the readings of its neighbours, as the field of
+            a magnet does; what they read of each other is taken off.
         misfit: (2,) shares of the largest load, and of a taxel's own, by which loads differ from this model.
         patch: (3,) variance of the pressed patch, counted from a usual one: a + b F^(2/3) by the normal force F [N],
             and its standard deviation.
@@ -57,6 +59,7 @@ class TaxelResponse(Value):
     patch: Float[np.ndarray, "3"]
     curve: Float[np.ndarray, "5"]
     widening: Float[np.ndarray, "3"]
+    coupling: Float[np.ndarray, "5 4"] = field(default_factory=lambda: np.zeros((5, len(_loads.WIDTHS))))
     inexact: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     unusual: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     sums: bool = False
@@ -68,7 +71,7 @@ class TaxelResponse(Value):
 
     def __post_init__(self) -> None:
         deviations = "misfit", "widening", "inexact", "unusual"
-        for name in ("gains", "shares", "patch", "curve", *deviations, "late", "limits"):
+        for name in ("gains", "shares", "coupling", "patch", "curve", *deviations, "late", "limits"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         if not (self.pitch > 0 and np.isfinite(self.gains).all()):
             raise InputError("gains must be finite, and the pitch positive.", where="response")
@@ -89,7 +92,8 @@ class TaxelResponse(Value):
     def loads(self, readings: Float[np.ndarray, "n k 3"]) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n m"]]:
         """Return loads [N] by readings (n, k, 3): into the body (n, k), and along the tangents (n, 2 k), one in front.
 
-        The rest is not taken off. Where one reading of a taxel is not finite or at its limit, all its loads are NaN.
+        Neither the rest nor `coupling` is taken off. Where one reading of a taxel is not finite or at its limit, its
+        loads are NaN.
 
         Raises:
             InputError: readings of another shape.
@@ -143,3 +147,18 @@ def response_terms(
         terms[:, c, 3] = ratio * value / wide * turned + (1.0 - ratio) * value * own
         terms[:, c, 4] = ratio * value / widths * (offset[:, c] * force[:, 2])[:, None]
     return terms
+
+
+def coupling_terms(
+    steps: Float[np.ndarray, "k m 2"], neighbours: Int[np.ndarray, "k m"]
+) -> Float[np.ndarray, "k m 3 3 5 4"]:
+    """Return the loads of which `TaxelResponse.coupling` makes the sum, of each taxel by the loads of its neighbours.
+
+    Args:
+        steps: (k, m, 2) to each neighbour [pitches].
+        neighbours: (k, m), -1 for none.
+    """
+    away = -steps.reshape(-1, 2)
+    ways = [response_terms(away, np.tile(way, (len(away), 1)), np.zeros(len(away))) for way in np.eye(AXES)]
+    terms = np.stack(ways, axis=2).reshape(*neighbours.shape, AXES, AXES, 5, -1)
+    return terms * (neighbours >= 0)[..., None, None, None, None]
