@@ -117,6 +117,12 @@ def test_two_and_three_contacts_are_told_apart(response: RingResponse) -> None:
             assert abs(states[nearest, 1] - force) < 0.15 * force
 
 
+def test_two_tips_are_not_one_contact_wider_than_any_of_the_calibration(response: RingResponse) -> None:
+    unsure = replace(response, misfit=5.0 * response.misfit, usual=response.usual * [1.0, 0.55, 1.0])
+    pressed = barrel().press([tip(3.0, 0.006), tip(3.0 + np.radians(30.0), 0.006)])
+    assert _located(unsure, moved(pressed, np.random.default_rng(1))[None]).counts.tolist() == [2]
+
+
 def test_nothing_is_found_where_nothing_touches(response: RingResponse) -> None:
     """Of 500 frames of noise alone none shows a contact: 5.5 deviations are one in a million."""
     noise = NOISE * np.random.default_rng(7).standard_normal((500, 24, 2))
