@@ -108,6 +108,8 @@ def test_another_joint_or_clock_is_refused() -> None:
     for late, words in ((-0.1, "before the commands"), (5.0, "follow"), (1e6, "overlap")):
         with pytest.raises(InputError, match=words):
             identify_servo(time, commands, time + late, positions)
+    with pytest.raises(InputError, match="before the commands"):
+        identify_servo(time, positions, time, commands)
     with pytest.raises(InputError, match="do not follow"):
         identify_servo(time, commands, time, positions[:, ::-1])
     with pytest.raises(InputError, match="do not increase"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,3 +55,10 @@ def test_nothing_is_said_of_a_patch_where_a_point_would_do() -> None:
     assert contacts.answered.all()
     assert asked.exceeded == ""
     assert "extends" not in asked.proposal
+
+
+def test_forces_along_the_surface_have_no_bounds() -> None:
+    _, contacts = _asked(_turned(np.array([RADIUS]), 0.5))
+    along = replace(contacts.estimate, force=np.tile([1.0, 0.0, 0.0], (5, 1)), torque=np.zeros(5))
+    asked = RequiredBounds.of(replace(contacts, estimate=along), (FRICTION, 5e-3))
+    assert "no bounds that a real contact can have" in asked.proposal

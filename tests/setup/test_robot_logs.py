@@ -158,8 +158,9 @@ def test_good_logs_raise_no_alarm(hand: Path, capsys: pytest.CaptureFixture[str]
         (_joints(_jump), r"joint '\w+' jumps by 0\.\d+ rad at 105\.0\d\d s"),
         (_late(RING, -0.05), r"ring: its stamps are 50 ms"),
         (_late(JOINTS, 0.05), r"joint states: its stamps are 50 ms"),
+        (lambda topic, data: data.replace(b"ring_tip", b"little_1"), "ring: its messages name the frame 'little_1'"),
     ],
-    ids=["jump", "clock of a sensor", "clock of the joints"],
+    ids=["jump", "clock of a sensor", "clock of the joints", "exchanged topics"],
 )
 def test_doubtful_logs_are_warned_of(
     spoiled: Path, capsys: pytest.CaptureFixture[str], change: Change, said: str

@@ -230,14 +230,16 @@ def _best(fits: list[tuple[ServoMotion, Pair]]) -> tuple[int, list[int]]:
 def _require_known(values: Pair, deviation: Pair) -> None:
     """Raise an error where delay and lag are not known each, or positions come before their commands."""
     delay, total = 1e3 * float(values[0]), 1e3 * float(values.sum())
-    if not (deviation < UNSURE).all():  # NaN too
+    known = bool((deviation < UNSURE).all())  # False for NaN too
+    ahead = -delay if known else -total
+    if ahead > 1e3 * SURE * (max(float(deviation[0]), FLOOR) if known else FLOOR):
+        raise InputError(
+            f"positions come {ahead:.0f} ms before the commands that they follow.",
+            hint="Stamp commands and positions by one clock, and exchange neither columns nor topics.",
+        )
+    if not known:
         raise _unexcited(
             f"the motion is too steady to distinguish delay from lag: only their sum, {total:.1f} ms, shows."
-        )
-    if delay < -1e3 * SURE * max(deviation[0], FLOOR):
-        raise InputError(
-            f"positions come {-delay:.0f} ms before the commands that they follow.",
-            hint="Stamp commands and positions by one clock.",
         )
 
 

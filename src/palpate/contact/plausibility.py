@@ -112,9 +112,9 @@ class RequiredBounds:
         if loaded.any():
             loaded &= strength >= LOADED * np.percentile(strength[loaded], 95)
         pressing = np.abs(np.einsum("nk,nk->n", force[loaded], normal[loaded]))
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             friction = np.sqrt(np.maximum((strength[loaded] / pressing) ** 2 - 1.0, 0.0))
-            torsion = np.abs(contacts.torque[loaded]) / pressing
+            torsion = np.where(pressing > 0, np.abs(contacts.torque[loaded]) / pressing, np.inf)
         return cls(friction, torsion, bounds, size)
 
     @property
@@ -122,7 +122,8 @@ class RequiredBounds:
         """Bounds that would include 95 % of the samples, in words, or that none would; "" without samples."""
         if not len(self.friction):
             return ""
-        friction, torsion = (float(np.percentile(values, 95)) for values in (self.friction, self.torsion))
+        finite = (np.minimum(values, 1e300) for values in (self.friction, self.torsion))  # percentiles lie between two
+        friction, torsion = (float(np.percentile(values, 95)) for values in finite)
         if friction > STICKIEST or torsion > self.size:
             return "no bounds that a real contact can have would include them"
         said = f"95 % of the loaded samples stay below friction = {friction:.2g} and torsion = {torsion:.2g} m"

@@ -17,7 +17,7 @@ from palpate.contact.frames import in_base
 from palpate.contact.origins import EXPECTED, Origin, Origins
 from palpate.errors import InputError, PalpateError
 from palpate.files.logs import contents
-from palpate.files.logs.opening import messages_of
+from palpate.files.logs.opening import frames_named, messages_of
 from palpate.files.logs.robot_motion import RobotMotion
 from palpate.files.logs.stamp_delays import stamp_delays
 from palpate.files.logs.topics import LIVE
@@ -118,7 +118,8 @@ class RobotPipeline:
         lost = [f"{name} is left out: {why}" for name, why in self.failed.items()]
         first = [(run.pipeline.log.torn, run.pipeline.unbelievable()) for run in self.runs]
         own = [[*filter(None, said), *run.pipeline.warnings()] for said, run in zip(first, self.runs, strict=True)]
-        return [*lost, *self._clocks(), *motion, *_named(zip((run.sensor.name for run in self.runs), own, strict=True))]
+        named = _named(zip((run.sensor.name for run in self.runs), own, strict=True))
+        return [*lost, *self._clocks(), *self._elsewhere(), *motion, *named]
 
     def _clocks(self) -> Iterator[str]:
         """Yield a sentence on each topic whose stamps are far from those of the others, by when they were recorded."""
@@ -139,6 +140,19 @@ class RobotPipeline:
                     f"{topics[topic]}: its stamps are {abs(1e3 * late):.0f} ms {way} than "
                     "those of the others, by when the messages were recorded: a clock that is off, or a slow driver"
                 )
+
+    def _elsewhere(self) -> Iterator[str]:
+        """Yield a sentence on each sensor whose messages name a link that moves against the link of the rig."""
+        if (urdf := self._robot.urdf) is None:
+            return
+        fixed, named = urdf.fixed(), frames_named(self._log, contents(self._log).topics)
+        body = {link: fixed.up(link)[-1] if link in fixed.frames else link for link in urdf.links}
+        for each in (run.sensor for run in self.runs):
+            for table in each.rig.sensors.values():
+                frame = named.get(getattr(table, "topic", None) or "")
+                if frame in body and each.frame in body and body[frame] != body[each.frame]:
+                    what = f"{each.name}: its messages name the frame {frame!r}, but the rig the link {each.frame!r}"
+                    yield f"{what}: if two topics are exchanged, its contacts are those of another sensor"
 
     def _read_motion(self, log: Path, sensors: Sequence[RobotSensor]) -> RobotMotion:
         robot, table = self._robot, self._robot.table

@@ -18,6 +18,7 @@ from palpate.sensors.load_cells.model import VOLTAGE, LoadCells, unmeasured
 from palpate.sensors.load_cells.plate import TOLERANCE, plate_cells, uneven
 from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.sensors.load_cells.section import RigLoadCells
+from palpate.sensors.load_cells.zero import Zero
 from palpate.signals.recording import Recording
 from palpate_lab.simulation.plate import Plate, plate_run
 
@@ -109,6 +110,19 @@ def test_a_cell_that_is_off_is_named_by_the_calibration_and_by_touches_after_it(
     (fault,) = find_faults(found.cells, readings)
     assert (fault.cells, fault.kind) == ((2,), "gain")
     assert "% more than when it was calibrated" in fault.text
+
+
+def test_a_plate_that_is_pulled_or_hangs_is_warned_of() -> None:
+    plate = Plate.drawn(np.random.default_rng(4))
+    cells = calibrated(plate, known=True).cells
+    run = plate_run(plate, np.random.default_rng(5), np.linspace(2.0, 15.0, 20), 0.0)
+    hangs = np.where(run.time[:, None] < run.time[200], run.voltages, run.voltages[200])
+    warned = [(run.voltages, ""), (-run.voltages, "pull at the plate"), (hangs, "readings repeat from")]
+    for voltages, words in warned:
+        array = LoadCellArray(cells, zero=Zero(voltages[:45].mean(axis=0)))
+        array.measure(Recording(run.time, {VOLTAGE: voltages}))
+        said = [each for each in array.warnings() if "no zero" not in each]
+        assert (words in " ".join(said)) if words else not said
 
 
 @pytest.mark.parametrize("count", [3, 4, 6])

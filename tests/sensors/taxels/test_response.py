@@ -215,6 +215,11 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
         identify_response(body, recording, replace(known, force=-truth.force))
     with pytest.raises(InputError, match=r"from the nearest taxel.*in m, in the surface's frame"):
         identify_response(body, recording, replace(known, point=truth.place + 0.1 * np.eye(3)[0]))
+    with pytest.raises(NotIdentifiable, match="no shear in some direction"):
+        identify_response(body, recording, replace(known, force=truth.force * [0.0, 1.0, 1.0]))
+    for wrong in (replace(known, time=known.time + 0.3), replace(known, point=truth.place[:, [1, 0, 2]])):
+        with pytest.raises(NotIdentifiable, match=r"do not follow the true points and forces.*order of the taxels"):
+            identify_response(body, recording, wrong)
 
 
 @pytest.mark.parametrize("known", [(1.5, 0.002, 0.0), (0.5, 0.03, 0.0), (0.7, 0.001, 0.3)])

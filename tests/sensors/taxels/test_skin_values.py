@@ -100,8 +100,12 @@ def test_lost_and_frozen_frames_are_found_wherever_they_are() -> None:
     cells[700:740] = cells[700]
     said = " ".join(_watched(log.time[kept], cells[kept]).warnings())
     assert "frames are missing (14%)" in said
-    assert "frames repeat the one before" in said
+    assert "the readings repeat from 14.00 to 14.78 s" in said
     assert not _watched(log.time, log.channels[CELLS]).warnings()
+    for coarse in (False, True):  # to the end of the log; rest that repeats is no hanging sensor
+        cells = np.round(log.channels[CELLS] / 200.0) if coarse else log.channels[CELLS].copy()
+        cells[150:] = cells[150]
+        assert ("the readings repeat from 3.00" in " ".join(_watched(log.time, cells).warnings())) is not coarse
 
 
 def _watched(time: np.ndarray, cells: np.ndarray) -> TaxelWatch:

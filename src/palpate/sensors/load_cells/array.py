@@ -18,6 +18,7 @@ from palpate.sensors.load_cells.model import LoadCells
 from palpate.sensors.load_cells.zero import Zero, take_zero
 from palpate.signals.filters import Filter
 from palpate.signals.recording import LARGEST, VOLTAGE, Recording
+from palpate.signals.repeats import hung
 from palpate.signals.wrench_sensor import Placement, Tare
 from palpate.signals.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
@@ -29,6 +30,7 @@ RESTART = 5.0  # s without a sample: a sensor that was switched off has another 
 LANES = 8  # outputs of a product are a multiple of it: the compiler adds that many at a time
 KEPT = 20_000  # readings, evenly spread, that are searched for faults
 LIVE = 16  # every 16th live reading is kept for them
+PULLED = 0.1  # of the largest load, and of the samples with a load: more is a sign or a zero that is wrong
 UPPER = np.triu_indices(6)
 
 
@@ -340,14 +342,35 @@ class LoadCellArray:
         return ()
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings, a sentence each: a missing zero, zeros of later starts, a fault of the cells."""
+        """Return warnings, a sentence each: a missing zero, zeros of later starts, a fault, readings that repeat."""
         zero = () if self._known else ("no zero of the cells was taken: the zero of the calibration is used",)
-        return (*zero, *self._doubted, *(fault.text for fault in self.faults()))
+        kept = self._all_kept
+        same = np.append(False, (kept[1:, 1:] == kept[:-1, 1:]).all(axis=1))[: len(kept)]
+        faults = (fault.text for fault in self.faults())
+        return (*zero, *self._doubted, *faults, *hung(kept[:, 0], same), *self._pulled(kept[:, 1:]))
+
+    def _pulled(self, voltages: Float[np.ndarray, "n m"]) -> list[str]:
+        """Return a sentence if loads, voltages less the zero, pull at a plate, which nothing that lies on it does."""
+        if len(self.cells.axes) > 1:
+            return []
+        along = self._inverse[:3].sum(axis=0)  # the axis of the cells; forces along the others are 0
+        force: np.ndarray = voltages @ along
+        noise = float(np.sqrt(along @ self.cells.noise @ along))
+        least = max(PULLED * float(np.abs(force).max(initial=0.0)), 10.0 * noise)
+        loaded: np.ndarray = force[np.abs(force) > least]
+        share = float(np.mean(loaded > 0)) if len(loaded) else 0.0
+        what = f"{share:.0%} of the loads pull at the plate: the voltages have another sign than in the calibration, or"
+        return [f"{what} the zero was taken with a weight on it"] if share > PULLED else []
 
     def faults(self) -> list[CellFault]:
         """Return a list of at most one `CellFault`, from a part of the readings so far; [] where the cells agree."""
-        kept = np.concatenate(self._kept) if self._kept else np.empty((0, 1 + len(self.live_inputs)))
+        kept = self._all_kept
         return find_faults(self.cells, kept[:, 1:], self.sound, self.names, kept[:, 0])
+
+    @property
+    def _all_kept(self) -> Float[np.ndarray, "n _"]:
+        """Times and voltages less the zero of a part of the readings so far."""
+        return np.concatenate(self._kept) if self._kept else np.empty((0, 1 + len(self.live_inputs)))
 
     def _seen_from(self, placement: Placement) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
         """Return the noise's covariances in the surface's frame and the map to that of E w."""

@@ -13,11 +13,12 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95
 from palpate.contact.ground_truth import TrueSamples
+from palpate.errors import NotIdentifiable
 from palpate.sensors.taxels._loads import LEAST_PATCH
 from palpate.sensors.taxels.estimator import SIX, SQUARE, TaxelEstimator
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.model import TaxelBody
-from palpate.sensors.taxels.presses import EACH, EVERY, PRESSED, Presses, axes_at, known_presses
+from palpate.sensors.taxels.presses import EACH, EVERY, FEWEST, PRESSED, Presses, axes_at, known_presses
 from palpate.sensors.taxels.response import AXES, TaxelResponse, coupling_terms, response_terms
 from palpate.signals.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
@@ -32,6 +33,7 @@ _ALIKE = 1e-2  # weight of the mean gains in those of a taxel
 _INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
 FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), np.geomspace(1e-4, 0.3, 24).tolist()
 UNUSUAL = [0.0, *np.geomspace(1e-3, 1.0, 15).tolist()]
+UNLIKE = np.array([0.4, 0.3, 0.3])  # pitches and shares of the force by which medians of errors are off: no response
 CHI2 = (3.841458820694124, CHI2_95, 7.814727903251179)  # 95 % points with one, two and three degrees of freedom
 
 
@@ -49,7 +51,7 @@ def identify_response(
 
     Raises:
         InputError: no readings of this body, or a truth without forces.
-        NotIdentifiable: too few presses, or no frames at rest.
+        NotIdentifiable: too few presses, no frames at rest, no shear, or readings that do not follow the forces.
     """
     pitch = float(np.median(body.spacing))
     presses = known_presses(body, recording, truth, pitch)
@@ -65,6 +67,8 @@ def identify_response(
         parts = _left_out(body, presses, np.array_split(names, PARTS), pitch, False)
     in_turn = np.concatenate([_in_turn(body, recording, *each) for each in parts])
     _, wide, off = _corrected(in_turn, curve)
+    if not (off <= UNLIKE).all():
+        raise _unrelated(f" ({_left_out_text(off, pitch, len(in_turn))})")
     record = {"left_out": _left_out_text(off, pitch, len(in_turn)), **(provenance or {})}
     kept = dict(zip(("widening", "inexact", "unusual"), wide.T, strict=True)) | {"curve": frozen(curve)}
     response, _ = _fitted(body, presses, pitch, bool(sums))
@@ -91,6 +95,15 @@ def _left_out_text(off: Float[np.ndarray, "3"], pitch: float, count: int) -> str
         f"{count} frames, a part at a time predicted from the rest: {1e3 * pitch * off[0]:.2g} mm, {off[1]:.1%} of "
         f"the force along the normal, {off[2]:.1%} across, medians"
     )
+
+
+def _unrelated(figures: str = "") -> NotIdentifiable:
+    """Return the error that readings do not follow the true forces."""
+    what = (
+        f"the readings do not follow the true points and forces{figures}: check the order of the taxels, the axes of "
+        "points and forces, and that log and truth are of one clock."
+    )
+    return NotIdentifiable(what, rank=0, missing=("gains", "shares"))
 
 
 def _fitted(
@@ -285,7 +298,12 @@ def _corrected(
     """Return `TaxelResponse.curve`; `.widening`, `.inexact` and `.unusual` as columns; medians; of rows of `_errors`.
 
     Errors are those of the place [pitches], and of the normal and the tangential force as shares of the force.
+
+    Raises:
+        NotIdentifiable: there are hardly any rows.
     """
+    if len(rows) < FEWEST // 2:
+        raise _unrelated()
     place, fitted, force, shape = rows[:, :2], rows[:, 5:8], rows[:, 17:20], rows[:, 20]
     weight = 1.0 / (np.linalg.norm(force, axis=1) + PRESSED * np.abs(force).max())
     normal, square = fitted[:, 2], (fitted[:, :2] ** 2).sum(axis=1)

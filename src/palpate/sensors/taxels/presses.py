@@ -20,6 +20,7 @@ FEWEST = 40  # presses
 PRESSED, FULL = 0.02, 0.5  # of the largest force, and of the largest of a press, from which frames are used
 EACH, EVERY = 4, 2  # frames of a press, and of those each so many to try
 MOSTLY, BESIDE = 0.8, 2.0  # of the forces that press; pitches to the nearest taxel, at most, of half of the points
+SHEARED = 0.01  # of the force, which the shear across must reach
 STANDS = 10  # frames for which a reading at the end of its range repeats
 LATER, DRIFTS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0), (1.0, 2.0, 5.0, 10.0)  # s to try of `TaxelResponse.late` and `.drift`
 
@@ -86,23 +87,30 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pit
         )
         raise NotIdentifiable(few, rank=len(largest), missing=("gains",))
     point, force = truth.point[row[used]], truth.force[row[used]]
+    _require_places(body, point, pitch, recording.source)
     offset, local = _local(body, point, force, pitch)
-    _require_presses(offset, local, pitch, recording.source)
+    _require_forces(local, recording.source)
     return Presses(press[used], used, (raw - rest)[used], noise, offset, point, local, late, drift, limits)
 
 
-def _require_presses(
-    offset: Float[np.ndarray, "n k 2"], force: Float[np.ndarray, "n 3"], pitch: float, source: str
-) -> None:
-    """Require that the forces press, and that the points lie on the skin."""
+def _require_places(body: TaxelBody, point: Float[np.ndarray, "n 3"], pitch: float, source: str) -> None:
+    """Require that the points lie on the skin."""
+    away = float(np.median(np.linalg.norm(body.positions - point[:, None], axis=2).min(axis=1)))
+    if away > BESIDE * pitch:
+        hint = "State the points in m, in the surface's frame, which is that of the taxels."
+        far = f"the true points lie {1e3 * away:.3g} mm from the nearest taxel (median)."
+        raise InputError(far, where=source, hint=hint)
+
+
+def _require_forces(force: Float[np.ndarray, "n 3"], source: str) -> None:
+    """Require that the forces press, and have shear in all directions."""
     if np.mean(force[:, 2] > 0) < MOSTLY:
         hint = "State the force on the skin, in the surface's frame: change the sign of fx, fy, fz."
         raise InputError("most of the true forces pull at the skin.", where=source, hint=hint)
-    away = float(np.median(np.linalg.norm(offset, axis=2).min(axis=1)))
-    if away > BESIDE:
-        hint = "State the points in m, in the surface's frame, which is that of the taxels."
-        far = f"the true points lie {1e3 * pitch * away:.3g} mm from the nearest taxel (median)."
-        raise InputError(far, where=source, hint=hint)
+    sizes = np.linalg.svd(force, compute_uv=False)
+    if sizes[-1] < SHEARED * sizes[0]:
+        what = "the true forces have no shear in some direction: press sideways in all directions, too."
+        raise NotIdentifiable(what, rank=int(np.count_nonzero(sizes >= SHEARED * sizes[0])), missing=("gains",))
 
 
 def _limits(cells: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "2"]:

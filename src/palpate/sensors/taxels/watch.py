@@ -7,14 +7,15 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.sensors.taxels._kernels import AREA
 from palpate.sensors.taxels.model import TaxelBody
+from palpate.signals.repeats import hung
 
 KEPT = 512  # frames, evenly spread, that show which cells answer together: those of one touch are alike
 SOME = 4  # cells that are compared first
 LOST = 0.01  # of the frames missing
 REGULAR = 0.9  # of the steps that are whole multiples of the usual one, within
 NEAR = 0.25  # of it, where no frame is missing in steps of more than
+FEWEST = 10  # steps that show the usual one
 GAP = 5  # of it, which are gaps
-SHORTEST, LONGER = 10, 20.0  # frames that repeat, and times the usual number of such frames
 CORNERS = 4  # touches of a frame from which one may be a ghost
 ALIGNED = 0.7  # cells by which corners of a rectangle are off
 WEAKER = 0.9  # of the weakest of the other corners
@@ -105,7 +106,7 @@ class TaxelWatch:
         if not self._times:
             return []
         time = np.concatenate(self._times)
-        known = [*self._ended(), *_lost(time), *_frozen(time, np.concatenate(self._same))]
+        known = [*self._ended(), *_lost(time), *hung(time, np.concatenate(self._same))]
         return [*known, *self._ghost(), *_endless(time, self.free)]
 
     def _look_for_ghosts(self, time: float, rows: Float[np.ndarray, "c width"]) -> None:
@@ -152,7 +153,7 @@ def _lost(time: Float[np.ndarray, " n"]) -> list[str]:
     """Return a sentence if steps of several times the usual one show that frames are missing."""
     steps = np.diff(time[np.isfinite(time)])
     steps = steps[steps > 0]
-    usual = float(np.median(steps)) if len(steps) > SHORTEST else np.inf
+    usual = float(np.median(steps)) if len(steps) > FEWEST else np.inf
     steps = steps[steps < (GAP + 0.5) * usual] / usual
     missing = np.rint(steps) - 1
     if not len(steps) or np.mean(np.abs(steps - np.rint(steps)) < NEAR) < REGULAR:
@@ -160,20 +161,6 @@ def _lost(time: Float[np.ndarray, " n"]) -> list[str]:
     lost = int(missing.sum())
     share = lost / (len(time) + lost)
     return [f"{lost:,} of {len(time) + lost:,} frames are missing ({share:.0%})"] if share > LOST else []
-
-
-def _frozen(time: Float[np.ndarray, " n"], same: Bool[np.ndarray, " n"]) -> list[str]:
-    """Return a sentence if frames repeat for far longer than is usual in this log."""
-    starts = np.flatnonzero(~same)
-    runs = np.diff(np.append(starts, len(same)))
-    if len(runs) < SHORTEST:
-        return []
-    frozen = np.flatnonzero(runs > max(SHORTEST, LONGER * float(np.median(runs))))
-    if not len(frozen) or len(runs) < 0.5 * len(same):
-        return []
-    begun, count = starts[frozen[0]], int((runs[frozen] - 1).sum())
-    last = f" to {time[begun + runs[frozen[0]] - 1]:.2f} s" if len(frozen) == 1 else f" s on, {len(frozen)} times"
-    return [f"{count:,} frames repeat the one before, from {time[begun]:.2f}{last}: the sensor or its reader hung"]
 
 
 def _endless(time: Float[np.ndarray, " n"], free: Bool[np.ndarray, " n"]) -> list[str]:
