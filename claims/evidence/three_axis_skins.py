@@ -58,7 +58,7 @@ class Errors:
 
 def rows(small: bool) -> Iterator[Row]:
     """Force, place, certainty, torque and two touches of each kind and size of skin."""
-    units, presses, touches = (1, 60, 25) if small else (6, 240, 75)  # touches of a unit share its calibration
+    units, presses, touches = (1, 60, 25) if small else (6, 240, 150)  # touches of a unit share its calibration
     for name, make in SKINS.items():
         for size in SIZES[: 1 if small else None]:
             skins = [make(*size, unit) for unit in range(units)]
@@ -67,7 +67,7 @@ def rows(small: bool) -> Iterator[Row]:
             yield from _single(of, trained, touches, small)
             yield from _twisted(of, trained, touches)
             yield _pairs(of, trained, touches, small)
-    yield _fused(presses, 25 if small else 150, small)
+    yield _fused(presses, touches, small)
     yield _fast(small)
 
 
