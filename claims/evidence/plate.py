@@ -118,16 +118,17 @@ def _named(count: int) -> Iterator[Row]:
     sound = [trial(4, True, number, (1.0, 15.0)) for number in range(count)]
     before = [trial(4, True, number, spoiled=(OFF, 1.0)) for number in range(count)]
     after = [trial(4, True, number, (1.0, 15.0), spoiled=(1.0, OFF)) for number in range(count)]
-    bound = NormalDist().inv_cdf(1.0 - NAMED / 8)  # of the largest of four differences
-    possible = NormalDist().cdf((OFF - 1.0) / (TOLERANCE * np.sqrt(4 / 3)) - bound)
-    most = f"; {possible:.0%} can be, where one of {1 / NAMED:.0f} sound plates is named and cells differ by 1 %"
+    cells, usual = 4, NormalDist()
+    bound = -usual.inv_cdf(0.5 * NAMED / cells)  # of the largest of as many differences, each with the others' mean
+    possible = usual.cdf((OFF - 1.0) / (TOLERANCE * np.sqrt(cells / (cells - 1))) - bound)
+    limit = f"; {possible:.0%} can be, where one of {1 / NAMED:.0f} sound plates is named and cells differ by 1 %"
     shares = (
-        ("when it is calibrated", [set(each.found.odd) == {1} for each in before], most),
+        ("when it is calibrated", [set(each.found.odd) == {1} for each in before], limit),
         ("by touches after the calibration", [_faulty(each) == (1,) for each in after], ""),
     )
-    for when, right, most in shares:
+    for when, right, possibly in shares:
         share = float(np.mean(right))
-        got = f"{share:.0%} of {count}{most}"
+        got = f"{share:.0%} of {count}{possibly}"
         yield Row(f"one of 4 cells 5 % off, {when}: named", ">= 95 %", got, share >= 0.95)
     false = sum(bool(each.found.odd) + bool(_faulty(each)) for each in sound)
     yield Row("sound cells: one named", "0", f"{false} of {count}", false == 0)

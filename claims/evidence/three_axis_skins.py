@@ -173,7 +173,12 @@ def _pairs(of: str, trained: list[tuple[ThreeAxisSkin, TaxelEstimator]], touches
     both, alike = np.array(found_both), np.array(uneven) < np.log(3.0)
     share, of_alike = both.mean(), f"{both[alike].mean():.1%} of the {alike.sum()}"
     got = f"{share:.1%} of {len(both)}; {of_alike} whose forces differ less than 3-fold"
-    return Row(f"two touches 2 to 3 pitches apart found as two, {of}", ">= 95 %", got, None if small else share >= 0.95)
+    return Row(
+        f"two touches with 2 to 3 pitches between them found as two, {of}",
+        ">= 95 %",
+        got,
+        None if small else share >= 0.95,
+    )
 
 
 def _fused(presses: int, touches: int, small: bool) -> Row:

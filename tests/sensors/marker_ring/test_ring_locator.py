@@ -118,6 +118,7 @@ def test_two_and_three_contacts_are_told_apart(response: RingResponse) -> None:
 
 
 def test_two_tips_are_not_one_contact_wider_than_any_of_the_calibration(response: RingResponse) -> None:
+    """Where the misfit is so large that no single marker shows the second: widths of the calibration do."""
     unsure = replace(response, misfit=5.0 * response.misfit, usual=response.usual * [1.0, 0.55, 1.0])
     pressed = barrel().press([tip(3.0, 0.006), tip(3.0 + np.radians(30.0), 0.006)])
     assert _located(unsure, moved(pressed, np.random.default_rng(1))[None]).counts.tolist() == [2]
