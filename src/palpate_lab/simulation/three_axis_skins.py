@@ -25,6 +25,7 @@ EARTH, TURN = (20e-6, 45e-6), 0.02  # T: along x and across it; rad/s by which t
 STIFFNESS, TWICE, BENDING = 2.5e3, 3e-3, 1e3  # of a pillar: N/m, of which there is twice at a compression [m]; N/m
 FRICTION = 1.2  # between a tip and a pillar
 COUNTS_PER_TESLA, COUNTS_PER_NEWTON, NOISE = 1e6, 1e3, 4.0  # about 1e4 counts by 10 N; noise in counts
+FADES, CREEPS = 1.2e-3, 10.0  # by a kelvin: share of what a sensor measures (neodymium magnets); counts at rest
 _LATE, _SETTLE = 0.025, 0.5  # share of a reading that follows late, and the time [s] that it takes
 _SPREAD, _TILT, _CROSSTALK = 0.05, 0.035, 0.015  # of gains, of axes [rad]; share of a neighbour in a reading
 _OFFSET = 1e-4  # m: of a magnet from its place
@@ -52,10 +53,15 @@ class ThreeAxisSkin:
     mixing: Float[np.ndarray, "k k"]
     mechanics: _Mechanics
 
-    def readings(self, loads: Loads, seed: int) -> tuple[Float[np.ndarray, "n k 3"], Loads]:
-        """Return whole counts (n, k, 3), and the loads with the resultant and centre that act in truth."""
+    def readings(self, loads: Loads, seed: int, warms: float = 0.0) -> tuple[Float[np.ndarray, "n k 3"], Loads]:
+        """Return whole counts (n, k, 3), and the loads with the resultant and centre that act in truth.
+
+        The skin `warms` by so many kelvin, evenly from the first frame to the last.
+        """
         values, truth = self.mechanics(self.positions, loads)
         felt: np.ndarray = np.einsum("iab,nib->nia", self.gains, self.mixing @ _late(values))
+        warmth = warms * np.linspace(0.0, 1.0, len(felt))[:, None, None]
+        felt = (1.0 - FADES * warmth) * felt + CREEPS * warmth
         return np.rint(felt + NOISE * np.random.default_rng(seed).standard_normal(felt.shape)), truth
 
 

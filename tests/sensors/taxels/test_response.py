@@ -200,7 +200,12 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     assert "left_out" in found.provenance
     assert found.late[:2] == pytest.approx([0.5, 0.025], rel=0.1)  # the laboratory's, of which it knows nothing
     assert np.isinf(found.limits).all()
-    if not sums:
+    if not sums:  # a force on a pillar shows at no other, in whichever order they are
+        orders = {"right": cells, "taxels": cells[:, ::-1], "axes": cells[..., [1, 0, 2]], "sign": cells * [-1, 1, 1]}
+        for name, order in orders.items():
+            estimator = TaxelEstimator(replace(body, response=found))
+            list(estimator.answers([replace(recording, channels={CELLS: order})]))
+            assert ("order of the taxels" in estimator.unbelievable) == (name != "right")
         return  # the end of a range and wrong truths have nothing to do with the kind of skin
     end = 0.7 * cells.max()
     clipped = replace(recording, channels={CELLS: np.minimum(cells, end)})

@@ -35,6 +35,7 @@ from palpate.sensors.taxels._rest import (
     FADING,
     FORCE,
     GOOD,
+    HARD,
     HELD,
     LABEL,
     LAST,
@@ -42,6 +43,7 @@ from palpate.sensors.taxels._rest import (
     LIMIT,
     LIVE,
     LOAD,
+    MISFITS,
     NOISE,
     OWN,
     PARENT,
@@ -76,6 +78,7 @@ AREA = 22  # where the numbers behind a row of an estimate begin
 NO_CONTACT, SATURATED, INVALID = 2, 6, 7  # palpate.contact.estimate.Status
 _ROUNDS = 8  # of expectation maximisation
 _NARROW = 0.12  # squared cells: no contact is seen narrower than its cell
+_HARD = 10.0  # thresholds of a hard touch
 # what the edges of cells make of a centroid, in cells: see `_narrow`
 _SMALLER = 1.0 / 3.0  # mean of (1 - w)^2 over all widths w of touches narrower than a cell
 # the others are measured on discs without noise, Hertz's and flat
@@ -584,12 +587,23 @@ def _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours
         z[k] = above / _deviation(noise[k] * scale, variance[k])
         force[k] = _force(above, tables[which[k]], gaps[which[k]])
         label[k] = 0
-        for a in range(2 if len(sideways) > 0 else 0):
-            numbers[LOAD + a, k] = sideways[a * len(raw) + k] - numbers[SIDEWAYS + a, k] if live[k] else 0.0
+    for k in range(len(sideways)):
+        a, j = k // len(raw), k % len(raw)
+        numbers[LOAD + a, j] = sideways[k] - numbers[SIDEWAYS + a, j] if live[j] else 0.0
     if len(coupling) > 0:
         _couple(neighbours, coupling, numbers, live)
     if lacking:
         _fill(z, force, live, neighbours, between)
+
+
+@uncounted
+def _follow_three(drift, value, rows, place, model, numbers, whole):
+    """Let baselines of three axes follow the readings of taxels that feel none of the contacts in `rows`."""
+    for k in range(len(value)):
+        if whole[LABEL, k] == 0 and whole[LIVE, k] and not feels(k, rows, place, model):
+            numbers[BASELINE, k] += drift * (value[k] - numbers[BASELINE, k])
+            for a in range(2):
+                numbers[SIDEWAYS + a, k] += drift * numbers[LOAD + a, k]
 
 
 @uncounted
@@ -637,6 +651,9 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
                 origins[part] = int(parts[part, 4])
             fitted = (scale, place, numbers, whole, model, touches, unsure)
             cost = fit_forces(cells, end, origins, number, *fitted)
+            if z[origin] > _HARD * on:
+                clock[HARD] += 1.0
+                clock[MISFITS] += np.log(cost / (3 * end) + 1e-9)
             if number == 1 and cost > UNEXPLAINED:
                 far = _rim(name, end, live, neighbours, steps, label, at, cells)
                 _errors(cells, count, far, scale, curves, settings, value, numbers, whole)
@@ -667,11 +684,12 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
             if found < most and _measure(cells, count, end, shares[part], fits[part], raw, value, numbers, sign,
                                          place, origin, model, touches[part], unsure[part], out[found]):  # fmt: skip
                 found += 1
-    for k in range(len(raw)):
-        if label[k] == 0 and live[k] and not feels(k, out[:found], place, model):
-            baseline[k] += drift * (value[k] - baseline[k])
-            for a in range(2 if len(sideways) > 0 else 0):
-                numbers[SIDEWAYS + a, k] += drift * numbers[LOAD + a, k]
+    if len(model) > 0:
+        _follow_three(drift, value, out[:found], place, model, numbers, whole)
+    else:
+        for k in range(len(raw)):
+            if label[k] == 0 and live[k]:
+                baseline[k] += drift * (value[k] - baseline[k])
     if name > 0 or clock[FADING] > 0.0:
         recover(passed, off, recovers, value, sideways, numbers, whole, clock)
     clock[TOUCHES] += found > 0
@@ -755,7 +773,7 @@ def prepare(raw, sideways, rest, neighbours, turn, numbers, whole, values, statu
     """
     time n, raw n m, sideways n o, model u, values out k v, status out int8 k, left out w, place (3 m 3, 2 m, a b 6,
     int, c 3 3), table (int64 m d, m d 2, int64 m d 2, int, i d 3 3), curves (e 2048, e), settings 13*float,
-    smoothing (out f 6, out f 2, out g, float, out 2, out h p, out q), clock out 11, zeros (out 11 m, out 11 3, out 2),
+    smoothing (out f 6, out f 2, out g, float, out 2, out h p, out q), clock out 13, zeros (out 11 m, out 11 3, out 2),
     numbers out 25 m, whole out int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n,
     forces out t m
     """

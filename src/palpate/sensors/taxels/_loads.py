@@ -244,7 +244,7 @@ def is_faint(origin, place, force, model):
 @uncounted
 def feels(k, out, place, model, reach=_AROUND):
     """Return whether a taxel with three axes lies around a contact: it may pull or shear without being pressed."""
-    for row in range(len(out) if len(model) > 0 else 0):
+    for row in range(len(out)):
         square = 0.0
         for c in range(3):
             square += (place[0][0, k, c] - out[row, c]) ** 2

@@ -20,8 +20,9 @@ GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, TOUCHED, WHOLE = 0, 1, 
 # that jumped and the time of the last, share of cells above rest less those below in the last frame, largest share of a
 # touch that remained and its cell
 LATEST, UNUSED, STILL, JUMPS, JUMPED, SIDE, REMAINS, WHERE = 0, 1, 2, 3, 4, 5, 6, 7
-# frames far below rest without a touch, frames with a touch, and cells whose touch has not faded yet
-FALLEN, TOUCHES, FADING, CLOCK = 8, 9, 10, 11
+# frames far below rest without a touch, frames with a touch, cells whose touch has not faded yet; of taxels with
+# three axes areas that are pressed hard, and the sum of the logarithms of their mean squares of misfits
+FALLEN, TOUCHES, FADING, HARD, MISFITS, CLOCK = 8, 9, 10, 11, 12, 13
 _SETTLES = 10  # frames without motion whose mean is a new zero
 _BOTH, _MOST = 0.2, 0.75  # of the cells above rest and as many below, and off it in all: no touch does that
 _ALL, _NONE = 0.9, 0.1  # of the cells that step together in one frame, and that were off their rest before it

@@ -65,12 +65,14 @@ def identify_response(
     curve, parts = found[sums][0], alike[sums]
     if not sums:  # taxels that bear all of a force know no tips
         parts = _left_out(body, presses, np.array_split(names, PARTS), pitch, False)
-    in_turn = np.concatenate([_in_turn(body, recording, *each) for each in parts])
+    rows, misfits = zip(*(_in_turn(body, recording, *each) for each in parts), strict=True)
+    in_turn = np.concatenate(rows)
     _, wide, off = _corrected(in_turn, curve)
     if not (off <= UNLIKE).all():
         raise _unrelated(f" ({_left_out_text(off, pitch, len(in_turn))})")
     record = {"left_out": _left_out_text(off, pitch, len(in_turn)), **(provenance or {})}
     kept = dict(zip(("widening", "inexact", "unusual"), wide.T, strict=True)) | {"curve": frozen(curve)}
+    kept["usual"] = float(np.mean(misfits))
     response, _ = _fitted(body, presses, pitch, bool(sums))
     return replace(response, **kept, provenance=record, notes=(f"{len(names)} presses",))
 
@@ -261,15 +263,18 @@ def _alone(body: TaxelBody, presses: Presses, response: TaxelResponse) -> Float[
 
 def _in_turn(
     body: TaxelBody, recording: Recording, presses: Presses, response: TaxelResponse
-) -> Float[np.ndarray, "n 21"]:
-    """Return the errors on presses in the recording as it ran, where what earlier presses left behind counts."""
+) -> tuple[Float[np.ndarray, "n 21"], float]:
+    """Return the errors on presses in the recording as it ran, where what earlier presses left behind counts.
+
+    And the mean square of their misfits.
+    """
     estimator = TaxelEstimator(replace(body, response=response, bits=None))
     found = estimator.run(recording)
     rows = [
         _errors(body, found, np.flatnonzero((found.sample == frame) & found.located), presses, i, response.pitch)
         for i, frame in enumerate(presses.frame.tolist())
     ]
-    return np.concatenate(rows)
+    return np.concatenate(rows), estimator.misfit
 
 
 def _errors(
@@ -357,6 +362,9 @@ def _widening(
 
 
 def _excess(error: Float[np.ndarray, "n d"], covariance: Float[np.ndarray, "n d d"]) -> float:
-    """Return the factor of standard deviations with which 95 % of errors lie within their 95 % bounds."""
+    """Return the factor of standard deviations with which 95 % of errors lie within their 95 % bounds.
+
+    The quantile is that which a further press exceeds in 5 % (conformal prediction), of presses with `EACH` rows.
+    """
     off = np.sum(error * _solved(covariance, error[..., None])[..., 0], axis=1)
-    return sqrt(float(np.quantile(off, 0.95)) / CHI2[len(error.T) - 1])
+    return sqrt(float(np.quantile(off, min(1.0, 0.95 * (1.0 + EACH / len(off))))) / CHI2[len(error.T) - 1])

@@ -42,6 +42,7 @@ pitches], or the root of the sum of squared loads over the force, if that is the
 SQUARE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # where the nine numbers of a covariance are among its six
 _One = tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...], tuple[np.ndarray, np.ndarray] | None]
 """Time, readings and number of rows of one frame, which are written; its usual shape; views of its loads."""
+UNLIKE = 5.0  # times the misfits of the presses: touches have up to 2, wrong orders 9 or more
 HEAD = 2048  # frames from which rest, noise and faults are taken
 _ROWS = 1024  # of a piece of answers
 
@@ -141,6 +142,11 @@ class TaxelEstimator(ContactEstimator):
         """Return the index of each cell's area in the last frame (`body.shape`), from 1; 0: none, negative: its rim."""
         return self._frames.label.reshape(self.body.shape)
 
+    @property
+    def misfit(self) -> float:
+        """Return the mean square of the misfits of hard touches' loads so far, of taxels with three axes; else NaN."""
+        return self._frames.misfit
+
     def tare(self, recording: Recording) -> Tare:
         """Take each cell's mean reading in a recording as its baseline from now on; return a `Tare`.
 
@@ -219,6 +225,12 @@ class TaxelEstimator(ContactEstimator):
     @property
     def unbelievable(self) -> str:
         """Return the sentence that no touch of a log can be believed; "" if some can."""
+        if self.body.response is not None and self.misfit > UNLIKE * self.body.response.usual:
+            return (
+                "no result to trust: the loads of most touches differ from those of a force by far more than in the "
+                "calibration: correct the order of the taxels or of their axes in [skin], unless the touches are much "
+                "wider than the tips of the calibration"
+            )
         known, health = (self._watch.loads, self._watch.free, self._frames.touches, self.body), self.health
         return "" if health is None else unbelievable_touches(*known, health)
 
@@ -275,7 +287,7 @@ class TaxelEstimator(ContactEstimator):
             head.append(block)
             count += len(block)
         if count:
-            cells = np.concatenate([self.body.readings(block) for block in head])
+            cells = np.concatenate([self.body.raw(block) for block in head])
             time = np.concatenate([block.time for block in head])
             self.look(Recording(time, {CELLS: cells}, source=head[0].source))
         return chain(head, blocks)

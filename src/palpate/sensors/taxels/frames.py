@@ -157,6 +157,12 @@ class TaxelFrames:
         return int(self._tracks[1][0]) - 1
 
     @property
+    def misfit(self) -> float:
+        """Return what `TaxelEstimator.misfit` does, a geometric mean over hard touches; NaN of few."""
+        hard, misfits = self._clock[[_rest.HARD, _rest.MISFITS]].tolist()
+        return float(np.exp(misfits / hard)) if hard >= FEW else np.nan
+
+    @property
     def force(self) -> Float[np.ndarray, " k"]:
         """Return each cell's force (k,) [N] in the last frame, a view."""
         return self._numbers[_rest.FORCE]
