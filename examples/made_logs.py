@@ -79,7 +79,8 @@ def xela() -> None:
         names = [f"{axis}{k}" for k in range(1, 17) for axis in "XYZ"]
         frames = dict(zip(names, counts.reshape(len(counts), -1).T, strict=True))
         pl.DataFrame({"time": np.arange(len(counts)) / RATE} | frames).write_csv(log, float_precision=2)
-        acted = np.column_stack([loads.frame / RATE, loads.place, loads.force])[loads.full]
+        acted = np.column_stack([loads.frame / RATE, loads.place, loads.force])
+        acted = acted if log == "presses.csv" else acted[loads.full]
         pl.DataFrame(acted, schema=["time", "px", "py", "pz", "fx", "fy", "fz"]).write_csv(truth)
 
 

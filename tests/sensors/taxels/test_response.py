@@ -222,8 +222,11 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
         identify_response(body, recording, replace(known, point=truth.place + 0.1 * np.eye(3)[0]))
     with pytest.raises(NotIdentifiable, match="no shear in some direction"):
         identify_response(body, recording, replace(known, force=truth.force * [0.0, 1.0, 1.0]))
-    for wrong in (replace(known, time=known.time + 0.3), replace(known, point=truth.place[:, [1, 0, 2]])):
-        with pytest.raises(NotIdentifiable, match=r"do not follow the true points and forces.*order of the taxels"):
+    with pytest.raises(NotIdentifiable, match=r"do not follow the true points and forces.*order of the taxels"):
+        identify_response(body, recording, replace(known, point=truth.place[:, [1, 0, 2]]))
+    steady = TrueSamples(known.time[truth.full], truth.place[truth.full], force=truth.force[truth.full])
+    for wrong in (replace(known, time=known.time + 0.3), steady):
+        with pytest.raises(InputError, match=r"readings move in \d+% of.*as it rises and falls, too, on the clock"):
             identify_response(body, recording, wrong)
 
 

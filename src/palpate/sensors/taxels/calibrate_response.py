@@ -129,7 +129,8 @@ def _fitted(
     loads: np.ndarray = terms.reshape(count, taxels, AXES, -1) @ shares.ravel()
     gains = _summed_gains(presses, weight[:, 0, 0]) if sums else guess.gains
     for turn in range(ROUNDS):
-        gains = gains if sums else _gains(weight * (loads - coupled), weight * readings)
+        alike = 1.0 if turn == 0 else _ALIKE  # the spread is a guess
+        gains = gains if sums else _gains(weight * (loads - coupled), weight * readings, alike)
         felt: np.ndarray = np.einsum("kab,nkb->nka", gains, readings)
         if not sums:
             ways = np.matmul(felt[:, body.neighbours].reshape(count, taxels, 1, -1), between)
@@ -148,7 +149,7 @@ def _fitted(
         scale = float(total @ press) / float(press @ press)
         if not sums:
             shares, loads = shares / scale, loads / scale
-    gains = gains if sums else _gains(weight * (loads - coupled), weight * readings)
+    gains = gains if sums else _gains(weight * (loads - coupled), weight * readings, _ALIKE)
     felt = np.einsum("kab,nkb->nka", gains, readings) + coupled
     peak = np.abs(loads).max(axis=(1, 2))
     misfit = _misfit((felt - loads) / peak[:, None, None], felt / peak[:, None, None])
@@ -199,11 +200,13 @@ def _inside(body: TaxelBody, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray
     return inside if np.count_nonzero(inside) >= EACH else np.ones(len(point), dtype=bool)
 
 
-def _gains(loads: Float[np.ndarray, "n k 3"], readings: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "k 3 3"]:
+def _gains(
+    loads: Float[np.ndarray, "n k 3"], readings: Float[np.ndarray, "n k 3"], alike: float
+) -> Float[np.ndarray, "k 3 3"]:
     """Return the gains (k, 3, 3) from readings to loads, those of each taxel near the mean where it tells little."""
     square = np.asarray(np.einsum("nka,nkb->kab", loads, loads))
     across = np.asarray(np.einsum("nka,nkb->kab", readings, loads))
-    weight = _ALIKE * np.mean(square, axis=0)
+    weight = alike * np.mean(square, axis=0)
     usual = _solved(np.sum(square, axis=0), np.sum(across, axis=0).T).T
     reads = np.swapaxes(_solved(square + weight, np.swapaxes(across + usual @ weight, 1, 2)), 1, 2)
     return np.linalg.inv(reads)

@@ -21,6 +21,7 @@ PRESSED, FULL = 0.02, 0.5  # of the largest force, and of the largest of a press
 EACH, EVERY = 4, 2  # frames of a press, and of those each so many to try
 MOSTLY, BESIDE = 0.8, 2.0  # of the forces that press; pitches to the nearest taxel, at most, of half of the points
 SHEARED = 0.01  # of the force, which the shear across must reach
+MOVES, OFTEN = 0.1, 0.2  # of what readings do under a force, and of the frames for which none is stated
 STANDS = 10  # frames for which a reading at the end of its range repeats
 LATER, DRIFTS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0), (1.0, 2.0, 5.0, 10.0)  # s to try of `TaxelResponse.late` and `.drift`
 
@@ -74,6 +75,7 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pit
         raise NotIdentifiable("there must be frames with a force, and frames with none.", rank=0, missing=("rest",))
     late, raw = _late(time, raw, free)
     rest, noise = _rests(time, raw, free)
+    _require_rest(np.abs(raw - rest).max(axis=(1, 2)), free, recording.source)
     drift = _drift(step, raw / noise, rest / noise, free)
     largest = np.zeros(press.max() + 1)
     np.maximum.at(largest, press[pressed], size[pressed])
@@ -91,6 +93,14 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pit
     offset, local = _local(body, point, force, pitch)
     _require_forces(local, recording.source)
     return Presses(press[used], used, (raw - rest)[used], noise, offset, point, local, late, drift, limits)
+
+
+def _require_rest(moved: Float[np.ndarray, " n"], free: Bool[np.ndarray, " n"], source: str) -> None:
+    """Require that readings, which have moved so far from their rest, do so only where a force is stated."""
+    share = float(np.mean(moved[free] > MOVES * np.median(moved[~free])))
+    if share > OFTEN:
+        hint = "State the force as it rises and falls, too, on the clock of the log."
+        raise InputError(f"readings move in {share:.0%} of the frames without a true force.", where=source, hint=hint)
 
 
 def _require_places(body: TaxelBody, point: Float[np.ndarray, "n 3"], pitch: float, source: str) -> None:
