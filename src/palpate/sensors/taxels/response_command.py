@@ -32,9 +32,8 @@ class CalibrateResponse(Calibration):
         log: of the skin.
         output: response.toml to write.
         rig: TOML with the [skin], its places and axes.
-        truth: CSV with time, px, py, pz, fx, fy, fz: point and force on the skin, in the surface's frame, while
-            any force acts; or the
-            contacts that a force/torque sensor below the skin gives (palpate estimate).
+        truth: CSV with time, px, py, pz, fx, fy, fz: point and force on the skin, in the surface's frame, while any
+            force acts; or the contacts that a force/torque sensor below the skin gives (palpate estimate).
     """
 
     log: Log
