@@ -55,7 +55,8 @@ class RingResponse(Value):
         grip: t up to which it was calibrated; 0: none is known.
         dragged: (3,) share of presses that were dragged, and standard deviations of t of the others and of those;
             share 0: all are of one kind.
-        carried: angle per newton of shear by which a contact carries the skin under it along [rad/N].
+        carried: (2,) angle by which a contact carries the skin under it along: per newton of shear [rad/N], and per
+            newton of shear times depth / F [rad/m].
         sheared: (4,) what a shear as large as the force adds: standard deviations of angle [rad], of force and shear,
             as shares of the force, and a multiple of the misfit.
         left_out: (4,) rms error and expected error of the angle [rad], then of the force, as shares of it, on presses
@@ -74,7 +75,7 @@ class RingResponse(Value):
     grip: float = 0.0
     dragged: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     left_out: Float[np.ndarray, "4"] = field(default_factory=lambda: np.full(4, np.nan))
-    carried: float = 0.0
+    carried: Float[np.ndarray, "2"] = field(default_factory=lambda: np.zeros(2))
     sheared: Float[np.ndarray, "4"] = field(default_factory=lambda: np.zeros(4))
 
     def __post_init__(self) -> None:
@@ -103,7 +104,7 @@ class RingResponse(Value):
                 f"last, not {self.dragged}."
             )
         tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,), "usual": (3,)}
-        for name, tail in (tails | {"dragged": (3,), "left_out": (4,), "sheared": (4,)}).items():
+        for name, tail in (tails | {"dragged": (3,), "left_out": (4,), "sheared": (4,), "carried": (2,)}).items():
             object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
 
     @property

@@ -166,9 +166,10 @@ def _pressed(response: RingResponse, found: np.ndarray, others: bool) -> np.ndar
     """
     start = found.copy()
     for _ in range(20):
-        depth = start[:, 1] * (response.width[0] + response.width[1] * start[:, 2])
+        deep = response.width[0] + response.width[1] * start[:, 2]
         along = _dents(response, start)[0] if others else np.zeros(len(start))
-        turn = along / (SKIN[0] - depth) + response.carried * start[:, 1] * start[:, 3]
+        carry = response.carried[0] + response.carried[1] * deep
+        turn = along / (SKIN[0] - start[:, 1] * deep) + carry * start[:, 1] * start[:, 3]
         push = found[:, 1] * np.exp(1j * turn) * (1.0 - 1j * found[:, 3])
         start[:, 0], start[:, 1], start[:, 3] = found[:, 0] - turn, push.real, -push.imag / push.real
     return start
@@ -211,7 +212,7 @@ def test_a_shear_of_two_kinds_is_told_as_its_posterior_summed_up(
     response: RingResponse, depth: float, slide: float
 ) -> None:
     """By quadrature of the mixture, not by formulas of normal distributions; light and heavy, plain and dragged."""
-    none = {"spread": np.zeros(2), "sheared": np.zeros(4), "carried": 0.0}
+    none = {"spread": np.zeros(2), "sheared": np.zeros(4), "carried": np.zeros(2)}
     bare = replace(response, **none, dragged=np.array([0.2, 0.03, 0.35]))
     frame = moved(barrel().press([tip(0.4, depth, slide=slide)]), np.random.default_rng(8))
     wide = replace(bare, dragged=np.zeros(3), usual=np.array([*bare.usual[:2], 0.35]))

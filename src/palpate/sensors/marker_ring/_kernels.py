@@ -459,13 +459,15 @@ def _deviations(state, count, covariance, width, spread, carry, shift):
         beside = spread[0] ** 2 + (t * spread[2]) ** 2 + near * shift**2
         share = spread[1] ** 2 + (t * spread[3]) ** 2 + near * _BESIDE**2
         of_force, of_both, of_width = covariance[at + 1, at + 1], covariance[at + 1, at + 2], covariance[at + 2, at + 2]
-        of_angle = covariance[at, at] + 2.0 * carry * (t * covariance[at, at + 1] + force * covariance[at, at + 3])
+        of_angle = covariance[at, at] + 2.0 * (carry[0] + carry[1] * deep) * (
+            t * covariance[at, at + 1] + force * covariance[at, at + 3]
+        )
         state[c, 5] = np.sqrt(of_force + share * force**2)
         depth = deep * deep * of_force + 2.0 * deep * more * of_both + more * more * of_width
         state[c, 6] = np.sqrt(max(depth, 0.0) + share * (force * deep) ** 2)
         shear = t * t * of_force + 2.0 * t * force * covariance[at + 1, at + 3] + force**2 * covariance[at + 3, at + 3]
         state[c, 8] = np.sqrt(max(shear, 0.0) + (share + (t * spread[4]) ** 2) * force**2)
-        state[c, 4] = np.sqrt(max(of_angle + carry**2 * shear, 0.0) + beside)
+        state[c, 4] = np.sqrt(max(of_angle + (carry[0] + carry[1] * deep) ** 2 * shear, 0.0) + beside)
 
 
 @inner
@@ -500,8 +502,9 @@ def _dents(state, count, which, skin, moved):
 @inner
 def _turn(state, which, along, outer, width, carry):
     """Return by how much the skin under a contact is turned about the axis [rad]: its shear and neighbours move it."""
-    depth = state[which, 1] * (width[0] + state[which, 2] * width[1])
-    return along / (outer - depth) + carry * state[which, 1] * state[which, 3]
+    deep = width[0] + state[which, 2] * width[1]
+    pulled = (carry[0] + carry[1] * deep) * state[which, 3]
+    return along / (outer - state[which, 1] * deep) + state[which, 1] * pulled
 
 
 @inner
@@ -575,7 +578,7 @@ def _widened(held, count, covariance):
 @released(
     """
     displacements n d, markers m, model (a d b, a d b, 4), misfit r q, noise d, settings 5, learned (2, 5, 2 s t
-    u, float, 2, float, float, 3), states out n 6 9, counts out int64 n, left out 7 9, cost out n
+    u, float, 2, float, 2, 3), states out n 6 9, counts out int64 n, left out 7 9, cost out n
     """
 )
 def frames(displacements, markers, model, misfit, noise, settings, learned, states, counts, left, cost):
@@ -647,7 +650,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
 @released(
     """
     pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 4), r q, d, 5, (2, 5, 2 s t u,
-    float, 2, float, float, 3)), states out n 6 9, counts out int64 n, left out 7 9, cost out n, many out int64 n
+    float, 2, float, 2, 3)), states out n 6 9, counts out int64 n, left out 7 9, cost out n, many out int64 n
     """
 )
 def shown(pixels, ring, steps, known, states, counts, left, cost, many):

@@ -141,7 +141,9 @@ MARKER_RING = Model(
                 "dragged": Key(
                     "share of dragged presses, deviations of shear / force of plain and of dragged; 0: one kind"
                 ),
-                "carried": Key("rad/N of shear, by which the skin under a contact is carried along"),
+                "carried": Key(
+                    "rad/N of shear, rad/m: by which the skin under a contact is carried along, see RingResponse"
+                ),
                 "sheared": Key(
                     "rad, shares of the force, a multiple: what a shear as large as the force adds to deviations of "
                     "angle, force and shear, and to the misfit",

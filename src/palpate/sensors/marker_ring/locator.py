@@ -123,7 +123,7 @@ class RingLocator:
         moved = np.zeros((2, 3, 1, 1)) if skin is None else response.skin(*skin)
         outer, grips = (np.inf, np.zeros(2)) if skin is None else (skin[0], np.array([self.grip, most]))
         spread = np.concatenate([response.spread, response.sheared[:3]])
-        learned = (response.width.copy(), spread, moved, outer, grips, usual, response.carried, kinds)
+        learned = (response.width.copy(), spread, moved, outer, grips, usual, response.carried.copy(), kinds)
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))

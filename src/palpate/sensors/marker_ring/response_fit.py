@@ -18,8 +18,10 @@ from palpate.spatial.arguments import frozen_value
 ORDERS = (16, 2)  # of the angle between marker and contact, and of the contact's own angle
 PARTS = 48  # parts of a turn, each with a misfit
 _BLOCK = 256  # presses at once
+_FOLDS = 8  # parts of the presses, each omitted from a fit in turn [Bishop 2006, 1.3]
 _LEAST = 8  # presses that a fit needs
 _PLAIN = 0.02  # of the force: assumed accuracy of a shear gauge next to a ring; a judgement, not measured
+_ROUNDS = 3  # of the search for `carried`
 _TURNS = 200  # of expectation and maximisation
 _STEEPEST = 2.0  # shear / force: that of silicone on anything is below
 _ASTRAY, _WRONG = 0.35, 0.5  # rad, share of force: larger errors on omitted presses mean a wrong truth
@@ -27,6 +29,7 @@ _STEP = 1e-4  # rad, of a numerical derivative
 _SHEAR = 0.15  # usual shear / force where none was calibrated
 _NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the likeliest begins with: of a new kind,
 _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
+_Prior = tuple[float, float, float] | np.ndarray  # what its search begins with, or the coefficients' deviations
 
 
 @frozen_value
@@ -92,8 +95,8 @@ def fit_response(presses: RingPresses, before: RingResponse | None = None) -> Ri
             shear is more than friction allows; or omitted presses are not found with the response of the others.
     """
     _require_presses(presses, before)
-    whole = _fitted(presses, before)
-    judged = replace(whole, **_left_out(presses, before, whole))
+    whole, scales = _fitted(presses, before)
+    judged = replace(whole, **_left_out(presses, before, (whole.carried, scales)))
     angle, _, force, _ = judged.left_out.tolist()
     if not (angle <= _ASTRAY and force <= _WRONG):  # NaN too: hardly one is found
         off = f"found {np.degrees(angle):.0f} degrees and {force:.0%} of their force off"
@@ -129,8 +132,13 @@ def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
         )
 
 
-def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
-    """Return the fitted response, with a misfit and spread of zero."""
+def _fitted(
+    presses: RingPresses, before: RingResponse | None, known: tuple[np.ndarray, Sequence[_Prior]] | None = None
+) -> tuple[RingResponse, Sequence[_Prior]]:
+    """Return the fitted response, with a misfit and spread of zero, and each ring's prior.
+
+    `known`: `carried` and priors of a fit to more presses.
+    """
     if before is None:
         ratio = presses.depth / presses.force
         sheared = bool(np.isfinite(presses.shear).all() and np.ptp(presses.shear / presses.force) > 0.1)
@@ -143,44 +151,51 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
     else:
         start, width = _rescaled(presses, before)
         usual, grip, dragged = before.usual, before.grip, before.dragged
-    carried, coefficients = _carried(presses, start, width, before)
+    first = [_NEW_SKIN if before is None else _NEW_UNIT] * presses.rings
+    carried, priors = known or (np.zeros(2) if before is None else before.carried, first)
+    for _ in range(_ROUNDS if known is None and before is None and len(start) == 4 else 0):
+        carried, priors = _carried(presses, carried, start, width, priors)
+    coefficients, priors = _regressions(_pressed(presses, carried), start, width, _weights(presses), priors)
     largest = np.array([presses.depth.max(), presses.force.max()])
     nothing = np.zeros((2 * presses.rings, PARTS))
-    return RingResponse(coefficients, width, nothing, np.zeros(2), largest, usual, grip, dragged, carried=carried)
+    fitted = RingResponse(coefficients, width, nothing, np.zeros(2), largest, usual, grip, dragged, carried=carried)
+    return fitted, priors
 
 
 def _carried(
-    presses: RingPresses, start: np.ndarray, width: np.ndarray, before: RingResponse | None
-) -> tuple[float, Float[np.ndarray, "b e k m"]]:
-    """Return `carried` and the coefficients of a `RingResponse`.
+    presses: RingPresses, carried: np.ndarray, start: np.ndarray, width: np.ndarray, priors: Sequence[_Prior]
+) -> tuple[Float[np.ndarray, "2"], Sequence[_Prior]]:
+    """Return `carried` of a `RingResponse` after a Gauss-Newton step, and the priors.
 
-    A response is that of the skin which is pressed, and shear carries it along: by an angle per newton that is found
-    from what the fit leaves of dragged presses. The correction is linear in the error: two steps give its limit.
+    A response is that of the pressed part of the skin, which shear carries along: the wall by an angle per newton, and
+    the skin at the contact by one in proportion to its compliance, depth / F; neither is negative. A change of
+    coefficients imitates a part of either motion: the step is fitted to the rest.
     """
+    from scipy.optimize import nnls  # here: it takes a while to import
 
-    def fitted(carried: float) -> tuple[np.ndarray, float]:
-        here = _pressed(presses, carried)
-        each = zip(here.by_ring(), np.split(start, here.rings, axis=1), strict=True)
-        found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
-        coefficients = np.concatenate(found, axis=1)
-        terms = _terms(here, width, len(coefficients))
-        ahead, behind = (_predicted(replace(here, angle=here.angle + e), coefficients, terms) for e in (-_STEP, _STEP))
-        turned = (ahead - behind) / (2.0 * _STEP) * np.nan_to_num(here.shear)[:, None, None]
-        left = np.nan_to_num(here.displacements - 0.5 * (ahead + behind))
-        return coefficients, float((turned * left).sum() / max(float((turned**2).sum()), 1e-300))
+    here, weights = _pressed(presses, carried), _weights(presses)
+    coefficients, priors = _regressions(here, start, width, weights, priors)
+    terms, seen = _terms(here, width, len(coefficients)), np.isfinite(here.displacements)
+    ahead, behind = (_predicted(replace(here, angle=here.angle + e), coefficients, terms) for e in (-_STEP, _STEP))
+    turned = (ahead - behind) / (2.0 * _STEP) * here.shear[:, None, None]
+    ways = [np.where(seen, way, np.nan) for way in (turned, turned * (presses.depth / presses.force)[:, None, None])]
+    fits = [_regressions(replace(here, displacements=way), 0.0 * start, width, weights, priors)[0] for way in ways]
+    rest = [way - _predicted(here, fit, terms) for way, fit in zip(ways, fits, strict=True)]
+    weight = np.repeat(weights, len(here.markers) // here.rings, axis=1)[..., None]
+    across, beyond, left = (
+        np.nan_to_num(weight * np.stack(each)).reshape(len(each), -1)
+        for each in (ways, rest, [here.displacements - 0.5 * (ahead + behind)])
+    )
+    normal = across @ beyond.T
+    root = np.linalg.cholesky(0.5 * (normal + normal.T) + 1e-9 * np.diag(np.diag(normal)))
+    right = np.asarray(np.linalg.solve(root, across @ left[0] + normal @ carried), dtype=np.float64)
+    return nnls(root.T, right)[0], priors
 
-    if before is not None or len(start) < 4:
-        carried = 0.0 if before is None else before.carried
-        return carried, fitted(carried)[0]
-    first = fitted(0.0)[1]
-    carried = first / (1.0 - np.clip(fitted(first)[1] / first, 0.0, 0.9)) if first else 0.0
-    return float(carried), fitted(carried)[0]
 
-
-def _pressed(presses: RingPresses, carried: float) -> RingPresses:
+def _pressed(presses: RingPresses, carried: Float[np.ndarray, "2"]) -> RingPresses:
     """Return the presses at the angles of the skin that they press, their forces in the axes there."""
     shear = np.nan_to_num(presses.shear)
-    turn = carried * shear
+    turn = (carried[0] + carried[1] * presses.depth / presses.force) * shear
     force = presses.force * np.cos(turn) + shear * np.sin(turn)
     along = presses.shear * np.cos(turn) - presses.force * np.sin(turn)
     return replace(presses, angle=presses.angle - turn, force=force, shear=along)
@@ -259,32 +274,53 @@ def _predicted(presses: RingPresses, coefficients: np.ndarray, terms: np.ndarray
     return np.concatenate(found, axis=1)
 
 
-def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, known: bool) -> np.ndarray:
-    """Return one ring's response by ridge regression towards `start`."""
-    shape, usual = start.shape, float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
-    normal, right = _sums(presses, start, width, usual)
-    scale = _most_likely(normal, right, shape, usual, _NEW_UNIT if known else _NEW_SKIN)
+def _weights(presses: RingPresses) -> Float[np.ndarray, "n rings"]:
+    """Return one over the standard deviation of a displacement, by noise and 3 % of a usual one, ring by ring [1/m]."""
+    each = [(np.sqrt(np.mean(own.noise**2)), 0.03 * _per_newton(own) * own.force) for own in presses.by_ring()]
+    return np.stack([1.0 / np.hypot(*both) for both in each], axis=1)
+
+
+def _per_newton(presses: RingPresses) -> float:
+    """Return the rms displacement of a newton [m/N]."""
+    return float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
+
+
+def _regressions(
+    presses: RingPresses, start: np.ndarray, width: np.ndarray, weights: np.ndarray, priors: Sequence[_Prior]
+) -> tuple[Float[np.ndarray, "b e k m"], Sequence[_Prior]]:
+    """Return the response by ridge regression towards `start`, and each ring's prior."""
+    each = zip(presses.by_ring(), np.split(start, presses.rings, axis=1), weights.T, priors, strict=True)
+    both = [_regression(own, begun, width, weight, prior) for own, begun, weight, prior in each]
+    fits, found = zip(*both, strict=True)
+    return np.concatenate(fits, axis=1), found
+
+
+def _regression(
+    presses: RingPresses, start: np.ndarray, width: np.ndarray, weight: np.ndarray, prior: _Prior
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return one ring's response, and its prior; one whose numbers are given is searched for."""
+    shape = start.shape
+    normal, right = _sums(presses, start, width, weight)
+    scale = prior if isinstance(prior, np.ndarray) else _most_likely(normal, right, shape, _per_newton(presses), prior)
     found: np.ndarray = np.linalg.solve(normal + np.diag(scale**-2.0), right)
-    return start + np.moveaxis(found.reshape(shape[0], shape[2], shape[3], 2), 3, 1)
+    return start + np.moveaxis(found.reshape(shape[0], shape[2], shape[3], 2), 3, 1), scale
 
 
 def _sums(
-    presses: RingPresses, start: np.ndarray, width: np.ndarray, usual: float
+    presses: RingPresses, start: np.ndarray, width: np.ndarray, weight: np.ndarray
 ) -> tuple[Float[np.ndarray, "size size"], Float[np.ndarray, "size 2"]]:
     """Return the normal matrix and its right sides for the residuals of `start`."""
     terms, shape = _terms(presses, width, len(start)), start.shape
     size = shape[0] * shape[2] * shape[3]
     normal, right = np.zeros((size, size)), np.zeros((size, 2))
-    noise = float(np.sqrt(np.mean(presses.noise**2)))
     left = presses.displacements - _predicted(presses, start, terms)
     for first in range(0, len(presses), _BLOCK):
         rows = slice(first, first + _BLOCK)
         delta = presses.markers[None, :] - presses.angle[rows, None]
         of_delta, of_phi = ring_basis(delta, shape[2] // 2), ring_basis(presses.angle[rows], shape[3] // 2)
         design = np.einsum("nb,nik,nm->nibkm", terms[rows], of_delta, of_phi, optimize=True)
-        weight = 1.0 / np.sqrt(noise**2 + (0.03 * usual * presses.force[rows]) ** 2)
         seen = np.asarray(np.isfinite(left[rows]).all(axis=2), dtype=bool)
-        scaled = np.where(seen, weight[:, None], 0.0)
+        scaled = np.where(seen, weight[rows, None], 0.0)
         flat = (design * scaled[:, :, None, None, None]).reshape(-1, size)
         normal += flat.T @ flat
         right += flat.T @ (np.where(seen[..., None], left[rows], 0.0) * scaled[..., None]).reshape(-1, 2)
@@ -335,12 +371,14 @@ def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: floa
     return size * np.einsum("b,k,m->bkm", of_term, of_delta, of_phi).reshape(-1)
 
 
-def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResponse) -> dict[str, np.ndarray]:
-    """Return `misfit`, `spread` and `left_out`, from fits to halves of the angles, tested on the others."""
+def _left_out(
+    presses: RingPresses, before: RingResponse | None, whole: tuple[np.ndarray, Sequence[_Prior]]
+) -> dict[str, np.ndarray]:
+    """Return `misfit`, `spread` and `left_out`, from fits that omit a part of the angles, tested on that part."""
     _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
-    folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
-    fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
-    parts = [presses.picked(folds == fold) for fold in (0, 1)]
+    folds = (which if which.max() + 1 >= _FOLDS else np.arange(len(presses))) % _FOLDS
+    fits = [_fitted(presses.picked(folds != fold), before, whole)[0] for fold in range(_FOLDS)]
+    parts = [presses.picked(folds == fold) for fold in range(_FOLDS)]
     misfit, sheared = _misfit(fits, parts, 2 * presses.rings)
     judged = [replace(fit, misfit=misfit, sheared=sheared) for fit in fits]
     every = np.concatenate([_errors(fit, part) for fit, part in zip(judged, parts, strict=True)])
