@@ -17,9 +17,11 @@ from palpate.surfaces.mesh import plane
 from palpate.viewer.captions import MEANING, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
 from palpate.viewer.marker import facing
+from palpate.viewer.robot_layer import RobotLayer
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, prepare, rounded_up
 from palpate.viewer.timeline import Timeline, downsampled, next_of
 from tests.support.pages import BODY, SPREAD, ellipsoid, session, tangents, two_contacts
+from tests.support.robots import rotation
 
 
 @pytest.fixture(scope="module")
@@ -299,3 +301,20 @@ def test_a_body_without_a_mesh_is_as_large_as_its_contacts() -> None:
 def test_nothing_to_show_is_said() -> None:
     with pytest.raises(InputError, match="nothing to show"):
         prepare(ellipsoid(), session()[:0])
+
+
+def test_a_robot_is_drawn_where_its_links_are() -> None:
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    half = np.sqrt(0.5)
+    quaternions = np.array([[[0.0, 0, 0, 1], [0, 0, half, half]]])
+    layer = RobotLayer(
+        {"a": (corners, faces), "b": (corners, faces)}, quaternions, np.array([[[0.0, 0, 0], [5, 0, 0]]]), {}, {}
+    )
+    body = layer.body_at(0)
+    wanted = {tuple(p) for p in np.concatenate([corners, corners @ rotation(np.pi / 2).T + [5, 0, 0]]).round(9) + 0.0}
+    assert {tuple(p) for p in body.vertices.round(9) + 0.0} == wanted
+    assert len(body.faces) == 8
+    facets = body.vertices[body.faces]
+    across = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
+    assert (np.einsum("fi,fki->fk", across, body.normals[body.faces]) > 0).all()
