@@ -1,4 +1,4 @@
-"""Logs of robots that are made in seconds: a simulated hand, and an arm that turns once."""
+"""Logs of robots that are made in seconds: a simulated hand, an arm that turns once, two sensors of an arm."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from claims.evidence.logs_written import write_mcap
+from claims.evidence.robot import KINDS, URDF, WRENCH, joints, wrench
 from palpate.cli import main
 from tests.support.arms import joint
 
@@ -25,6 +27,18 @@ gravity = "fixed"
 kind = "force_torque"
 link = "arm"
 noise = { force = 0.02, torque = 0.001 }
+"""
+STEP, COUNT = 5 * 10**6, 600  # ns between samples, and how many
+OTHER, JOINTS = "/other", "/joint_states"
+SENSOR = """
+[sensors.{name}]
+kind = "force_torque"
+link = "{link}"
+noise = {{ force = 0.02, torque = 0.001 }}
+surface = {{ kind = "sphere", radius = 0.05 }}
+topic = "{topic}"
+estimate = {{ tare = 0.2 }}
+source = {{ kind = "replay", address = "{log}", speed = {speed} }}
 """
 
 
@@ -49,10 +63,33 @@ def turning_arm(folder: Path) -> Path:
     (folder / "robot.toml").write_text(ROBOT)
     rng = np.random.default_rng(1)
     force = np.where(((TIME > 1) & (TIME < 1.5)), -2.0, 0.0) + np.where((TIME > 3) & (TIME < 3.5), -5.0, 0.0)
-    wrench = np.zeros((len(TIME), 6))
-    wrench[:, 2] = force
-    wrench[:, 3:] = np.cross(AT, wrench[:, :3])
-    wrench += rng.normal(size=wrench.shape) * [0.02, 0.02, 0.02, 0.001, 0.001, 0.001]
-    rows = np.column_stack([TIME, wrench, np.where(TIME < 2.2, 0.0, TURN)])
+    wrenches = np.zeros((len(TIME), 6))
+    wrenches[:, 2] = force
+    wrenches[:, 3:] = np.cross(AT, wrenches[:, :3])
+    wrenches += rng.normal(size=wrenches.shape) * [0.02, 0.02, 0.02, 0.001, 0.001, 0.001]
+    rows = np.column_stack([TIME, wrenches, np.where(TIME < 2.2, 0.0, TURN)])
     np.savetxt(folder / "run.csv", rows, delimiter=",", header="time,fx,fy,fz,tx,ty,tz,q", comments="", fmt="%.9g")
     return folder
+
+
+def two_sensors(folder: Path, speed: float, *more: str) -> Path:
+    """A rig of two sensors, and of those in `more`, whose logs are not there; and the log, with pushes and motion."""
+    (folder / "robot.urdf").write_text(URDF)
+    rng = np.random.default_rng(3)
+    messages = list[tuple[int, str, object]]()
+    for k in range(COUNT):
+        push = 4.0 * max(0.0, np.sin(k / 25)) if k > 60 else 0.0
+        for topic, frame, way in ((WRENCH, "ft_sensor", 0), (OTHER, "shoulder", 2)):
+            values = rng.normal(size=6) * ([0.02] * 3 + [0.001] * 3)
+            values[way] -= push
+            messages.append((STEP * k, topic, wrench(STEP * k, values.tolist(), frame)))
+        messages.append((STEP * k, JOINTS, joints(STEP * k, np.array([0.1, -0.4, 0.2]) * np.sin(k / 90))))
+    write_mcap(folder / "log.mcap", messages, {**KINDS, OTHER: KINDS[WRENCH]})
+    text = '[robot]\nurdf = "robot.urdf"\njoints = "/joint_states"\nbase = "base_link"\ngravity = "fixed"\n'
+    stated = [("wrist", "ft_sensor", WRENCH, "log.mcap"), ("elbow", "shoulder", OTHER, "log.mcap")]
+    stated += [(name, "shoulder", f"/{name}", "nowhere.mcap") for name in more]
+    for name, link, topic, log in stated:
+        text += SENSOR.format(name=name, link=link, topic=topic, log=log, speed=speed)
+    rig = folder / "robot.toml"
+    rig.write_text(text)
+    return rig
