@@ -79,10 +79,7 @@ def test_a_device_is_listened_to_for_a_rig(tmp_path: Path, monkeypatch: pytest.M
     assert stated_source("ros2").kind == "ros2"
     with pytest.raises(InputError, match=r"--source: .*kind must be one of"):
         stated_source("netf:10.0.0.1")
-    for shape, said in (
-        ((12,), "does not send wrenches.*Record a log"),
-        ((6,), "two samples within 0.3 s.*is on"),
-    ):
+    for shape, said in (((12,), "does not send wrenches.*Record a log"), ((6,), "two samples within 0.3 s.*is on")):
         monkeypatch.setattr("palpate.live.capture.source_of", lambda *_, shape=shape: Given(shape))
         with pytest.raises(InputError, match=f"--source: .*{said}"):
             listen(stated_source("ros2"), tmp_path)
