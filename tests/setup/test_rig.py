@@ -426,6 +426,7 @@ ARRAY = 'kind = "serial"\naddress = "a"'
         ("pokes", 'layout = ""', "pokes: layout must name a file, not ''"),
         ("pokes", "priors = { frame = -1 }", "pokes.priors: frame must not be negative"),
         ("pokes", "priors = { lever = 0 }", "pokes.priors: lever must be positive"),
+        ("pokes", "priors = { framme = 0.1 }", "unknown key 'framme' in [pokes.priors]. Did you mean 'frame'"),
     ],
 )
 def test_a_table_s_bounds_are_named(tmp_path: Path, table: str, keys: str, word: str) -> None:
