@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,13 @@ def test_inspect_has_the_figures_of_each_sensor(tmp_path: Path, lost: str, capsy
     assert f"sensor           arm\n  rows             {len(TIME)}\n" in said
     assert "warning: hand: " in said
     assert ("its last line ends within a row" in said) == bool(lost)
+    rig.write_text(
+        ROBOT.replace('link = "arm"', 'link = "arm"\ntopic = "/ft"\nsource = { kind = "ros2" }\npayload = "gone.toml"')
+    )
+    assert main(["inspect", str(rig)]) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"arm +force_torque +arm +6 +gone\.toml +/ft, ros2\n", shown)
+    assert re.search(r"warning: arm: .*gone\.toml does not exist yet", shown)
 
 
 def test_truth_is_read_in_the_frame_of_the_contacts(tmp_path: Path) -> None:
