@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.calibration._touch_evidence import KnownPoints, _scale, fit, moved, offset
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting
+from palpate.calibration.presses import find_presses
 from palpate.calibration.touch_error import spread_in_time, touch_error
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial.pose import Pose
@@ -298,3 +299,17 @@ def test_touches_left_out_lie_where_the_others_predict(mesh: Mesh) -> None:
     found = identify(sensed(pressed(points, rng), rng), mesh, points=marks, noise=NOISE)
     assert found.validation.parts == 4
     assert 0.2 < found.validation.ratio < 2.0
+
+
+def test_presses_are_found_without_their_ramps() -> None:
+    """From 0.7 of the force on: of 2 N with a gap of a reading, and of 10 N; one is too light and one too short."""
+    time = 100.0 + 0.01 * np.arange(800)
+    knots = [0, 0.5, 0.71, 1.5, 1.71, 2, 2.2, 2.5, 2.7, 3, 3.01, 3.05, 3.06, 4, 5.05, 7, 8.05]
+    force = np.interp(time - 100.0, knots, [0, 0, 2, 2, 0, 0, 0.9, 0.9, 0, 0, 9, 9, 0, 0, 10, 10, 0])
+    wrenches = np.zeros((800, 6))
+    wrenches[:, 2] = -force
+    wrenches[100, 5] = np.nan
+    start, end = find_presses(time, wrenches, on=1.0, off=0.3)
+    np.testing.assert_allclose(start, [100.65, 101.01, 104.74], atol=1e-9)
+    np.testing.assert_allclose(end, [100.99, 101.56, 107.31], atol=1e-9)
+    assert [each.shape for each in find_presses(time, 0.0 * wrenches, on=1.0, off=0.3)] == [(0,), (0,)]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache, partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,13 +11,9 @@ import pytest
 from claims.evidence.servo_log import ServoLog
 from palpate.calibration.servo import ServoFit, identify_servo
 from palpate.calibration.servo_motion import CommandChanges, ServoMotion
-from palpate.cli import main
 from palpate.control.servo import Servo, ServoModel
 from palpate.errors import InputError, NotIdentifiable, PalpateError
-from palpate.files.models import read_model
-from palpate_lab.simulation.bags import Stamped, header, nanoseconds, write_bag
 
-NAMES = ("time", *(f"{kind}_{joint}" for kind in ("command", "position") for joint in (1, 2, 3)))
 short = partial(ServoLog, seconds=15.0)
 ROUGH = [short(rate=333.0, jitter=1e-3, hidden=1e-3, lost=0.05, noise=1e-4, seed=20 + k) for k in range(4)]
 rows = cache(ServoLog.rows)
@@ -131,44 +125,3 @@ def test_a_model_of_first_order_follows_it() -> None:
         if k % 4 == 0:
             model.send(now, commands[k])
     assert max(off) < 2e-4
-
-
-def test_the_command_writes_what_the_controller_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    time, commands, positions, _ = rows(short(rate=200.0))
-    table = np.column_stack([time, commands, positions])
-    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=",".join(NAMES), comments="")
-    out = tmp_path / "servo.toml"
-    assert main(["calibrate", "servo", str(tmp_path / "log.csv"), "-o", str(out)]) == 0
-    servo = read_model(out, Servo)
-    assert (servo.delay, servo.lag) == pytest.approx((0.021, 0.033), abs=1e-3)
-    assert "left out" in capsys.readouterr().out
-    assert ServoModel(servo, 3).total_delay == pytest.approx(0.074, abs=1e-3)
-    wrong = ["calibrate", "servo", str(tmp_path / "log.csv"), "--commands", "goal_*", "-o", str(tmp_path / "no.toml")]
-    assert main(wrong) == 1
-    assert "no columns or topic 'goal_*'" in capsys.readouterr().err
-    assert not (tmp_path / "no.toml").exists()
-
-
-def test_topics_are_joined_by_the_joints_names(tmp_path: Path) -> None:
-    """Commands and positions with their own stamps, and joints in another order."""
-    time, commands, positions, _ = rows(short(rate=200.0))
-    names = ["a", "b", "c"]
-
-    def made(types: Any) -> Any:
-        kind, none = types["sensor_msgs/msg/JointState"], np.zeros(0)
-
-        def states(topic: str, each: slice, order: list[int], values: np.ndarray) -> Any:
-            for stamp, row in zip(nanoseconds(time[each]), values[each], strict=True):
-                message = kind(header(types, stamp, ""), [names[k] for k in order], row[order], none, none)
-                row_of: Stamped = (stamp, topic, message)
-                yield row_of
-
-        return states("/command", slice(0, None, 4), [0, 1, 2], commands), states(
-            "/joints", slice(1, None, 2), [2, 0, 1], positions
-        )
-
-    write_bag(tmp_path / "log.mcap", dict.fromkeys(("/command", "/joints"), "sensor_msgs/msg/JointState"), made)
-    words = ["calibrate", "servo", str(tmp_path / "log.mcap"), "--commands", "/command", "--positions", "/joints"]
-    assert main([*words, "-o", str(tmp_path / "servo.toml")]) == 0
-    servo = read_model(tmp_path / "servo.toml", Servo)
-    assert (servo.delay, servo.lag) == pytest.approx((0.021, 0.033), abs=1e-3)

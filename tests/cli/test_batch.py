@@ -6,6 +6,7 @@ import json
 import os
 import re
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,15 +15,20 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+import polars as pl
 import pytest
 
+from claims.evidence.datasets_written import write_dataset
 from palpate.cli import batch as command
 from palpate.cli import main
 from palpate.cli.batch_logs import logs_of, names_of
 from palpate.console import parallel
 from palpate.errors import InputError
+from palpate.setup import load_rig
 from palpate_lab.simulation.session import simulate_session
 from palpate_lab.simulation.session_files import write_session
+from tests.files.test_batch_datasets import _batch as label
+from tests.files.test_batch_datasets import _rows, _table
 from tests.support.logs_torn import torn_pages
 
 pytest.importorskip("matplotlib")
@@ -265,3 +271,44 @@ def test_no_two_logs_share_an_output(logs: str, names: str) -> None:
 def test_a_log_keeps_the_name_that_it_had() -> None:
     known = {Path("/x/a/run.csv").resolve(): "run"}
     assert list(_names("/x/a/run.csv /x/b/run.csv", known)) == ["run", "b-run"]
+
+
+def test_a_data_set_is_labelled_alone_and_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_dataset(tmp_path / "data_set", "v2.1")
+    assert label(tmp_path, out="data_set/out") == 1
+    assert "is the data set or in it" in capsys.readouterr().err
+    data, rig = str(tmp_path / "data_set"), str(tmp_path / "rig.toml")
+    assert main(["rig", "new", data, "-o", str(tmp_path / "new.toml"), "--poses", rig]) == 1
+    assert "not for a data set" in capsys.readouterr().err
+    (tmp_path / "out/data").mkdir(parents=True)
+    (tmp_path / "out/data/episode_000009.parquet").write_text("")
+    assert label(tmp_path) == 1
+    assert "is of another data set" in capsys.readouterr().err
+    assert main(["batch", data, rig, "--rig", rig, "-o", str(tmp_path / "out"), "--workers", "1"]) == 1
+    assert "is labelled alone" in capsys.readouterr().err
+
+
+def test_rows_of_an_episode_that_is_not_listed_are_not_labelled(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_dataset(tmp_path / "data_set", "v2.1")
+    _rows(lambda rows: pl.concat([rows, rows[:1].with_columns(episode_index=pl.lit(9, pl.Int64))]))(
+        tmp_path / "data_set"
+    )
+    assert label(tmp_path) == 1
+    assert "rows of an episode that the folder meta does not list" in capsys.readouterr().err
+
+
+def test_a_rig_is_guessed_from_the_names_that_features_state(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "data_set", "v3.0")
+    assert main(["rig", "new", str(tmp_path / "data_set"), "-o", str(tmp_path / "rig.toml")]) == 0
+    rig = load_rig(tmp_path / "rig.toml")
+    assert rig.layout().wrench == tuple(f"observation.state[{k}]" for k in range(2, 8))
+    assert rig.time.column == "timestamp"
+    words = ["rig", "new", str(tmp_path / "data_set"), "-o", str(tmp_path / "skin.toml"), "--sensor", "skin"]
+    assert main(words) == 0
+    assert load_rig(tmp_path / "skin.toml").sensors["skin"].cells == "observation.tactile"
+    shutil.copy(tmp_path / "skin.toml", tmp_path / "rig.toml")
+    words = ["batch", str(tmp_path / "data_set"), "--rig", str(tmp_path / "skin.toml"), "-o", str(tmp_path / "out")]
+    assert main([*words, "--workers", "1"]) in (0, 4)  # noise, in which nothing touches
+    assert len(_table(tmp_path / "out")) == len(_table(tmp_path / "data_set"))

@@ -1,4 +1,4 @@
-"""`palpate calibrate clock` on files that rosbags wrote, and on columns."""
+"""`palpate calibrate clock` and `servo` on files that rosbags wrote, and on columns."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ import pytest
 import palpate
 from palpate import Payload
 from palpate.cli import main
+from palpate.control.servo import Servo, ServoModel
 from palpate.files.logs import join, open_log
 from palpate.files.logs.layout import LogLayout
-from palpate.files.models import write_model
+from palpate.files.models import read_model, write_model
 from palpate.setup import load_rig
 from palpate.signals.recording import ORIENTATION
 from palpate_lab.simulation.session import GRAVITY, Session, simulate_session
 from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 from palpate_lab.simulation.session_mcap import CLOCK_OFFSET, write_session_mcap
+from tests.calibration.test_servo import rows, short
 
 RIG = f"""# my rig
 [surface]
@@ -161,3 +163,22 @@ def test_the_offset_finds_its_place_in_any_form_of_rig(session: Session, table: 
     assert code == 0
     assert abs(load_rig(out).orientation.offset) < 1e-3
     assert load_rig(out).orientation.max_gap == (0.5 if "max_gap" in table else 0.25)
+
+
+NAMES = ("time", *(f"{kind}_{joint}" for kind in ("command", "position") for joint in (1, 2, 3)))
+
+
+def test_the_command_writes_what_the_controller_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time, commands, positions, _ = rows(short(rate=200.0))
+    table = np.column_stack([time, commands, positions])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=",".join(NAMES), comments="")
+    out = tmp_path / "servo.toml"
+    assert main(["calibrate", "servo", str(tmp_path / "log.csv"), "-o", str(out)]) == 0
+    servo = read_model(out, Servo)
+    assert (servo.delay, servo.lag) == pytest.approx((0.021, 0.033), abs=1e-3)
+    assert "left out" in capsys.readouterr().out
+    assert ServoModel(servo, 3).total_delay == pytest.approx(0.074, abs=1e-3)
+    wrong = ["calibrate", "servo", str(tmp_path / "log.csv"), "--commands", "goal_*", "-o", str(tmp_path / "no.toml")]
+    assert main(wrong) == 1
+    assert "no columns or topic 'goal_*'" in capsys.readouterr().err
+    assert not (tmp_path / "no.toml").exists()

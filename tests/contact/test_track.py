@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from palpate.contact import _track
+from palpate.contact.taxel_settings import TaxelSettings
+from palpate.errors import InputError
 
 
 class Tracker:
@@ -67,3 +70,27 @@ def test_a_clock_that_runs_back_or_stops_names_anew_and_does_not_fail() -> None:
     tracker = Tracker()
     names = [int(tracker.follow(t, np.array([_place(0.0)]))[0]) for t in (0.0, float("nan"), 5.0, -3.0)]
     assert len(set(names)) == 4
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right", "said"),
+    [
+        ({"on": 3.0, "off": 3.1}, {"on": 3.0, "off": 3.0}, r"off \(3\.1\) must be above 0 and at most on \(3\)"),
+        ({"off": 0.0}, {"off": 1e-9}, r"off \(0\) must be above 0"),
+        ({"on": np.inf}, {"on": 1e9}, "off .* must be"),
+        ({"drift": 0.0}, {"drift": np.inf}, "drift must be positive"),
+        ({"sure": -1e-9}, {"sure": 0.0}, "sure 0 or more"),
+        ({"share": 1.0}, {"share": 0.0}, "share 0 or more and below 1"),
+        ({"walk": -1.0}, {"walk": 0.0}, "walk must not be negative"),
+        ({"walk": np.inf}, {"walk": 1.0}, "walk must not be negative"),
+        ({"unequal": -1.0}, {"unequal": 0.0}, "unequal must not be negative"),
+        ({"unequal": np.inf}, {"unequal": 1.0}, "unequal must not be negative"),
+        ({"reach": 0.0}, {"reach": 1e-9}, "reach must be positive"),
+        ({"speed": -1.0}, {"speed": 0.0}, "speed and patience 0 or more"),
+        ({"patience": -1.0}, {"patience": 0.0}, "speed and patience 0 or more"),
+    ],
+)
+def test_settings_are_bounded(wrong: dict[str, float], right: dict[str, float], said: str) -> None:
+    assert TaxelSettings(**right)
+    with pytest.raises(InputError, match=said):
+        TaxelSettings(**wrong)

@@ -92,11 +92,7 @@ def test_a_zero_that_runs_away_is_followed_and_touches_stay_whole() -> None:
     known = np.isfinite(true).all(axis=1) & np.isfinite(log.channels[ORIENTATION]).all(axis=1)
     late = known & (np.arange(len(log)) > 600) & (np.arange(len(log)) < 1040)
     off: dict[str, float] = {}
-    for name, made in {
-        "tare": _estimator(None),
-        "live": _estimator(),
-        "log": _estimator(live=False),
-    }.items():
+    for name, made in {"tare": _estimator(None), "live": _estimator(), "log": _estimator(live=False)}.items():
         found = np.concatenate([each.estimate.force for each in made.stream(pieces(log, 500))])
         off[name] = float(np.linalg.norm(np.nanmean((found - true[:, :3])[late], axis=0)))
     assert off["tare"] > 0.06

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 from math import pi, sqrt
 
@@ -11,9 +12,10 @@ import pytest
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.ground_truth import TrueSamples, TrueTouches
+from palpate.contact.origins import Origins
 from palpate.errors import InputError
 from palpate.evaluation.errors import ErrorSummary, angles, coverage
-from palpate.evaluation.evaluate import evaluate
+from palpate.evaluation.evaluate import evaluate, evaluate_robot
 from palpate.evaluation.matching import nearest_in_time
 from palpate.spatial.pose import Pose
 
@@ -266,3 +268,29 @@ def test_a_gap_in_the_truth_is_outside_of_it_too() -> None:
     known = time[(time < 0.3) | (time >= 0.6)]
     report = evaluate(Contacts.single(time, _estimate(np.zeros((1000, 3)))), TrueSamples(known, np.zeros((700, 3))))
     assert (report.matched, report.outside) == (700, 40)
+
+
+def test_each_sensor_is_compared_with_its_own_truth() -> None:
+    """Two sensors at the same times; a contact of one at the other's true place is an error of that one."""
+    names = ("a", "b") * 50
+    rng = np.random.default_rng(2)
+    point = np.where(np.array(names)[:, None] == "a", [0.1, 0.0, 0.0], [0.0, 0.2, 0.0]) + 1e-3 * rng.normal(
+        size=(100, 3)
+    )
+    truth = TrueSamples(np.arange(100) // 2 / 100.0, np.tile([[0.1, 0.0, 0.0], [0.0, 0.2, 0.0]], (50, 1)), sensor=names)
+    found = Contacts.single(truth.time, _estimate(point, covariance=np.tile(1e-6 * np.eye(3), (100, 1, 1))))
+    found = replace(found, origins=Origins.of_names(names, names))
+    every, each = evaluate_robot(found, truth)
+    for k, name in enumerate("ab"):
+        alone = evaluate(replace(found[k::2], origins=None), TrueSamples(truth.time[k::2], truth.point[k::2]))
+        assert each[name].location == alone.location
+    assert (every.matched, every.missed, every.unmatched) == (100, 0, 0)
+    assert every.location.worst == pytest.approx(np.linalg.norm(point - truth.point, axis=1).max())
+    swapped, _ = evaluate_robot(found, replace(truth, point=truth.point[::-1].copy()))
+    assert swapped.location.median > 0.2
+    touches = TrueTouches(np.zeros(2), np.ones(2), np.array([[0.1, 0, 0], [0, 0.2, 0]]), ("1", "2"), ("a", "b"))
+    every, each = evaluate_robot(found, touches)
+    assert [touch.samples for touch in every.touches] == [50, 50]
+    assert max(touch.error for touch in every.touches) < 1e-3
+    with pytest.raises(InputError, match="must both name the sensor"):
+        evaluate_robot(replace(found, origins=None), truth)

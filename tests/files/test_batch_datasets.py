@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -226,21 +225,6 @@ def test_a_data_set_that_is_not_as_it_states_is_a_sentence(
     assert code == 1 or "the data set is not written: 1 of 3 episodes have no contacts" in printed
 
 
-def test_a_data_set_is_labelled_alone_and_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_dataset(tmp_path / "data_set", "v2.1")
-    assert _batch(tmp_path, out="data_set/out") == 1
-    assert "is the data set or in it" in capsys.readouterr().err
-    data, rig = str(tmp_path / "data_set"), str(tmp_path / "rig.toml")
-    assert main(["rig", "new", data, "-o", str(tmp_path / "new.toml"), "--poses", rig]) == 1
-    assert "not for a data set" in capsys.readouterr().err
-    (tmp_path / "out/data").mkdir(parents=True)
-    (tmp_path / "out/data/episode_000009.parquet").write_text("")
-    assert _batch(tmp_path) == 1
-    assert "is of another data set" in capsys.readouterr().err
-    assert main(["batch", data, rig, "--rig", rig, "-o", str(tmp_path / "out"), "--workers", "1"]) == 1
-    assert "is labelled alone" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("made", ["v2.1"], indirect=True)
 def test_workers_that_were_started_elsewhere_find_a_data_set(
     made: tuple[Path, np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -268,17 +252,6 @@ def test_files_of_another_system_are_copied(tmp_path: Path, monkeypatch: pytest.
     assert not first.samefile(copy)
 
 
-def test_rows_of_an_episode_that_is_not_listed_are_not_labelled(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_dataset(tmp_path / "data_set", "v2.1")
-    _rows(lambda rows: pl.concat([rows, rows[:1].with_columns(episode_index=pl.lit(9, pl.Int64))]))(
-        tmp_path / "data_set"
-    )
-    assert _batch(tmp_path) == 1
-    assert "rows of an episode that the folder meta does not list" in capsys.readouterr().err
-
-
 def test_times_that_are_not_there_follow_from_the_rate(tmp_path: Path) -> None:
     root = tmp_path / "data_set"
     write_dataset(root, "v2.1")
@@ -297,18 +270,3 @@ def test_a_slice_names_columns(tmp_path: Path) -> None:
         table = {"surface": {"kind": "sphere", "radius": 1.0}, "force_torque": {"columns": given}}
         with pytest.raises(InputError, match=r"names \d+ columns"):
             check_rig(table, tmp_path / "rig.toml")
-
-
-def test_a_rig_is_guessed_from_the_names_that_features_state(tmp_path: Path) -> None:
-    write_dataset(tmp_path / "data_set", "v3.0")
-    assert main(["rig", "new", str(tmp_path / "data_set"), "-o", str(tmp_path / "rig.toml")]) == 0
-    rig = load_rig(tmp_path / "rig.toml")
-    assert rig.layout().wrench == tuple(f"observation.state[{k}]" for k in range(2, 8))
-    assert rig.time.column == "timestamp"
-    words = ["rig", "new", str(tmp_path / "data_set"), "-o", str(tmp_path / "skin.toml"), "--sensor", "skin"]
-    assert main(words) == 0
-    assert load_rig(tmp_path / "skin.toml").sensors["skin"].cells == "observation.tactile"
-    shutil.copy(tmp_path / "skin.toml", tmp_path / "rig.toml")
-    words = ["batch", str(tmp_path / "data_set"), "--rig", str(tmp_path / "skin.toml"), "-o", str(tmp_path / "out")]
-    assert main([*words, "--workers", "1"]) in (0, 4)  # noise, in which nothing touches
-    assert len(_table(tmp_path / "out")) == len(_table(tmp_path / "data_set"))

@@ -30,8 +30,12 @@ from palpate.errors import InputError
 from palpate.files.logs import open_log, read_recording
 from palpate.files.logs.decoding import FIXED, decode, seconds
 from palpate.files.logs.layout import LogLayout
+from palpate.files.logs.opening import messages_of
+from palpate.files.logs.stamp_delays import stamp_delays
 from palpate.files.mcap._walk import walk
 from palpate.files.mcap.reader import MAGIC
+from palpate.files.mcap.regain import SequenceSpan, regained
+from palpate.files.mcap.writer import MESSAGE, McapWriter, WrittenTopic
 from palpate.files.messages import MessageBlock, Topic
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 
@@ -362,3 +366,44 @@ def test_a_file_that_holds_nothing_is_refused_in_a_sentence(
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=word):
         read_recording(tmp_path / name)
+
+
+def test_a_file_whose_writer_was_killed_is_regained_to_its_last_whole_chunk(tmp_path: Path) -> None:
+    """Cut or damaged anywhere: the chunks before, with the sequence numbers of each channel; none of another's file."""
+    topics = tuple(WrittenTopic(name, "std_msgs/msg/UInt32", "uint32 data") for name in ("/a", "/b"))
+    writer, path, kind = McapWriter(topics, "test"), tmp_path / "log.mcap", np.dtype([*MESSAGE.descr, ("data", "<u8")])
+    raw, ends = writer.head, [len(writer.head)]
+    for first in (10, 20, 30):
+        rows = [np.zeros(5 * channel, kind) for channel in (1, 2)]
+        for channel, each in enumerate(rows, 1):
+            each["opcode"], each["channel"], each["length"] = 5, channel, kind.itemsize - 9
+            each["sequence"], each["log"] = first + np.arange(len(each)), 1 + np.arange(len(each))
+        made, written = writer.chunk(np.concatenate([each.view(np.uint8) for each in rows]), rows)
+        writer.chunks.append(written)
+        raw, ends = raw + made, [*ends, len(raw) + len(made)]
+    assert ends[-1] == writer.size
+    cuts = [(raw[:at], sum(end <= at for end in ends) - 1) for at in range(ends[0], len(raw) + 1, 7)]
+    cuts += [(raw[: end + 60] + bytes(40) + raw[end + 100 :], k) for k, end in enumerate(ends[:-1])]
+    for text, whole in [*cuts, (raw, 3), (raw + writer.tail(), 3)]:
+        path.write_bytes(text)
+        found, last = regained(path), 10 * whole
+        assert found is not None
+        assert (found.topics, found.writer.chunks) == (topics, writer.chunks[:whole])
+        numbers = {1: SequenceSpan(10, last + 4, last + 4), 2: SequenceSpan(10, last + 9, last + 9)}
+        assert found.sequences == (numbers if whole else {})
+    for text in (raw[: ends[0] - 1], raw[1:], raw.replace(b"uint32 data", b"uint64 data")[: len(MAGIC)]):
+        path.write_bytes(text)
+        assert regained(path) is None
+
+
+def test_messages_are_recorded_later_than_they_are_stamped(tmp_path: Path) -> None:
+    """By 10 ms in the middle, where headers have stamps, which are after 1970; other topics have no delay."""
+    late = 0, 10_000_000, 20_000_000, 5 * 10**9
+    rows = [(10**9 + k, WRENCH, wrench_stamped(10**9 + k - late[k % 4], np.zeros(6))) for k in range(100)]
+    bare = [(10**9 + k, "/bare", ROS2.types["std_msgs/msg/Float64"](1.0)) for k in range(100)]
+    kinds = {WRENCH: STAMPED[WRENCH], "/bare": "std_msgs/msg/Float64"}
+    write_mcap(tmp_path / "log.mcap", sorted([*rows, *bare], key=lambda each: each[0]), kinds)
+    source = messages_of(tmp_path / "log.mcap")
+    assert source is not None
+    assert stamp_delays(source, [WRENCH, "/bare"]) == {WRENCH: pytest.approx(0.01)}
+    assert stamp_delays(source, ["/bare"]) == {}

@@ -1,4 +1,4 @@
-"""Many links of a robot over time, from joint states, columns or /tf, against closed forms and pytransform3d."""
+"""Many links of a robot over time, from joint states, columns or /tf, against closed forms; commands and positions."""
 
 from __future__ import annotations
 
@@ -12,10 +12,15 @@ from scipy.spatial.transform import Rotation
 
 from claims.evidence.logs_written import header, write_mcap
 from claims.evidence.robot import KINDS, TYPES, transform
+from palpate.cli import main
+from palpate.control.servo import Servo
 from palpate.errors import InputError
 from palpate.files.logs.robot_motion import JointSamples, RobotMotion
+from palpate.files.models import read_model
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate_lab.simulation.bags import nanoseconds, write_bag
+from tests.calibration.test_servo import rows, short
 from tests.support.arms import joint
 from tests.support.dice import rolled
 
@@ -225,3 +230,23 @@ def test_what_may_be_wrong_is_a_sentence(tmp_path: Path) -> None:
         "3.0 s of the 5.0 s of the log have no states of all joints within 0.25 s on '/joint_states'"
     )
     assert "the last is at 2.000 s" in said
+
+
+def test_topics_are_joined_by_the_joints_names(tmp_path: Path) -> None:
+    """Commands and positions with their own stamps, and joints in another order."""
+    time, commands, positions, _ = rows(short(rate=200.0))
+    kind, none, names = "sensor_msgs/msg/JointState", np.zeros(0), np.array(["a", "b", "c"])
+
+    def states(topic: str, each: slice, order: list[int], values: np.ndarray) -> list[tuple[int, str, Any]]:
+        return [
+            (stamp, topic, TYPES[kind](header(stamp, ""), names[order].tolist(), row[order], none, none))
+            for stamp, row in zip(nanoseconds(time[each]), values[each], strict=True)
+        ]
+
+    sent, reached = states("/command", slice(0, None, 4), [0, 1, 2], commands), slice(1, None, 2)
+    made = sent, states("/joints", reached, [2, 0, 1], positions)
+    write_bag(tmp_path / "log.mcap", dict.fromkeys(("/command", "/joints"), kind), lambda _: made)
+    words = ["calibrate", "servo", str(tmp_path / "log.mcap"), "--commands", "/command", "--positions", "/joints"]
+    assert main([*words, "-o", str(tmp_path / "servo.toml")]) == 0
+    servo = read_model(tmp_path / "servo.toml", Servo)
+    assert (servo.delay, servo.lag) == pytest.approx((0.021, 0.033), abs=1e-3)

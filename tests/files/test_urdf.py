@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,10 +27,12 @@ from claims.evidence.made_robots import (
 )
 from palpate.cli import main
 from palpate.errors import InputError
+from palpate.files.arm import load_arm
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.setup import load_rig
 from palpate.setup.body import GivenBody
 from palpate.surfaces import Mesh
+from tests.support.arms import JOINTS, joint, write_arm
 from tests.support.collada import write_collada
 
 
@@ -186,3 +189,46 @@ def test_a_library_that_is_there_and_does_not_load_is_not_to_be_installed_again(
     with pytest.raises(InputError, match=r"is installed but does not load \(libgomp.so.1") as refusal:
         Kinematics(Urdf(robots["arm"]), "base", "tool")
     assert "pip" not in str(refusal.value)
+
+
+MISSING = [
+    ({"base": "bse"}, "there is no link 'bse'. Did you mean 'base'"),
+    ({"sensor": "tf"}, "there is no link 'tf'"),
+    ({"joints": ["joint7", *JOINTS[1:]]}, "there is no joint 'joint7' in the chain. Did you mean"),
+    ({"joints": JOINTS[:5]}, "joint 'joint6' also moves the sensor and must be named"),
+    ({"joints": JOINTS[::-1]}, "not in the order of the chain. Write joint1, joint2"),
+    ({"base": "world", "sensor": "base"}, "have no moving joint between them"),
+]
+
+
+@pytest.mark.parametrize(("changed", "said"), MISSING)
+def test_what_is_missing_is_said(tmp_path: Path, changed: dict[str, Any], said: str) -> None:
+    given: dict[str, Any] = {"base": "base", "sensor": "ft", **changed}
+    with pytest.raises(InputError, match=said.replace(".", r"\.")):
+        load_arm(write_arm(tmp_path), **given)
+
+
+BROKEN = [
+    (joint("j", "revolute", "a", "b", limit='lower="-2.5" upper="2.6" effort="1"'), "joint 'j' has no speed limit"),
+    (joint("j", "revolute", "a", "b", limit='lower="2.5" upper="-2.6" velocity="1"'), "joint 'j' has an empty range"),
+    (joint("j", "revolute", "a", "b", limit='velocity="1"'), "joint 'j' has an empty range"),
+    (
+        joint("j", "revolute", "a", "b", limit='lower="-2.5" upper="wide" velocity="1"'),
+        "upper of the limit of joint 'j' must be 1 finite numbers",
+    ),
+    (joint("j", "revolute", "a", "b", limit=""), "joint 'j' has no limit"),
+    (joint("j", "revolute", "a", "b", more='<axis xyz="0 0 0"/>'), "joint 'j' has no axis"),
+    (joint("j", "floating", "a", "b", limit=""), "is floating, which one number cannot state"),
+    (
+        joint("k", "revolute", "x", "a") + joint("j", "revolute", "a", "b", more='<mimic joint="k"/>'),
+        "joint 'j' follows 'k' and cannot be commanded",
+    ),
+]
+
+
+@pytest.mark.parametrize(("joints", "said"), BROKEN)
+def test_a_joint_that_cannot_be_commanded_is_refused(tmp_path: Path, joints: str, said: str) -> None:
+    links = '<link name="x"/><link name="a"/><link name="b"/>'
+    path = write_arm(tmp_path, f'<robot name="r">{links}{joints}</robot>')
+    with pytest.raises(InputError, match=said):
+        load_arm(path, "x" if "mimic" in joints else "a", "b")

@@ -299,8 +299,7 @@ def test_every_end_of_line_ends_it_wherever_a_read_is_cut(end: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    ("columns", "line", "row"),
-    [(None, b"1 2 3", [1, 2, 3]), ((4, 0, 2), b"1 2 3 4 5 6", [5, 1, 3])],
+    ("columns", "line", "row"), [(None, b"1 2 3", [1, 2, 3]), ((4, 0, 2), b"1 2 3 4 5 6", [5, 1, 3])]
 )
 def test_which_numbers_of_a_line_are_the_sensors(
     columns: tuple[int, ...] | None, line: bytes, row: list[float]

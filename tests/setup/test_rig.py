@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 import sys
 import tomllib
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +23,7 @@ from palpate.setup.edit import update_pose
 from palpate.setup.names import orientation_columns, position_columns, time_column, wrench_columns
 from palpate.setup.new import propose_rig
 from palpate.setup.pipeline import open_log
+from palpate.setup.source import RigSource
 from palpate.setup.tables import RigEstimate, RigPair, RigSurface, RigThresholds
 from palpate.spatial.pose import Pose
 
@@ -389,3 +392,54 @@ def test_an_estimator_for_a_log_of_another_rigs_sensor_is_refused() -> None:
         pytest.raises(InputError, match=r"the rig has no \[skin\]"),
     ):
         load_rig(folder / "six-axis" / "rig.toml").estimator(log)
+
+
+ARRAY = 'kind = "serial"\naddress = "a"'
+
+
+@pytest.mark.parametrize(
+    ("table", "keys", "word"),
+    [
+        ("source", 'kind = "nett"', "source: kind must be one of netft, serial, ros2, camera, replay, not 'nett'"),
+        ("source", 'kind = "serial"', "source: a serial needs an address"),
+        ("source", f'{ARRAY}\nframing = "x"', "source: framing must be one of cobs, lines, not 'x'"),
+        ("source", f"{ARRAY}\nport = 65536", "source: ports must be between 1 and 65535"),
+        ("source", f"{ARRAY}\nweb = 0", "source: ports must be between 1 and 65535"),
+        ("source", f"{ARRAY}\nport = 65535\nweb = 1\ncolumns = [0]\nspeed = 0", ""),
+        ("source", 'kind = "ros2"\ndomain = 233', "source: domain must be between 0 and 232"),
+        ("source", 'kind = "ros2"\ndomain = 232', ""),
+        ("source", f"{ARRAY}\nspeed = -1", "source: speed must not be negative"),
+        ("source", f"{ARRAY}\ncolumns = []", "source: columns must not be negative"),
+        ("source", f"{ARRAY}\ncolumns = [0, -1]", "source: columns must not be negative"),
+        ("source", f'{ARRAY}\nwrench = {{ kind = "replay", address = "a" }}', "source: a log that is replayed has its"),
+        ("source", 'kind = "replay"\naddress = "a"\nwrench = { kind = "ros2" }', "source: a log that is replayed has"),
+        ("source", f"{ARRAY}\nrate = 0", "source: rate must be positive and finite, not 0"),
+        ("source", f"{ARRAY}\nbaud = 0", "source: baud must be positive and finite, not 0"),
+        ("pokes", 'sensor = "a"', "pokes: sensor and link must be given together"),
+        ("pokes", 'urdf = "a"', "pokes: urdf needs sensor and link"),
+        ("pokes", 'joints = "j"', "pokes: joints needs a urdf"),
+        ("pokes", 'topic = "/a"\npose = { xyz = [0, 0, 0] }', "pokes: topic and pose exclude each other"),
+        ("pokes", 'sensor = "a"\nlink = "b"\ntopic = "/c"', "pokes: sensor and link and topic exclude each other"),
+        ("pokes", 'columns = ["a", "b", "c", "d"]', "pokes: columns and position must be given together"),
+        ("pokes", "max_gap = 0", "pokes: max_gap must be positive"),
+        ("pokes", "threshold = 0", "pokes: threshold must be positive"),
+        ("pokes", 'layout = ""', "pokes: layout must name a file, not ''"),
+        ("pokes", "priors = { frame = -1 }", "pokes.priors: frame must not be negative"),
+        ("pokes", "priors = { lever = 0 }", "pokes.priors: lever must be positive"),
+        ("pokes", "priors = { framme = 0.1 }", "unknown key 'framme' in [pokes.priors]. Did you mean 'frame'"),
+    ],
+)
+def test_a_table_s_bounds_are_named(tmp_path: Path, table: str, keys: str, word: str) -> None:
+    path = _rig(tmp_path, f"{RIG}\n[{table}]\n{keys}\n")
+    with pytest.raises(InputError, match=rf"rig\.toml: {re.escape(word)}") if word else nullcontext():
+        load_rig(path)
+
+
+def test_a_source_is_written_as_it_is_read(tmp_path: Path) -> None:
+    """And the pokes' files and priors are those that are stated: angles in degrees."""
+    for kind, address in (("netft", "10.0.0.1"), ("serial", "/dev/x"), ("ros2", ""), ("camera", "0"), ("replay", "a")):
+        assert load_rig(_rig(tmp_path, RIG + RigSource(kind, address).text())).source == RigSource(kind, address)
+    keys = 'sensor = "a"\nlink = "b"\nurdf = "r.urdf"\nlayout = "l.csv"\npriors = { frame = 0, frame_angle = 180 }'
+    pokes = load_rig(_rig(tmp_path, f"{RIG}\n[pokes]\n{keys}\n")).pokes
+    assert pokes.files(tmp_path) == {"kinematics": tmp_path / "r.urdf", "layout": tmp_path / "l.csv"}
+    assert pokes.priors.stated() == {"frame": 0.0, "frame_angle": pytest.approx(np.pi)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,8 +16,12 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.origins import Origin, Origins
 from palpate.errors import InputError
-from palpate.setup.robot_pipeline import merged, widened
+from palpate.setup.load import load_robot
+from palpate.setup.robot_pipeline import RobotPipeline, merged, widened
+from palpate.setup.robot_view import in_pictures, robot_scene
+from palpate.viewer.film import ScenePicture
 from tests.support.dice import agree, joint, mixed, rolled
+from tests.support.robots import turning_arm
 
 TIMES = st.sampled_from([0.0, 0.1, 0.1, 0.25, 0.5, 1.0, 2.0, np.nan])
 
@@ -113,3 +118,26 @@ def test_a_pose_without_error_widens_nothing() -> None:
     np.testing.assert_array_equal(same.covariance, estimate.covariance)
     with pytest.raises(InputError, match="covariance"):
         widened(estimate, np.zeros((5, 3)), np.zeros((5, 3, 3)))
+
+
+def test_a_film_shows_the_robot_where_it_is(tmp_path: Path) -> None:
+    """Its grey pixels are as many before and after the turn, and elsewhere; compared contacts are drawn in green."""
+    robot = turning_arm(tmp_path)
+    pytest.importorskip("pinocchio")
+    pytest.importorskip("cv2")
+    rig, log = load_robot(robot / "robot.toml"), robot / "run.csv"
+    scene, _ = robot_scene(rig, log)
+    pictures = ScenePicture(scene)
+
+    def grey(seconds: float) -> np.ndarray:
+        top = pictures.draw(seconds)[80:540].astype(int)
+        return (np.ptp(top, axis=2) < 25) & (top.max(axis=2) < 230)
+
+    before, after, later = grey(0.5), grey(2.5), grey(2.8)
+    assert before.sum() > 3_000  # the box is 4,062 pixels as the upright camera sees it
+    assert np.count_nonzero(before & ~after) > 0.2 * before.sum()
+    assert np.count_nonzero(after != later) < 0.05 * before.sum()  # nothing moves then
+    found = Contacts.joined(list(RobotPipeline(rig, log, "base").stream()))
+    both = ScenePicture(scene.compared(in_pictures(found), "other"))
+    blue, green, red = np.moveaxis(both.draw(3.3)[80:540].astype(int), 2, 0)
+    assert np.count_nonzero((green - red > 60) & (green >= blue)) > 100

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from palpate.errors import InputError
 from palpate.sensors.force_torque.model import ForceTorque
+from palpate.signals.correlation import correlation_time
 from palpate.signals.filters import Butterworth
 from palpate.signals.noise import Noise, NoiseSpectrum, estimate_noise, log_noise, rest_noise, wrong_noise
+from palpate.signals.repeats import hung
 from palpate.signals.rest import at_rest
 
 DEVIATIONS = np.array([0.02, 0.03, 0.05, 1e-3, 2e-3, 5e-4])
@@ -181,3 +184,34 @@ def test_a_zero_that_wanders_is_noise_unless_it_is_followed() -> None:
     assert whole is not None
     assert np.all(whole.deviation > 5.0 * DEVIATIONS)
     assert_deviation(without, DEVIATIONS, 0.1)
+
+
+def test_a_correlation_time_is_that_of_its_process() -> None:
+    """(1 + a)/(1 - a) of x(t + 1) = a x(t) + noise, within 10 % of 2e5 samples; 1 of noise, a constant, three rows."""
+    noise = np.random.default_rng(3).normal(size=(200_000, 3)) * [1.0, 1.0, 0.0]
+    values = np.column_stack([lfilter([1.0], [1.0, -0.8], noise[:, 0]), noise[:, 1:]])
+    np.testing.assert_allclose(correlation_time(values), [9.0, 1.0, 1.0], rtol=0.1)
+    np.testing.assert_array_equal(correlation_time(values[:3]), np.ones(3))
+    np.testing.assert_allclose(correlation_time(np.array([[0.0], [1.0], [0.0], [-1.0]])), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("runs", "usual", "said"),
+    [
+        ([(300, 321)], 1, "from 3.00 to 3.20 s: the sensor or its reader hung"),
+        ([(300, 320)], 1, None),  # not longer than 20 times the usual
+        ([(300, 345), (500, 560)], 1, "from 3.00 s on, 2 times: "),
+        ([(300, 345), (500, 560)], 2, None),
+        ([(600, 1000)], 1, "from 6.00 to 9.99 s: "),
+        ([(60, 1000)], 1, "from 0.60 to 9.99 s: "),
+        ([(12, 1000)], 1, None),  # at the start most repeat: readings are coarse
+        ([(5, 1000)], 1, None),  # fewer than ten readings
+        ([(100, 800)], 1, None),  # they go on, and most repeated
+    ],
+)
+def test_a_hang_is_a_run_far_longer_than_usual(runs: list[tuple[int, int]], usual: int, said: str | None) -> None:
+    same = np.arange(1000) % usual != 0
+    for first, end in runs:
+        same[first:end] = np.arange(first, end) > first
+    found = hung(np.arange(1000) / 100.0, same)
+    assert found == [] if said is None else said in found[0]

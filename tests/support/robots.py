@@ -1,12 +1,45 @@
-"""Sessions of simulated robots that are made in seconds."""
+"""Logs of robots that are made in seconds: a simulated hand, an arm that turns once, two sensors of an arm."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from claims.evidence.logs_written import write_mcap
+from claims.evidence.robot import KINDS, URDF, WRENCH, joints, wrench
 from palpate.cli import main
+from tests.support.arms import joint
+
+TIME = np.arange(400) / 100.0
+AT = np.array([0.3, 0.02, 0.05])  # in the link, on its upper side
+ABOVE = np.array([0.0, 0.0, 1.0])  # from the base to the joint
+TURN = 0.7  # rad, of the second touch
+ROBOT = """\
+[robot]
+urdf = "arm.urdf"
+joints = { turn = "q" }
+base = "base"
+gravity = "fixed"
+
+[sensors.arm]
+kind = "force_torque"
+link = "arm"
+noise = { force = 0.02, torque = 0.001 }
+"""
+STEP, COUNT = 5 * 10**6, 600  # ns between samples, and how many
+OTHER, JOINTS = "/other", "/joint_states"
+SENSOR = """
+[sensors.{name}]
+kind = "force_torque"
+link = "{link}"
+noise = {{ force = 0.02, torque = 0.001 }}
+surface = {{ kind = "sphere", radius = 0.05 }}
+topic = "{topic}"
+estimate = {{ tare = 0.2 }}
+source = {{ kind = "replay", address = "{log}", speed = {speed} }}
+"""
 
 
 def small_hand(folder: Path) -> Path:
@@ -16,3 +49,47 @@ def small_hand(folder: Path) -> Path:
         patch.setattr("palpate_lab.cli.robot_models._PRESSES", 40)
         assert main(["simulate", "hand", *options]) == 0
     return folder
+
+
+def rotation(angle: float) -> np.ndarray:
+    return np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+
+
+def turning_arm(folder: Path) -> Path:
+    """Write a log of an arm that turns once, and is touched at one place of its link before and after."""
+    box = '<visual><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.1 0.1"/></geometry></visual>'
+    turn = joint("turn", "revolute", "base", "arm", more='<origin xyz="0 0 1"/><axis xyz="0 0 1"/>')
+    (folder / "arm.urdf").write_text(f'<robot name="a"><link name="base"/><link name="arm">{box}</link>{turn}</robot>')
+    (folder / "robot.toml").write_text(ROBOT)
+    rng = np.random.default_rng(1)
+    force = np.where(((TIME > 1) & (TIME < 1.5)), -2.0, 0.0) + np.where((TIME > 3) & (TIME < 3.5), -5.0, 0.0)
+    wrenches = np.zeros((len(TIME), 6))
+    wrenches[:, 2] = force
+    wrenches[:, 3:] = np.cross(AT, wrenches[:, :3])
+    wrenches += rng.normal(size=wrenches.shape) * [0.02, 0.02, 0.02, 0.001, 0.001, 0.001]
+    rows = np.column_stack([TIME, wrenches, np.where(TIME < 2.2, 0.0, TURN)])
+    np.savetxt(folder / "run.csv", rows, delimiter=",", header="time,fx,fy,fz,tx,ty,tz,q", comments="", fmt="%.9g")
+    return folder
+
+
+def two_sensors(folder: Path, speed: float, *more: str) -> Path:
+    """A rig of two sensors, and of those in `more`, whose logs are not there; and the log, with pushes and motion."""
+    (folder / "robot.urdf").write_text(URDF)
+    rng = np.random.default_rng(3)
+    messages = list[tuple[int, str, object]]()
+    for k in range(COUNT):
+        push = 4.0 * max(0.0, np.sin(k / 25)) if k > 60 else 0.0
+        for topic, frame, way in ((WRENCH, "ft_sensor", 0), (OTHER, "shoulder", 2)):
+            values = rng.normal(size=6) * ([0.02] * 3 + [0.001] * 3)
+            values[way] -= push
+            messages.append((STEP * k, topic, wrench(STEP * k, values.tolist(), frame)))
+        messages.append((STEP * k, JOINTS, joints(STEP * k, np.array([0.1, -0.4, 0.2]) * np.sin(k / 90))))
+    write_mcap(folder / "log.mcap", messages, {**KINDS, OTHER: KINDS[WRENCH]})
+    text = '[robot]\nurdf = "robot.urdf"\njoints = "/joint_states"\nbase = "base_link"\ngravity = "fixed"\n'
+    stated = [("wrist", "ft_sensor", WRENCH, "log.mcap"), ("elbow", "shoulder", OTHER, "log.mcap")]
+    stated += [(name, "shoulder", f"/{name}", "nowhere.mcap") for name in more]
+    for name, link, topic, log in stated:
+        text += SENSOR.format(name=name, link=link, topic=topic, log=log, speed=speed)
+    rig = folder / "robot.toml"
+    rig.write_text(text)
+    return rig

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from palpate.cli import main
 from palpate.signals.recording import CELLS
 from palpate_lab.simulation.shapes import icosphere
 from palpate_lab.simulation.skin_bench import Wand
-from palpate_lab.simulation.skin_session import SkinSession, load_cell_presses
+from palpate_lab.simulation.skin_session import SkinSession, load_cell_presses, simulate_protocol
 
-__all__ = ["write_skin_session"]
+__all__ = ["estimated_skin_session", "write_skin_session"]
 
 
 def write_skin_session(
@@ -68,3 +69,14 @@ intensity = "intensity.toml" # what their readings mean: palpate calibrate inten
 bits = 8
 tare = 0.8                   # s at the start in which nothing touches
 """
+
+
+def estimated_skin_session(folder: Path) -> SkinSession:
+    """Six touches, two cells wide, calibrated and estimated."""
+    rng = np.random.default_rng(7)
+    made = simulate_protocol(rng, touches=6, width=2.0)
+    write_skin_session(made, folder, rng, presses=20)
+    assert main(["calibrate", "intensity", f"{folder}/load_cell_log.csv", "-o", f"{folder}/intensity.toml"]) == 0
+    estimate = ["estimate", f"{folder}/skin_log.csv", "--rig", f"{folder}/rig.toml", "-o", f"{folder}/contacts.csv"]
+    assert main(estimate) == 0
+    return made

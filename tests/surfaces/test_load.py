@@ -9,8 +9,9 @@ import pytest
 import trimesh
 
 from palpate.errors import GeometryError, InputError, PalpateError
-from palpate.surfaces import Mesh
+from palpate.surfaces import Mesh, Sphere
 from palpate.surfaces._load import _load_trimesh, arrays_of, load_arrays
+from palpate.surfaces.surface import as_surface
 from tests.support.bodies import R, box
 
 
@@ -142,3 +143,15 @@ def test_a_trimesh_is_a_mesh_in_its_unit() -> None:
 def test_what_is_no_trimesh_is_refused(wrong: object) -> None:
     with pytest.raises(InputError, match=r"trimesh\.Trimesh"):
         Mesh.from_trimesh(wrong, "mm")
+
+
+def test_what_is_given_is_a_surface_a_mesh_or_refused(tmp_path: Path) -> None:
+    sphere, path = Sphere(R), write(tmp_path / "box.stl")
+    assert as_surface(sphere) is sphere
+    for given in (path, str(path), trimesh.load_mesh(path)):
+        found = as_surface(given, "mm")
+        assert np.allclose(found.drawn().bounds, Mesh.load(path, unit="mm").bounds, rtol=1e-6, atol=0)
+    with pytest.raises(InputError, match=r"a dict is not a surface.*Write palpate\.Mesh\.load"):
+        as_surface({})
+    with pytest.raises(InputError, match=r"unit='mm' is only for a mesh file.*Leave unit out"):
+        as_surface(sphere, "mm")

@@ -10,6 +10,7 @@ import pytest
 from palpate.errors import GeometryError
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Cylinder, Ellipsoid, EllipticCylinder, Mesh, Paraboloid, Sphere, superquadric
+from palpate.surfaces.geodesic import walk
 
 R = 0.01
 
@@ -70,3 +71,22 @@ def test_pose_places_it() -> None:
 def test_lengths_that_are_none_are_refused(make: object) -> None:
     with pytest.raises(GeometryError, match="positive"):
         make()  # pyright: ignore[reportCallIssue] - a lambda
+
+
+def test_a_walk_is_a_great_circle_of_a_sphere_and_a_helix_of_a_cylinder() -> None:
+    """Up to 60 degrees: four steps err by (length / 4)^3 / (24 R^2) each at most; four times along a helix."""
+    rng, angle = np.random.default_rng(0), np.linspace(0.0, np.pi / 3, 20)[:, None]
+    start = rng.normal(size=(20, 3))
+    start /= np.linalg.norm(start, axis=1, keepdims=True)
+    way = np.cross(start, rng.normal(size=(20, 3)))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    end, normal, heading = walk(Sphere(R), R * start, R * angle * way)
+    most = 4 * (R * angle.max() / 4) ** 3 / (24 * R**2)
+    np.testing.assert_allclose(end, R * (np.cos(angle) * start + np.sin(angle) * way), atol=most)
+    np.testing.assert_allclose(normal, end / R, atol=1e-9)
+    assert np.isnan(heading[0]).all()
+    np.testing.assert_allclose(heading[1:], (np.cos(angle) * way - np.sin(angle) * start)[1:], atol=most / R)
+    end, _, heading = walk(Cylinder(R, 4 * R), R * np.array([[0.6, 0.0, 0.8]]), R * np.array([[0.8, 0.5, -0.6]]))
+    turned = np.array([[np.cos(1.0), 0, np.sin(1.0)], [0, 1.0, 0], [-np.sin(1.0), 0, np.cos(1.0)]])
+    np.testing.assert_allclose(end, R * ([[0.6, 0.0, 0.8]] @ turned.T + [0, 0.5, 0]), atol=4 * most)
+    np.testing.assert_allclose(heading, [[0.8, 0.5, -0.6] @ turned.T / np.sqrt(1.25)], atol=4 * most / R)

@@ -80,3 +80,27 @@ def test_a_simpler_mesh_is_near_the_finer_one() -> None:
     points, few = simpler(vertices, faces, FACETS)
     assert FACETS / 4 < len(few) <= FACETS
     assert np.abs((points / BODY.axes) ** 2 @ np.ones(3) - 1).max() < 0.05
+
+
+def test_two_runs_are_set_side_by_side() -> None:
+    """The same touch 2 mm higher and 0.5 s later, and one more that is the other's alone."""
+    moved = _moved(2e-3, 0.5)
+    alone = replace(moved, time=moved.time + 100.0, sample=moved.sample + 400)
+    run = Run("log", "ours.csv", "done", _summary(session()), body=BODY.mesh(500))
+    section = compared(run, "theirs.csv", _summary(Contacts.joined([moved, alone]))).sections[0]
+    figures, touches = section.tables
+    assert figures.header == ("", "ours.csv", "theirs.csv")
+    assert figures.rows[:3] == (
+        ("samples", "400", "800"),
+        ("answered, of the loaded", "100.0 %", "100.0 %"),
+        ("touches", "1", "2"),
+    )
+    assert figures.rows[3] == ("peak force [N]", "4.25", "4.25")
+    assert figures.rows[4][1] == figures.rows[4][2] == f"{1e3 * run.kept.median_radius:.3g}"
+    ((*row, apart, later),) = touches.rows
+    assert (row, later) == (["1", "101.000", "4.248", "1", "4.248"], "+0.500")
+    assert float(apart) == pytest.approx(2.0, abs=0.5)  # it moves, and another of its samples may be the middle
+    assert touches.caption == "Touches of the other run that have no match here: 2."
+    assert [each.caption.rpartition(" in ")[2] for each in section.pictures] == ["ours.csv.", "theirs.csv."] * 2
+    none = compared(run, "theirs.csv", _summary(_moved(0.0)[:50])).sections[0].tables[1]
+    assert none.rows[0][3:] == ("none", "-", "-", "-")

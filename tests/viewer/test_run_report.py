@@ -12,6 +12,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.contact.locate import Locator
+from palpate.contact.origins import Origins
 from palpate.sensors.force_torque.view import force_torque, wrench_advice
 from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.sensors.load_cells.view import load_cells
@@ -21,8 +22,13 @@ from palpate.setup.tables import RigEstimate, RigPair, RigSurface, RigThresholds
 from palpate.setup.wrench_table import RigForceTorque, RigNoise
 from palpate.setup.wrench_view import wrench_settings
 from palpate.spatial.pose import Pose
+from palpate.viewer.batch_summary import LogResult, figures
+from palpate.viewer.batch_summary import compose as compose_batch
 from palpate.viewer.captions import MEANING
-from palpate.viewer.report import Section, render
+from palpate.viewer.drawing import Mark
+from palpate.viewer.heat import FineMesh
+from palpate.viewer.report import ReportTable, Section, render
+from palpate.viewer.robot_report import EstimatedRobot, compose_robot
 from palpate.viewer.run_report import Run, compose
 from palpate.viewer.run_summary import RunSummary
 from palpate_lab.simulation.cell_array import LAYOUTS
@@ -187,3 +193,43 @@ def test_the_page_holds_inputs_warnings_and_the_time_budget() -> None:
     assert "log.csv, SHA-256 abc" in page
     assert all(f">{cell}</td>" in page for cell in ("locate", "0.003", "3.00", "75.0 %", "4.00", "100.0 %"))
     assert len(page) < 2_000_000
+
+
+@pytest.mark.parametrize("frame", ["base", "surface"])
+def test_a_robot_s_report_has_its_sensors_and_touches(frame: str) -> None:
+    """By construction one touch of 42 N, whose deviation is 1 mm, and a sensor that nothing touches."""
+    felt, still = (_run(_rows(status)).summary for status in (Status.CONTACT, Status.NO_CONTACT))
+    touched, facets = frame == "base", np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+    touches = (felt if touched else still).finder.touches()
+    touches = replace(touches, origins=Origins.of_names(["a"] * touched, ["link"] * touched))
+    body, mark = FineMesh(np.eye(4, 3), -np.eye(4, 3), facets), Mark(np.zeros(3), np.array([0.0, 0, 1]), "it was here")
+    table, summaries = ReportTable(("sensor",), (("a",), ("b",))), {"a": felt, "b": still}
+    drawn = (body, (mark,)) if touched else (None, ())
+    made = compose_robot(EstimatedRobot("l", "o", frame, (), table, summaries, touches, *drawn, "No touch was found."))
+    tiles = [(tile.value, tile.word) for tile in made.tiles]
+    known = [("42 N", "a, touch 1"), ("1 mm", "median of the touches")]
+    assert tiles == [("2", ""), (f"{+touched}", f"of {+touched} sensors"), *known[: 2 * touched]]
+    assert ("No touch was found." in render(made)) != touched
+    assert ("in the base frame" in made.footer) == touched
+    assert made.summary.startswith("2,000 readings of 2 sensors were read from l;")
+
+
+def test_the_report_of_a_batch_counts_its_logs() -> None:
+    """One that is whole, one that is cut off, of the same warning, and one that failed."""
+    counts = tuple(900 * (kind == Status.CONTACT) + 100 * (kind == Status.NO_POSE) for kind in Status)
+    whole = LogResult("a.csv", "a.parquet", 1000, 900, 2, 1.5, counts, ("careful",))
+    torn = replace(whole, log="b.csv", peak=4.25, warnings=("careful", "hot"), ended="torn")
+    made = compose_batch([whole, torn, LogResult("c.csv", failure="is empty.")], (("rig", "r.toml"),))
+    assert [tile.value for tile in made.tiles] == ["2", "1", "2,000", "4", "4.25 N", "2"]
+    assert (made.tiles[0].word, made.tiles[0].tone, made.tiles[1].tone) == ("of 3", "poor", "poor")
+    sections = {each.title: each for each in made.sections}
+    assert sections["Logs that failed"].tables[0].rows == (("c.csv", "is empty."),)
+    assert sections["All logs"].tables[0].rows == (
+        ("a.csv", "1,000", "900", "2", "1.50", "contact 90.0 %, no pose 10.0 %", "1", "a.parquet"),
+        ("b.csv", "1,000", "900", "2", "4.25", "contact 90.0 %, no pose 10.0 %", "2", "a.parquet (the log is cut off)"),
+        ("c.csv", "0", "0", "0", "-", "", "0", "is empty."),
+    )
+    assert sections["Warnings"].tables[0].rows == (("careful", "2", "a.csv, b.csv"), ("hot", "1", "b.csv"))
+    assert sections["Samples of all logs"].settings == (("contact", "90.0 %, 1,800"), ("no pose", "10.0 %, 200"))
+    assert sections["Settings"].settings == (("rig", "r.toml"),)
+    assert ("cut off", "1", 1.0) in figures([whole, torn])

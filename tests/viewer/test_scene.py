@@ -17,9 +17,11 @@ from palpate.surfaces.mesh import plane
 from palpate.viewer.captions import MEANING, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
 from palpate.viewer.marker import facing
+from palpate.viewer.robot_layer import LiveRobotLayer, RobotLayer
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, prepare, rounded_up
 from palpate.viewer.timeline import Timeline, downsampled, next_of
 from tests.support.pages import BODY, SPREAD, ellipsoid, session, tangents, two_contacts
+from tests.support.robots import rotation
 
 
 @pytest.fixture(scope="module")
@@ -299,3 +301,31 @@ def test_a_body_without_a_mesh_is_as_large_as_its_contacts() -> None:
 def test_nothing_to_show_is_said() -> None:
     with pytest.raises(InputError, match="nothing to show"):
         prepare(ellipsoid(), session()[:0])
+
+
+def test_a_robot_is_drawn_where_its_links_are(scene: Scene) -> None:
+    """Also at a sample whose pose is not known, and from links that are listed while they move."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    half = np.sqrt(0.5)
+    links = {"a": (corners, faces), "b": (corners, faces)}
+    quaternions, positions = np.full((2, 2, 4), np.nan), np.full((2, 2, 3), np.nan)
+    quaternions[1], positions[1] = [[0.0, 0, 0, 1], [0, 0, half, half]], [[0.0, 0, 0], [5, 0, 0]]
+    force = {"one": np.array([np.nan, 0.0]), "other": np.array([1.5, 1.5])}
+    layer = RobotLayer(links, quaternions, positions, force, {"one": 50.0, "other": 1e3})
+    body = layer.body_at(0)
+    wanted = {tuple(p) for p in np.concatenate([corners, corners @ rotation(np.pi / 2).T + [5, 0, 0]]).round(9) + 0.0}
+    assert {tuple(p) for p in body.vertices.round(9) + 0.0} == wanted
+    assert len(body.faces) == 8
+    facets = body.vertices[body.faces]
+    across = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
+    assert (np.einsum("fi,fki->fk", across, body.normals[body.faces]) > 0).all()
+    np.testing.assert_allclose([layer.places.min(axis=0), layer.places.max(axis=0)], [[0, 0, 0], [5, 1, 1]], atol=1e-9)
+    assert layer.rows(scene, 0) == [("one", "no readings, 50.0 Hz"), ("other", "1.50 N, 1000 Hz")]
+    assert layer.rows(scene, 1)[0] == ("one", "nothing touches, 50.0 Hz")
+    live = LiveRobotLayer(links, quaternions[0], positions[0])
+    assert len(live.body_at(0).faces) == 0
+    live.move(quaternions[1], positions[1])
+    live.describe([("one", "2 N")])
+    assert len(live.body_at(0).faces) == 8
+    assert (live.rows(scene, 0), live.legend(), live.covers) == ([("one", "2 N")], [], False)

@@ -109,10 +109,7 @@ def test_readings_in_the_base_frame_are_those_of_the_sensor_turned() -> None:
     """With a payload and a motion; what depends on the order of products agrees to rounding."""
     rng, count = np.random.default_rng(8), 20
     turned, reading, noise = rotations(count), rng.normal(size=(count, 6)), (0.02, 0.001)
-    channels = {
-        "orientation": Rotation.from_matrix(turned).as_quat(),
-        "acceleration": rng.normal(size=(count, 3)),
-    }
+    channels = {"orientation": Rotation.from_matrix(turned).as_quat(), "acceleration": rng.normal(size=(count, 3))}
     in_base = np.einsum("nij,nkj->nki", turned, reading.reshape(count, 2, 3)).reshape(count, 6)
     found = list[np.ndarray]()
     for frame, values in (("sensor", reading), ("base", in_base)):

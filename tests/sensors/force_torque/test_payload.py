@@ -9,10 +9,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate.errors import InputError, NotIdentifiable
+from palpate.files.models import write_model
 from palpate.sensors.force_torque._payload_fit import Errors, gain_of, model, residual_covariance, two_stage
 from palpate.sensors.force_torque.calibrate import identify_payload
 from palpate.signals import Payload
 from palpate.spatial.pose import rotation_from_quaternion
+from tests.cli.test_calibrate_drift import RIG, TIME, WALK, a_zero, columns, drift, found_in
 
 WEIGHT = np.array([0.3, -0.2, -12.0])
 CENTER = np.array([0.004, -0.01, 0.05])
@@ -441,3 +443,43 @@ def test_halves_of_a_real_log_agree_within_their_covariances(shared: Path) -> No
     assert 0.5 < off[load] @ np.linalg.solve(covariance[np.ix_(load, load)], off[load]) / 6 < 2.0
     assert off @ np.linalg.solve(covariance, off) / 12 < 2.5
     assert "drifts by about 1.9 N" in first.notes[0]
+
+
+def test_with_a_payload_the_arm_may_move(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without it, that it moves is said."""
+    payload = Payload(*np.array([[0.0, 0.0, -10.0], [1.0, 2.0, 3.0], [0.0, 0.0, 0.05], [0.1, 0.2, 0.3]]))
+    turned = Rotation.from_rotvec(np.column_stack([0.5 * np.sin(TIME / 5.0), 0.3 * np.cos(TIME / 7.0), 0.0 * TIME]))
+    weight = turned.inv().apply([0.0, 0.0, -10.0])
+    hanging = np.column_stack([weight, np.cross([0.0, 0.0, 0.05], weight)]) + np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
+    columns(tmp_path / "free.csv", "fx,fy,fz,tx,ty,tz,qx,qy,qz,qw", a_zero() + hanging, turned.as_quat())
+    write_model(tmp_path / "payload.toml", payload)
+    code, out = drift(
+        tmp_path, "free.csv", RIG + 'payload = "payload.toml"\n[drift]\nwalk={force=1,torque=1}\nweight=0.05'
+    )
+    assert code == 0
+    np.testing.assert_allclose(found_in(out).walk, WALK, rtol=0.35)
+    assert found_in(out).weight == 0.05  # as stated
+    assert drift(tmp_path, "free.csv")[0] == 1
+    assert "turns by" in capsys.readouterr().err
+
+
+def test_inertia_of_an_arm_that_moves_is_no_walk(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """0.1 m to either side in 2.5 s at 10 N of weight: 0.65 N; with positions it is taken off, without them said."""
+    mass, gravity, rate = 10.0 / 9.81, np.array([0.0, 0.0, -10.0]), 2.0 * np.pi / 2.5
+    swing = 0.1 * np.outer(np.sin(rate * TIME), [1.0, 0.0, 0.0])
+    turned = Rotation.from_rotvec(np.column_stack([0.3 * np.sin(TIME / 5.0), 0.2 * np.cos(TIME / 7.0), 0.0 * TIME]))
+    path = swing + turned.apply([0.0, 0.0, 0.05])
+    pulled = turned.inv().apply(gravity - mass * np.gradient(np.gradient(path, TIME, axis=0), TIME, axis=0))
+    hanging = np.column_stack([pulled, np.cross([0.0, 0.0, 0.05], pulled)])
+    payload = Payload(gravity, np.zeros(3), np.array([0.0, 0.0, 0.05]), np.zeros(3))
+    write_model(tmp_path / "payload.toml", payload)
+    poses = turned.as_quat() + 1e-5 * np.random.default_rng(0).standard_normal((len(TIME), 4))
+    rig, walks = RIG + 'payload = "payload.toml"\n', list[np.ndarray]()
+    for names, places in (("x,y,z,qx,qy,qz,qw", swing), ("qx,qy,qz,qw", swing[:, :0])):
+        columns(tmp_path / "free.csv", f"fx,fy,fz,tx,ty,tz,{names}", a_zero() + hanging, places, poses)
+        code, out = drift(tmp_path, "free.csv", rig)
+        walks.append(found_in(out).walk if code == 0 else np.full(6, np.inf))
+        said = capsys.readouterr()
+        assert code or ("accelerations were taken" if places.size else "counts as walk") in said.out
+    np.testing.assert_allclose(walks[0], WALK, rtol=0.35)
+    assert walks[1][0] > 2.0 * WALK[0]

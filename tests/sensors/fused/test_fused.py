@@ -451,8 +451,7 @@ def test_what_does_not_fit_is_said(change: dict[str, np.ndarray], said: str) -> 
 
 
 @pytest.mark.parametrize(
-    "change",
-    [{"friction": 0.0}, {"tangential": 0.7}, {"gain": 1.0}, {"floor": -1.0}, {"alarm": 0.0}, {"turns": -1}],
+    "change", [{"friction": 0.0}, {"tangential": 0.7}, {"gain": 1.0}, {"floor": -1.0}, {"alarm": 0.0}, {"turns": -1}]
 )
 def test_settings_are_checked(change: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(change))):

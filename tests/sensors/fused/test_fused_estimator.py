@@ -153,9 +153,7 @@ def _late(estimator: FusedEstimator, channels: dict[str, np.ndarray]) -> FusedEs
 
 @pytest.mark.parametrize("wrong", [_reaction, _other_link, _other_end, _late])
 def test_what_does_not_belong_together_is_doubted(
-    estimator: FusedEstimator,
-    log: Recording,
-    wrong: Callable[[FusedEstimator, dict[str, np.ndarray]], FusedEstimator],
+    estimator: FusedEstimator, log: Recording, wrong: Callable[[FusedEstimator, dict[str, np.ndarray]], FusedEstimator]
 ) -> None:
     part = log.picked(slice(0, None, 4))
     channels = {name: values.copy() for name, values in part.channels.items()}

@@ -10,8 +10,11 @@ import pytest
 
 from palpate.cli import main
 from palpate.files.contacts import read_contacts
+from palpate.files.models import write_model
+from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate_lab.simulation.load_cell_bench import BENCHES
 from palpate_lab.simulation.load_cell_files import voltage_columns, write_bench_log, write_voltage_log
+from tests.cli.test_calibrate_drift import a_zero, columns, drift, found_in
 
 RIG = """
 [surface]
@@ -57,8 +60,8 @@ def test_contacts_of_every_start(folder: Path, capsys: pytest.CaptureFixture[str
 def test_bad_cells_are_named_and_the_others_locate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, out = folder / "bad.csv", folder / "bad_contacts.csv"
     dead, unit = {f"u2{axis}": pl.lit(0.01) for axis in "xyz"}, {"u3z": pl.col("u3z") * 1e3}
-    for columns, said in ((dead, "cell 2 is dead"), (unit, "u3z reads 1e+03 times what it should")):
-        pl.read_csv(folder / "log.csv").with_columns(**columns).write_csv(log)
+    for faults, said in ((dead, "cell 2 is dead"), (unit, "u3z reads 1e+03 times what it should")):
+        pl.read_csv(folder / "log.csv").with_columns(**faults).write_csv(log)
         assert main(["estimate", str(log), "--rig", f"{folder}/rig.toml", "-o", str(out)]) == 0
         assert said in capsys.readouterr().out
     assert read_contacts(out).estimate.answered[-100:].any()
@@ -104,3 +107,17 @@ def test_columns_by_name_and_unit(folder: Path) -> None:
         assert main(["estimate", str(folder / name), "--rig", str(folder / rig), "-o", str(out)]) == 0
     one, other = (read_contacts(folder / f"{name}.out.csv").estimate for name in ("log.csv", "milli.csv"))
     np.testing.assert_allclose(one.point, other.point, atol=1e-9)  # nine digits of mV
+
+
+def test_of_load_cells_it_is_of_voltages(tmp_path: Path) -> None:
+    """One channel dead, and left out by the rig."""
+    places = 0.01 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0.0]])
+    cells = nominal_cells(places, 20.0, 2e-5, 5.0)
+    write_model(tmp_path / "cells.toml", cells)
+    volts = 1.0 + 1e-3 * np.tile(a_zero()[:, :3], 4)
+    volts[:, 3:6] = 0.0
+    columns(tmp_path / "free.csv", ",".join(f"u{cell}{axis}" for cell in (1, 2, 3, 4) for axis in "xyz"), volts)
+    rig = '[surface]\nkind = "plane"\n[load_cells]\nmodel = "cells.toml"\nwithout = [2]\n'
+    code, out = drift(tmp_path, "free.csv", rig)
+    assert code == 0
+    np.testing.assert_allclose(found_in(out, 12).walk, 4e-6, rtol=0.35)

@@ -11,20 +11,14 @@ from palpate.cli import main
 from palpate.files.contacts import read_contacts
 from palpate.files.models import read_model
 from palpate.sensors.taxels.intensity import Intensity
-from palpate_lab.simulation.skin_session import SkinSession, simulate_protocol
-from tests.support.skin_session_files import write_skin_session
+from palpate_lab.simulation.skin_session import SkinSession
+from tests.support.skin_session_files import estimated_skin_session
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SkinSession]:
-    """Six touches, two cells wide, calibrated and estimated."""
-    folder, rng = tmp_path_factory.mktemp("skin"), np.random.default_rng(7)
-    made = simulate_protocol(rng, touches=6, width=2.0)
-    write_skin_session(made, folder, rng, presses=20)
-    assert main(["calibrate", "intensity", f"{folder}/load_cell_log.csv", "-o", f"{folder}/intensity.toml"]) == 0
-    estimate = ["estimate", f"{folder}/skin_log.csv", "--rig", f"{folder}/rig.toml", "-o", f"{folder}/contacts.csv"]
-    assert main(estimate) == 0
-    return folder, made
+    folder = tmp_path_factory.mktemp("skin")
+    return folder, estimated_skin_session(folder)
 
 
 def test_touches_are_found_and_named(session: tuple[Path, SkinSession]) -> None:
@@ -44,32 +38,6 @@ def test_touches_are_found_and_named(session: tuple[Path, SkinSession]) -> None:
     assert 'sensor = "skin"' in (folder / "contacts.csv.toml").read_text()
 
 
-@pytest.mark.parametrize(
-    ("truth", "more", "said"),
-    [
-        ("truth.csv", (), "location of touches"),
-        ("wrench.csv", ("--rig", "rig.toml", "-o", "report.html"), "as the paper"),
-        ("wand.csv", ("--rig", "rig.toml", "--wand", "wand.stl"), "wand tracked by motion capture"),
-    ],
-)
-def test_contacts_are_judged_by_every_instrument(
-    session: tuple[Path, SkinSession],
-    truth: str,
-    more: tuple[str, ...],
-    said: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    folder, _ = session
-    monkeypatch.chdir(folder)
-    assert main(["evaluate", "contacts.csv", truth, *more]) == 0
-    assert said in capsys.readouterr().out
-    if "report.html" in more:
-        page = (folder / "report.html").read_text()
-        assert page.count("<svg") == 1
-        assert "a perfect map" in page
-
-
 def test_what_cannot_be_meant_is_refused_with_a_sentence(
     session: tuple[Path, SkinSession], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,9 +49,6 @@ def test_what_cannot_be_meant_is_refused_with_a_sentence(
     for command, said in (
         (["estimate", "skin_log.csv", "--rig", "other.toml", "-o", "x.csv"], "states 5 x 22"),
         (["estimate", "short.csv", "--rig", "rig.toml", "-o", "x.csv"], "132 cells"),
-        (["evaluate", "contacts.csv", "wrench.csv"], "Add --rig"),
-        (["evaluate", "contacts.csv", "wand.csv", "--rig", "rig.toml"], "Add --wand"),
-        (["evaluate", "contacts.csv", "truth.csv", "-o", "r.html"], "works only where the truth is a wrench or a wand"),
         (["calibrate", "intensity", "flat.csv", "-o", "x.toml"], "same force"),
         (["calibrate", "intensity", "wrench.csv", "-o", "x.toml"], "no column 'force'"),
         (["calibrate", "intensity", "load_cell_log.csv", "-o", "x.toml", "--sheet", "6by22"], "be rows and columns"),

@@ -167,24 +167,6 @@ def test_what_is_wrong_with_a_rig_of_taxels_is_said(tmp_path: Path, text: str, s
         _ = load_rig(tmp_path / "rig.toml").resolve().of(SkinSection).body
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("sensor = 'a'\n", "sensor and link must be given together"),
-        ("urdf = 'a.urdf'\n", "urdf needs sensor and link"),
-        ("topic = '/pose'\npose = { xyz = [0, 0, 0] }\n", "topic and pose exclude each other"),
-        ("threshold = -1\n", "threshold must be positive"),
-        ("[pokes.priors]\nbias_torque = -1\n", "bias_torque must not be negative"),
-        ("[pokes.priors]\nlever = 0\n", "lever must be positive"),
-        ("priors = { framme = 0.1 }\n", "Did you mean 'frame'"),
-    ],
-)
-def test_what_is_wrong_with_pokes_of_a_rig_is_said(tmp_path: Path, text: str, said: str) -> None:
-    (tmp_path / "rig.toml").write_text(f"[skin]\ncount = 84\n[pokes]\n{text}")
-    with pytest.raises(InputError, match=said):
-        load_rig(tmp_path / "rig.toml")
-
-
 def test_priors_of_a_rig_are_in_degrees_and_may_be_infinite(tmp_path: Path) -> None:
     text = "[skin]\ncount = 84\n[pokes.priors]\nframe_angle = 2.0\nstart = inf\n"
     (tmp_path / "rig.toml").write_text(text)

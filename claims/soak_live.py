@@ -1,7 +1,7 @@
 """A day at 1 kHz, as fast as it goes: `palpate live --record` on a log that is replayed again and again.
 
 Every file that is ended is read by the `mcap` library, counted and removed; the last figure is of samples received and
-never recorded. As a script: `python -m tests.support.soak_live [86400000]`.
+never recorded. As a script: `python -m claims.soak_live [86400000]`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from mcap.reader import make_reader
 from palpate.live.record import ring_of
 from palpate.live.stream_buffer import StreamBuffer
 from palpate_lab.simulation import BumpySphere, touch_wrenches
-from tests.support.kill_live import children
 
 DAY, SECONDS, RATE = 86_400_000, 1000, 1000  # samples; of the log; Hz
 R, FACETS, TOUCH = 0.03, 20_000, 700  # m; of the body; samples of a touch, and of a rest
@@ -65,7 +64,7 @@ class Soak:
 
     def weigh(self, parent: int, seconds: float) -> None:
         """Memory of the command and its processes at most, against what it was at most until they were settled."""
-        for process in [Path("/proc") / str(parent), *children(parent)]:
+        for process in [Path("/proc") / str(parent), *_children(parent)]:
             try:
                 words = (process / "status").read_text().split()
                 held = int(words[words.index("RssAnon:") + 1]) / 1024
@@ -110,6 +109,12 @@ def soak(folder: Path, wanted: int) -> str:
         f"{received:,} samples in {took / 60:.1f} min, {rate:,.0f} a second: {lost:,} received and not recorded, "
         f"{seen.files} files; memory of a process at most {seen.grown:.1f} MiB above that of its first {SETTLED:g} s"
     )
+
+
+def _children(parent: int) -> list[Path]:
+    """Return folders in /proc of the processes that a process started."""
+    tasks = Path(f"/proc/{parent}/task").glob("*/children")
+    return [Path("/proc") / child for task in tasks for child in task.read_text().split()]
 
 
 def _write(folder: Path) -> None:
