@@ -42,7 +42,6 @@ pitches], or the root of the sum of squared loads over the force, if that is the
 SQUARE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # where the nine numbers of a covariance are among its six
 _One = tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...], tuple[np.ndarray, np.ndarray] | None]
 """Time, readings and number of rows of one frame, which are written; its usual shape; views of its loads."""
-UNLIKE = 5.0  # times the misfits of the presses: touches have up to 2, wrong orders 9 or more
 HEAD = 2048  # frames from which rest, noise and faults are taken
 _ROWS = 1024  # of a piece of answers
 
@@ -225,14 +224,8 @@ class TaxelEstimator(ContactEstimator):
     @property
     def unbelievable(self) -> str:
         """Return the sentence that no touch of a log can be believed; "" if some can."""
-        if self.body.response is not None and self.misfit > UNLIKE * self.body.response.usual:
-            return (
-                "no result to trust: the loads of most touches differ from those of a force by far more than in the "
-                "calibration: correct the order of the taxels or of their axes in [skin], unless the touches are much "
-                "wider than the tips of the calibration"
-            )
         known, health = (self._watch.loads, self._watch.free, self._frames.touches, self.body), self.health
-        return "" if health is None else unbelievable_touches(*known, health)
+        return "" if health is None else unbelievable_touches(*known, health, self.misfit)
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()
@@ -252,11 +245,8 @@ class TaxelEstimator(ContactEstimator):
 
     def _know(self, health: Health) -> None:
         if health.baseline.shape != (len(self.body),):
-            raise InputError(
-                f"health is of frames of {health.baseline.size} cells, but the body has {self.body.named()}.",
-                where="taxels",
-                hint="Examine frames of this body.",
-            )
+            what = f"health is of frames of {health.baseline.size} cells, but the body has {self.body.named()}."
+            raise InputError(what, where="taxels", hint="Examine frames of this body.")
         if not (self.body.usable & health.good).any():
             raise InputError("no cell can be used: all are masked, dead or stuck.", where="taxels")
         self.health = health
@@ -304,10 +294,8 @@ class TaxelEstimator(ContactEstimator):
             InputError: there is neither `health` nor a tare.
         """
         if self.health is None:
-            raise InputError(
-                "the readings of the cells at rest are not known.",
-                hint="Give health=examine(...), or call tare with a recording in which nothing touches.",
-            )
+            hint = "Give health=examine(...), or call tare with a recording in which nothing touches."
+            raise InputError("the readings of the cells at rest are not known.", hint=hint)
 
 
 def _room_for_one(body: TaxelBody) -> _One:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import nan
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -13,12 +15,18 @@ ANSWERS, SHARE = 20.0, 0.2  # deviations of its noise, and of the largest answer
 WIDE = 8  # cells that answer in a frame, which a touch presses side by side,
 FEWEST = 8  # in at least so many frames
 SCATTERED = 0.75  # of the roughness of cells in a wrong order, which is 0.7 to 1.3; wide touches have 0.1 to 0.5
+UNLIKE = 5.0  # times the misfits of the presses: touches have up to 2, wrong orders 9 or more
 HUNDREDS, ALWAYS = 100, 0.95  # touches, and of the frames with a touch: noise or a wrong zero
 
 
 @takes_arrays
 def unbelievable_touches(
-    loads: Float[np.ndarray, "n k"], free: Bool[np.ndarray, " m"], touches: int, body: TaxelBody, health: Health
+    loads: Float[np.ndarray, "n k"],
+    free: Bool[np.ndarray, " m"],
+    touches: int,
+    body: TaxelBody,
+    health: Health,
+    misfit: float = nan,
 ) -> str:
     """Return a sentence if no touch of a log can be believed, else "".
 
@@ -28,10 +36,17 @@ def unbelievable_touches(
         touches: number of touches in them.
         body: the body that was recorded.
         health: baseline and noise of its cells.
+        misfit: as of `TaxelEstimator`, of taxels with three axes.
 
     Raises:
         InputError: arrays of other shapes.
     """
+    if body.response is not None and misfit > UNLIKE * body.response.usual:
+        return (
+            "no result to trust: the loads of most touches differ from those of a force by far more than in the "
+            "calibration: correct the order of the taxels or of their axes in [skin], unless the touches are much "
+            "wider than the tips of the calibration"
+        )
     if touches >= HUNDREDS and np.mean(~free) > ALWAYS:
         return (
             f"no result to trust: {touches:,} touches, and {np.mean(~free):.0%} of the frames have one: the noise of "
