@@ -98,7 +98,7 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pit
 
 def _require_rest(moved: Float[np.ndarray, " n"], free: Bool[np.ndarray, " n"], source: str) -> None:
     """Require that readings, which have moved so far from their rest, do so only where a force is stated."""
-    share = float(np.mean(moved[free] > MOVES * np.median(moved[~free])))
+    share = np.count_nonzero(moved[free] > MOVES * float(np.median(moved[~free]))) / np.count_nonzero(free)
     if share > OFTEN:
         hint = "State the force as it rises and falls, too, on the clock of the log."
         raise InputError(f"readings move in {share:.0%} of the frames without a true force.", where=source, hint=hint)
