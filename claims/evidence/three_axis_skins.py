@@ -67,7 +67,7 @@ def rows(small: bool) -> Iterator[Row]:
             trained = [(skin, calibrated(skin, presses, 10 + unit)) for unit, skin in enumerate(skins)]
             yield from _single(of, trained, touches, small)
             yield from _twisted(of, trained, touches)
-            yield _warmed(of, trained, touches)
+            yield _warmed(of, trained, touches, small)
             yield _pairs(of, trained, touches, small)
     yield _fused(presses, touches, small)
     yield _fast(small)
@@ -163,13 +163,13 @@ def _twisted(of: str, trained: list[tuple[ThreeAxisSkin, TaxelEstimator]], touch
     yield Row(f"torque about the normal, twisted, {of}", "", f"{got}, up to {true.max():.2g}")
 
 
-def _warmed(of: str, trained: list[tuple[ThreeAxisSkin, TaxelEstimator]], touches: int) -> Row:
+def _warmed(of: str, trained: list[tuple[ThreeAxisSkin, TaxelEstimator]], touches: int, small: bool) -> Row:
     """The first touches again while the skin warms, which the estimator does not know: it follows the rest."""
     errors, _, _ = _errors(_tested(trained, touches, 100, warms=WARMS))
     median, most = np.median(errors.normal), np.percentile(errors.normal, 95)
     got = f"{median:.2%} median, {most:.1%} 95 %; truth in {errors.forces.mean():.1%} of the 95 % ellipses of force"
     what = f"normal force, the skin warms by {WARMS:g} K meanwhile, {of}"
-    return Row(what, "median <= 5 %", got, bool(median <= 0.05))
+    return Row(what, "median <= 5 %", got, None if small else bool(median <= 0.05))  # few touches warm it at once
 
 
 def _pairs(of: str, trained: list[tuple[ThreeAxisSkin, TaxelEstimator]], touches: int, small: bool) -> Row:
