@@ -72,7 +72,7 @@ def identify_response(
         raise _unrelated(f" ({_left_out_text(off, pitch, len(in_turn))})")
     record = {"left_out": _left_out_text(off, pitch, len(in_turn)), **(provenance or {})}
     kept = dict(zip(("widening", "inexact", "unusual"), wide.T, strict=True)) | {"curve": frozen(curve)}
-    kept["usual"] = float(np.mean(misfits))
+    kept["usual_misfit"] = float(np.mean(misfits))
     response, _ = _fitted(body, presses, pitch, bool(sums))
     return replace(response, **kept, provenance=record, notes=(f"{len(names)} presses",))
 

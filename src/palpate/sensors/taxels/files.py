@@ -114,7 +114,7 @@ RESPONSE = Model(
                 "widening": Key("of the deviations of place, normal and tangential force"),
                 "inexact": Key("more deviations of these: pitches, and shares of the force"),
                 "unusual": Key("more deviations, for a shape of 1"),
-                "usual": Key("misfits of the presses' loads, mean square", infinite=True),
+                "usual_misfit": Key("misfits of the presses' loads, mean square", infinite=True),
                 "sums": Key("forces are the sums of the taxels' loads"),
                 "late": Key("s, share, deviation: how much of the loads before a reading follows"),
                 "drift": Key("s, within which the rest is followed", infinite=True),

@@ -41,7 +41,7 @@ def unbelievable_touches(
     Raises:
         InputError: arrays of other shapes.
     """
-    if body.response is not None and misfit > UNLIKE * body.response.usual:
+    if body.response is not None and misfit > UNLIKE * body.response.usual_misfit:
         return (
             "no result to trust: the loads of most touches differ from those of a force by far more than in the "
             "calibration: correct the order of the taxels or of their axes in [skin], unless the touches are much "

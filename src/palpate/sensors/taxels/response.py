@@ -40,7 +40,7 @@ class TaxelResponse(Value):
         inexact: (3,) standard deviations beside them: of the place, and of both as shares of the force. With these,
             `widening` and `unusual`, 95 % of presses that the fit left out lie within their 95 % bounds.
         unusual: (3,) what is added to `inexact`, squared, where the shape of a touch is 1, in proportion to the shape.
-        usual: `TaxelEstimator.misfit` of the presses; inf: not known.
+        usual_misfit: `TaxelEstimator.misfit` of the presses; inf: not known.
         sums: the taxels bear all of a force among them, as pillars do: force and place are sums of their loads.
         late: (3,) readings are the load and a share of what it was before, exponentially over a time: the time [s], the
             share, and its standard deviation.
@@ -63,7 +63,7 @@ class TaxelResponse(Value):
     coupling: Float[np.ndarray, "5 4"] = field(default_factory=lambda: np.zeros((5, len(_loads.WIDTHS))))
     inexact: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     unusual: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
-    usual: float = inf
+    usual_misfit: float = inf
     sums: bool = False
     late: Float[np.ndarray, "3"] = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     drift: float = inf
