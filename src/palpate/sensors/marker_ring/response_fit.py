@@ -374,7 +374,10 @@ def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: floa
 def _left_out(
     presses: RingPresses, before: RingResponse | None, whole: tuple[np.ndarray, Sequence[_Prior]]
 ) -> dict[str, np.ndarray]:
-    """Return `misfit`, `spread` and `left_out`, from fits that omit a part of the angles, tested on that part."""
+    """Return `misfit`, `spread` and `left_out`, from fits that omit a part of the angles, tested on that part.
+
+    `whole`: `carried` and priors of the fit to all presses, which these fits keep.
+    """
     _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
     folds = (which if which.max() + 1 >= _FOLDS else np.arange(len(presses))) % _FOLDS
     fits = [_fitted(presses.picked(folds != fold), before, whole)[0] for fold in range(_FOLDS)]
