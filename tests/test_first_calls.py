@@ -94,7 +94,7 @@ def test_a_body_may_be_a_file_or_of_trimesh(here: Bench) -> None:
         palpate.locate(WRENCH, loaded)
     with pytest.raises(InputError, match='Write unit="mm"'):
         palpate.locate(WRENCH, "probe.stl")
-    with pytest.raises(InputError, match="in metres"):
+    with pytest.raises(InputError, match=r"in metres.*Leave"):
         palpate.locate(WRENCH, here.mesh, unit="mm")
     loaded.units = "millimeters"
     np.testing.assert_array_equal(palpate.locate(WRENCH, loaded).point, due.point)
@@ -125,7 +125,7 @@ def test_a_log_may_be_in_memory(here: Bench, kind: str) -> None:
     np.testing.assert_array_equal(found.status, due.status)
     np.testing.assert_allclose(found.time, due.time, atol=1e-9)  # s: dates are kept to a nanosecond
     np.testing.assert_allclose(found.point, due.point, atol=1e-12)
-    with pytest.raises(InputError, match="the log: there is no column 'tz'"):
+    with pytest.raises(InputError, match=r"the log: there is no column 'tz'.*Did"):
         palpate.estimate(here.log.drop("tz"), "rig.toml")
 
 
@@ -168,12 +168,12 @@ def test_poses_and_payloads(tmp_path: Path) -> None:
     matrix[:3, :3], matrix[:3, 3] = pose.rotation, pose.translation
     np.testing.assert_array_equal(palpate.Pose.from_matrix(matrix).rotation, pose.rotation)
     np.testing.assert_array_equal(palpate.Pose.from_matrix(np.tile(matrix, (2, 1, 1))).translation[1], pose.translation)
-    with pytest.raises(InputError, match="last row"):
+    with pytest.raises(InputError, match=r"last row.*Transpose"):
         palpate.Pose.from_matrix(matrix.T)
     tool = palpate.Payload(mass=0.4, center_of_mass=[0, 0, 0.05])
     assert tool.mass == pytest.approx(0.4)
     np.testing.assert_allclose(tool.weight, [0, 0, -0.4 * 9.80665])
-    with pytest.raises(InputError, match="cannot be stated with a weight"):
+    with pytest.raises(InputError, match=r"payload: .*cannot be stated with a weight"):
         palpate.Payload(weight=[0, 0, -4], mass=0.4)
     tool.save(tmp_path / "payload.toml")
     again = palpate.Payload.load(tmp_path / "payload.toml")

@@ -176,7 +176,7 @@ def test_a_search_is_made_wider_while_the_best_offset_is_at_its_edge(monkeypatch
     found = identify_offset(*a_log(0.3), search=(-0.1, 0.1))
     assert found.offset == pytest.approx(identify_offset(*a_log(0.3)).offset, abs=1e-6)
     monkeypatch.setattr("palpate.calibration.clock.WIDEST", 0.0)
-    with pytest.raises(InputError, match="edge of the search"):
+    with pytest.raises(InputError, match=r"edge of the search.*Search"):
         identify_offset(*a_log(0.3), search=(-0.1, 0.1))
 
 
@@ -186,5 +186,5 @@ def test_logs_apart_and_impossible_searches_are_refused() -> None:
         identify_offset(time, wrenches, stamps + 1000.0, quaternions)
     with pytest.raises(InputError, match="search must go"):
         identify_offset(time, wrenches, stamps, quaternions, search=(0.1, 0.1))
-    with pytest.raises(InputError, match="never increase"):
+    with pytest.raises(InputError, match=r"never increase.*Correct"):
         identify_offset(np.zeros_like(time), wrenches, stamps, quaternions)

@@ -99,14 +99,14 @@ def test_logs_that_cannot_tell_are_refused(motion: str, change: float, words: st
 
 def test_another_joint_or_clock_is_refused() -> None:
     time, commands, positions, _ = rows(short())
-    for late, words in ((-0.1, "before the commands"), (5.0, "follow"), (1e6, "overlap")):
+    for late, words in ((-0.1, "before the commands"), (5.0, "follow.*Name"), (1e6, "overlap.*Stamp")):
         with pytest.raises(InputError, match=words):
             identify_servo(time, commands, time + late, positions)
-    with pytest.raises(InputError, match="before the commands"):
+    with pytest.raises(InputError, match=r"before the commands.*Stamp"):
         identify_servo(time, positions, time, commands)
-    with pytest.raises(InputError, match="do not follow"):
+    with pytest.raises(InputError, match=r"do not follow.*Name"):
         identify_servo(time, commands, time, positions[:, ::-1])
-    with pytest.raises(InputError, match="do not increase"):
+    with pytest.raises(InputError, match=r"do not increase.*Stamp"):
         identify_servo(time[::-1], commands, time, positions)
     with pytest.raises(NotIdentifiable, match="less than 10 s"):
         identify_servo(time[:2000], commands[:2000], time[:2000], positions[:2000])

@@ -54,7 +54,7 @@ def test_placement_widens_the_point_across_its_normal_live_and_in_blocks() -> No
     single = wide.update(0.0, PRESS).estimate
     np.testing.assert_array_equal(single.covariance, after.covariance)
     assert single.status[0] == before.status[0]
-    with pytest.raises(InputError, match="placement"):
+    with pytest.raises(InputError, match=r"placement.*Write"):
         estimator(ForceTorque(NOISE), placement=-1.0)
 
 

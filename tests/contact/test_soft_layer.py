@@ -76,7 +76,7 @@ def test_a_layer_of_no_depth_changes_no_bit() -> None:
 
 
 def test_a_wanted_accuracy_must_be_one() -> None:
-    with pytest.raises(InputError, match="accuracy"):
+    with pytest.raises(InputError, match=r"accuracy.*Write"):
         Locator(TUBE, accuracy=-1.0)
 
 

@@ -131,7 +131,7 @@ def test_limits_are_those_of_the_file(tmp_path: Path) -> None:
 
 
 def test_no_file_and_arrays_of_another_shape_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the file does not exist"):
+    with pytest.raises(InputError, match=r"urdf: the file does not exist"):
         load_arm(tmp_path / "none.urdf", "a", "b")
     arm = load_arm(write_arm(tmp_path), "base", "ft")
     with pytest.raises(InputError, match="joints must have shape"):

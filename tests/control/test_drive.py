@@ -52,5 +52,5 @@ def test_what_is_not_finite_stops_it() -> None:
 
 @pytest.mark.parametrize("wrong", [{"track": 0.0}, {"top": -0.05}, {"track": math.nan}, {"top": math.inf}])
 def test_a_drive_that_cannot_be(wrong: dict[str, float]) -> None:
-    with pytest.raises(InputError, match="must be positive"):
+    with pytest.raises(InputError, match=r"drive: .*must be positive"):
         DifferentialDrive(**wrong)

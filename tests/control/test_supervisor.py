@@ -89,12 +89,12 @@ def test_what_stopped_stays_stopped_until_it_is_started() -> None:
 
 
 def test_limits_that_cannot_be_kept_are_refused() -> None:
-    with pytest.raises(InputError, match="above the wanted force"):
+    with pytest.raises(InputError, match=r"above the wanted force.*Leave"):
         Supervisor(Limits(force=7.0), 7.0)
     for wrong in ({"speed": 0.0}, {"tilt": np.nan}, {"lost": -1.0}):
         with pytest.raises(InputError, match=next(iter(wrong))):
             Limits(**wrong)
-    with pytest.raises(InputError, match="drift"):
+    with pytest.raises(InputError, match=r"limits: drift"):
         Limits(drift=(-1.0, 0.0))
 
 
@@ -118,5 +118,5 @@ def test_hold_ends_while_the_force_is_outside_the_band_and_comes_back_inside() -
 
 @pytest.mark.parametrize("within", [0.0, -1.0, np.nan])
 def test_a_band_that_is_none_is_refused(within: float) -> None:
-    with pytest.raises(InputError, match="within"):
+    with pytest.raises(InputError, match=r"within: within"):
         Supervisor(Limits(), 7.0, within)

@@ -145,7 +145,7 @@ def test_voltages_and_their_reference_are_arrays_of_one_table(tmp_path: Path) ->
         np.testing.assert_array_equal(found.channels[VOLTAGE], volts * 1e-3)
         np.testing.assert_array_equal(found.channels[REFERENCE], reference)
     write_mcap(tmp_path / "log.mcap", [(1, CELL_TOPIC, _array(volts[0]))], {CELL_TOPIC: ARRAY})
-    with pytest.raises(InputError, match="voltage and reference cannot be read from one log of topics"):
+    with pytest.raises(InputError, match=r"voltage and reference cannot be read from one log of topics.*Write"):
         read_recording(tmp_path / "log.mcap", layout)
 
 
@@ -301,7 +301,7 @@ def test_a_file_is_what_its_suffix_says_or_is_refused(tmp_path: Path, suffix: st
     WRENCHES[wrong](tmp_path / wrong)
     (tmp_path / f"other{suffix}").write_bytes((tmp_path / wrong).read_bytes())
     for read in (contents, read_recording):
-        with pytest.raises(InputError, match="does not begin as"):
+        with pytest.raises(InputError, match=r": does not begin as"):
             read(tmp_path / f"log{suffix}")
         with pytest.raises(InputError, match=r"does not begin as .* rename it"):
             read(tmp_path / f"other{suffix}")
@@ -319,14 +319,14 @@ def test_a_file_of_another_suffix_is_told_by_what_is_in_it(tmp_path: Path, name:
 @pytest.mark.parametrize(
     ("arrays", "word"),
     [
-        ({"frames": ROWS}, "has no array of times, 'time'"),
+        ({"frames": ROWS}, "has no array of times, 'time'.*Write"),
         ({"time": np.arange(60.0)}, "has 0 columns in addition to the time|has no array"),
-        ({"time": np.arange(60.0), "cels": ROWS[:, :2]}, "has no array 'frames'"),
-        ({"time": np.arange(59.0), "frames": ROWS}, "has 59 rows of time and 60 rows of frames"),
-        ({"time": np.arange(60.0), "frames": ROWS > 3}, "frames holds bool, not numbers"),
-        ({"time": np.arange(0.0), "frames": ROWS[:0]}, "holds no samples"),
-        ({"time": np.arange(60.0), "frames": ROWS.astype("U4")}, "not numbers"),
-        ({"time": np.float64(1.0), "frames": ROWS}, "has no array of times"),
+        ({"time": np.arange(60.0), "cels": ROWS[:, :2]}, "has no array 'frames'.*Available"),
+        ({"time": np.arange(59.0), "frames": ROWS}, "npz: has 59 rows of time and 60 rows of frames"),
+        ({"time": np.arange(60.0), "frames": ROWS > 3}, "npz: .*frames holds bool, not numbers"),
+        ({"time": np.arange(0.0), "frames": ROWS[:0]}, "npz: holds no samples"),
+        ({"time": np.arange(60.0), "frames": ROWS.astype("U4")}, "npz: .*not numbers"),
+        ({"time": np.float64(1.0), "frames": ROWS}, "has no array of times.*Write"),
     ],
 )
 def test_arrays_that_cannot_be_meant_are_refused(tmp_path: Path, arrays: dict[str, np.ndarray], word: str) -> None:

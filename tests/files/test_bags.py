@@ -126,15 +126,15 @@ def test_a_database_alone_is_read_too(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_is_no_bag_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"without metadata\.yaml"):
+    with pytest.raises(InputError, match=r"without metadata\.yaml.*Name"):
         read_recording(tmp_path)
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: 3\n")
-    with pytest.raises(InputError, match="a bag that cannot be read"):
+    with pytest.raises(InputError, match=r"a bag that cannot be read.*Repair"):
         read_recording(tmp_path)
 
 
 def test_a_folder_of_several_recordings_is_not_one(tmp_path: Path) -> None:
     for name in ("monday.mcap", "tuesday.mcap"):
         write_mcap(tmp_path / name, session(3).messages())
-    with pytest.raises(InputError, match=r"several recordings: monday\.mcap, tuesday\.mcap"):
+    with pytest.raises(InputError, match=r"several recordings: monday\.mcap, tuesday\.mcap.*Name"):
         read_recording(tmp_path)

@@ -89,16 +89,16 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path: Pat
 
 
 def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot write here"), replacing(tmp_path / "no" / "contacts.csv"):
+    with pytest.raises(InputError, match=r"csv: cannot write here"), replacing(tmp_path / "no" / "contacts.csv"):
         pass
 
 
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("a,b\n1,2", "not a contacts.csv"),
+        ("a,b\n1,2", "not a contacts.csv.*palpate"),
         (f"{HEADER}\n0,0,0,contct{',1' * 16},1", "unknown status 'contct'.*'contact'"),
-        (f"{HEADER}\n,0,0,contact{',1' * 16},1", "whole numbers"),
+        (f"{HEADER}\n,0,0,contact{',1' * 16},1", ": .*whole numbers"),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, text: str, word: str) -> None:
@@ -133,7 +133,7 @@ def test_truth_touch_by_touch(tmp_path: Path) -> None:
 
 def test_touches_ask_for_touches(tmp_path: Path) -> None:
     (tmp_path / "marks.csv").write_text("time,px,py,pz\n0,1,2,3")
-    with pytest.raises(InputError, match="no column 'start'"):
+    with pytest.raises(InputError, match=r"no column 'start'.*Available"):
         read_touches(tmp_path / "marks.csv")
 
 
@@ -158,8 +158,8 @@ def test_a_row_of_contacts_that_was_spoilt_is_named(tmp_path: Path, row: str, wo
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("t,px,py,pz\n0,1,2,3", "a column 'time'"),
-        ("time,px,py\n0,1,2", "no column 'pz'"),
+        ("t,px,py,pz\n0,1,2,3", "a column 'time'.*Available"),
+        ("time,px,py\n0,1,2", "no column 'pz'.*Available"),
         ("start,end,px,py,pz\n3,2,1,1,1", "line 2: a touch must start before it ends"),
         ("time,px,py,pz\n0,1,2,3\n1,nan,2,3", "line 3: an instant needs a point"),
         ("time,px,py,pz\n0,1,2,3\n1,,2,3", "line 3: an instant needs a point"),

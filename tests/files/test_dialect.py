@@ -83,7 +83,7 @@ def test_a_mesh_alone_reads_names_that_state_their_units(tmp_path: Path) -> None
     with pytest.raises(InputError, match="palpate rig new"):
         read_recording(_log(tmp_path, "clock.csv"))
     path.write_text(path.read_text().replace("Fy (mN)", "Fx [N]"))
-    with pytest.raises(InputError, match="no column"):
+    with pytest.raises(InputError, match=r"no column.*Did"):
         read_recording(path)
 
 
@@ -135,7 +135,7 @@ def test_a_table_may_begin_with_a_tag(tmp_path: Path, first: str) -> None:
 )
 def test_markup_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.csv").write_text(text, "utf-8")
-    with pytest.raises(InputError, match="is XML or HTML, not a table"):
+    with pytest.raises(InputError, match=r"csv: is XML or HTML, not a table"):
         read_recording(tmp_path / "a.csv")
 
 
@@ -175,7 +175,7 @@ def test_units_have_other_spellings_and_counts() -> None:
     assert to_si("lb-in", TORQUE_UNITS, where="") == to_si("lbf in", TORQUE_UNITS, where="")
     assert to_si("N/1000", FORCE_UNITS, where="") == 1e-3
     for unit in ("MNm", "N/0", "N/x", "N/-1"):
-        with pytest.raises(InputError, match="unknown unit"):
+        with pytest.raises(InputError, match=r"unknown unit.*Known"):
             to_si(unit, TORQUE_UNITS | FORCE_UNITS, where="")
 
 

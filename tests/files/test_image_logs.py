@@ -185,12 +185,12 @@ def _empty_folder(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (_damage(lambda content: content[: int(0.9 * len(content))]), "without its index"),
-        (_damage(lambda content: b""), "is empty"),
-        (_damage(lambda content: b"time,fx\n0,1\n"), "does not begin as a video does"),
-        (_damage(lambda content: content.replace(b"MJPG", b"XQZW"), "log.avi"), "no decoder for 'XQZW'"),
+        (_damage(lambda content: content[: int(0.9 * len(content))]), "without its index.*Copy"),
+        (_damage(lambda content: b""), ": is empty"),
+        (_damage(lambda content: b"time,fx\n0,1\n"), ": does not begin as a video does"),
+        (_damage(lambda content: content.replace(b"MJPG", b"XQZW"), "log.avi"), "no decoder for 'XQZW'.*Convert"),
         (_damage(lambda content: content[:300], "log.avi"), "cannot be opened|holds no frames"),
-        (_empty_folder, "none of its 1 frames can be decoded"),
+        (_empty_folder, "frames: none of its 1 frames can be decoded"),
     ],
 )
 def test_what_is_no_video_is_a_sentence(tmp_path: Path, make: Callable[[Path], Path], sentence: str) -> None:
@@ -199,7 +199,7 @@ def test_what_is_no_video_is_a_sentence(tmp_path: Path, make: Callable[[Path], P
 
 
 def test_one_image_is_told_from_a_log(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is one image"):
+    with pytest.raises(InputError, match=r"is one image.*Name"):
         contents(write_frames(tmp_path / "frames", ["a.png"]) / "a.png")
 
 
@@ -379,7 +379,7 @@ def test_a_topic_of_something_else_is_refused(tmp_path: Path) -> None:
     assert missing(there, LogLayout(wrench=None, images=ImageChannel("/left"))) == []
     assert "there is no topic '/right'" in missing(there, LogLayout(wrench=None, images=ImageChannel("/right")))[0]
     assert "no topic holds wrenches" in missing(there, LogLayout())[0]
-    with pytest.raises(InputError, match="only images; requested is a wrench"):
+    with pytest.raises(InputError, match=r"mcap: .*only images; requested is a wrench"):
         read_recording(path, LogLayout(images=ImageChannel()))
 
 
@@ -388,12 +388,12 @@ def test_other_logs_hold_no_images_and_images_nothing_else(tmp_path: Path) -> No
     table.write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n")
     assert missing(contents(table), LAYOUT) == ["holds no images."]
     assert image_size(table) is None
-    with pytest.raises(InputError, match="holds no images"):
+    with pytest.raises(InputError, match=r"holds no images.*Name"):
         read_recording(table, LAYOUT)
     for path in (write_video(tmp_path / "log.avi", 3), write_frames(tmp_path / "frames", ["0.png"])):
         assert missing(contents(path), LAYOUT) == []
         assert "requested is a wrench" in missing(contents(path), LogLayout())[0]
-        with pytest.raises(InputError, match="which holds only images"):
+        with pytest.raises(InputError, match=r": .*which holds only images"):
             read_recording(path)
 
 

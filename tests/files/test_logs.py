@@ -105,9 +105,9 @@ def test_swapped_axes_apply_to_force_and_torque_alike(tmp_path: Path) -> None:
     [
         (("x", "z", "y"), False, "left-handed"),
         (("-x", "-y", "-z"), False, "left-handed"),
-        (("x", "y", "z"), True, "right-handed"),
-        (("x", "x", "z"), False, "three different axes"),
-        (("x", "q", "z"), False, "'q' is not an axis"),
+        (("x", "y", "z"), True, "right-handed.*Remove"),
+        (("x", "x", "z"), False, "axes: .*three different axes"),
+        (("x", "q", "z"), False, "'q' is not an axis.*Write"),
     ],
 )
 def test_axes_that_cannot_be_meant_are_refused(axes: tuple[str, ...], left_handed: bool, word: str) -> None:
@@ -125,13 +125,13 @@ def test_axes_that_cannot_be_meant_are_refused(axes: tuple[str, ...], left_hande
         ("0,1,2,3,4,5,6\n1,1,2,3,4,5,6", "no column 'time'.*Available: 'column_1'"),
         ("1\n2\n3", "only one column"),
         ("time:fx\n1:2\n2:3", "only one column"),
-        ("time\n1\n2", "no column 'fx'"),
-        ("time,fx,fy,fz,tx,ty\n0,1,2,3,4,5", "no column 'tz'"),
+        ("time\n1\n2", "no column 'fx'.*Available"),
+        ("time,fx,fy,fz,tx,ty\n0,1,2,3,4,5", "no column 'tz'.*Available"),
         ("time,Fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6", "'fx'.*Did you mean 'Fx'"),
-        (f"{HEADER},fx\n0,1,2,3,4,5,6,7", "'fx' occurs 2 times"),
-        (f"{HEADER}\n0,a,2,3,4,5,6\n1,b,2,3,4,5,6", "column 'fx' has no numbers; line 2 has 'a'"),
+        (f"{HEADER},fx\n0,1,2,3,4,5,6,7", "'fx' occurs 2 times.*Give"),
+        (f"{HEADER}\n0,a,2,3,4,5,6\n1,b,2,3,4,5,6", "csv: column 'fx' has no numbers; line 2 has 'a'"),
         (f"{HEADER}\n0,5,1,5,2,5,3,5,4,5,5,5,6,5\n", "no row has the 7 fields.*decimal point"),
-        ("\0\0\0\0", "not a text file"),
+        ("\0\0\0\0", "not a text file.*Name"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_by_name(tmp_path: Path, content: str, word: str) -> None:
@@ -172,7 +172,7 @@ def test_quaternions_far_from_unit_are_set_aside_and_said(tmp_path: Path) -> Non
 
 
 def test_a_declared_orientation_must_be_there(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no column 'a'"):
+    with pytest.raises(InputError, match=r"no column 'a'.*Available"):
         read_recording(_log(tmp_path, HEADER, *ROWS), LogLayout(orientation=("a", "b", "c", "d")))
 
 
@@ -193,7 +193,7 @@ def test_a_quote_elsewhere_does_not_let_a_row_shift(tmp_path: Path) -> None:
     assert recording.wrenches()[0].tolist() == [1, 2, 3, 4, 5, 6]
     assert np.isnan(recording.wrenches()[1]).all()
     assert "first: line 4" in recording.notes[0]
-    with pytest.raises(InputError, match="no row has the 7 fields of the header; line 2 has 14"):
+    with pytest.raises(InputError, match=r"no row has the 7 fields of the header; line 2 has 14.*decimal"):
         read_recording(_log(tmp_path, HEADER.replace("time", '"time"'), "0,5,1,5,2,5,3,5,4,5,5,5,6,5"))
 
 
@@ -213,8 +213,8 @@ def test_blank_lines_before_the_header_count(tmp_path: Path) -> None:
     [
         (f"{HEADER}\n\t\n", "a header, but no rows"),
         (f'"{HEADER}\n0,1,2,3,4,5,6', "line 1: a quote is not closed in the header"),
-        (f'{HEADER}\n"0,1,2,3,4,5,6\n1,1,2,3,4,5,6"', "line 2 has a quote that is not closed"),
-        (f'{HEADER}\n""\n', "line 2 has 1"),
+        (f'{HEADER}\n"0,1,2,3,4,5,6\n1,1,2,3,4,5,6"', "line 2 has a quote that is not closed.*decimal"),
+        (f'{HEADER}\n""\n', "line 2 has 1.*decimal"),
     ],
 )
 def test_a_file_of_quotes_or_tabs_is_refused_in_a_sentence(tmp_path: Path, content: str, word: str) -> None:
@@ -254,7 +254,7 @@ def test_a_column_of_text_is_refused_only_if_it_never_holds_a_number(
     rows = [f"{k},{'starting' if k < 50 else 1},2,3,4,5,6" for k in range(60)]
     recording = read_recording(_log(tmp_path, HEADER, *rows))
     assert np.isnan(recording.wrenches()[:, 0]).tolist() == [True] * 50 + [False] * 10
-    with pytest.raises(InputError, match="column 'fx' has no numbers; line 2 has 'starting'"):
+    with pytest.raises(InputError, match=r"csv: column 'fx' has no numbers; line 2 has 'starting'"):
         read_recording(_log(tmp_path, HEADER, *rows[:50]))
 
 
@@ -262,5 +262,5 @@ def test_a_quoted_line_with_a_carriage_return_is_a_sentence(tmp_path: Path) -> N
     """Python's csv refuses such a line with an error of its own; found by fuzzing."""
     path = tmp_path / "log.csv"
     path.write_bytes(b'a,b\n1,"2"\r3\n4,5\n')
-    with pytest.raises(InputError, match=r"log\.csv"):
+    with pytest.raises(InputError, match=r"log\.csv.*Available"):
         read_recording(path)

@@ -247,8 +247,8 @@ def test_an_acceleration_runs_straight_between_its_readings(tmp_path: Path) -> N
         (LogLayout(wrench_topic="/ft/wrnch"), "no topic '/ft/wrnch'.*Did you mean '/ft/wrench'"),
         (LogLayout(wrench_topic="/tf"), "'/tf' holds tf2_msgs/TFMessage.*Wrenches are read from WrenchStamped"),
         (LogLayout(wrench_topic="/other", orientation_topic="/tf"), "Poses are read from .*from the tree of /tf if"),
-        (LogLayout(wrench_topic="/other", orientation_topic="/ft/wrench"), "holds geometry_msgs/WrenchStamped"),
-        (LogLayout(wrench_topic="/empty"), "topic '/empty' has no messages"),
+        (LogLayout(wrench_topic="/other", orientation_topic="/ft/wrench"), "holds geometry_msgs/WrenchStamped.*Poses"),
+        (LogLayout(wrench_topic="/empty"), "mcap: topic '/empty' has no messages"),
     ],
 )
 def test_a_topic_that_cannot_be_meant_is_refused(tmp_path: Path, layout: LogLayout, word: str) -> None:
@@ -267,7 +267,7 @@ def test_a_topic_that_cannot_be_meant_is_refused(tmp_path: Path, layout: LogLayo
 def test_a_file_without_wrenches_lists_what_it_has(tmp_path: Path) -> None:
     write_mcap(tmp_path / "log.mcap", [m for m in session(3).messages() if m[1] == POSE], {POSE: STAMPED[POSE]})
     with pytest.raises(
-        InputError, match=r"no topic holds wrenches; the log has /arm/pose \(geometry_msgs/PoseStamped, 3\)"
+        InputError, match=r"no topic holds wrenches; the log has /arm/pose \(geometry_msgs/PoseStamped, 3\).*Wrenches"
     ):
         read_recording(tmp_path / "log.mcap")
 
@@ -357,7 +357,7 @@ def test_messages_that_belong_to_nothing_are_said(tmp_path: Path) -> None:
         ("log.bag", b"", "is empty"),
         ("log.csv", MAGIC, "the log has no topics"),
         ("log.mcap", MAGIC + SCHEMA + CHANNEL, "no topic holds wrenches; the log has /ft/wrench .*torn"),
-        ("log.mcap", MAGIC + CHANNEL + MESSAGES + END, "/ft/wrench .of no type, 3."),
+        ("log.mcap", MAGIC + CHANNEL + MESSAGES + END, "/ft/wrench .of no type, 3..*Wrenches"),
     ],
 )
 def test_a_file_that_holds_nothing_is_refused_in_a_sentence(

@@ -50,7 +50,7 @@ def test_rows_whose_ends_were_lost_are_no_header(tmp_path: Path) -> None:
     """It took minutes to name so many columns."""
     path = tmp_path / "log.csv"
     path.write_text("time,fx,fy,fz,tx,ty,tz\x0b" + "0,1,2,3,4,5,6\x0b" * 50_000)
-    with pytest.raises(InputError, match=r"the first line has 300,007 fields"):
+    with pytest.raises(InputError, match=r"the first line has 300,007 fields.*Name"):
         read_recording(path)
 
 

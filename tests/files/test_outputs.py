@@ -33,20 +33,20 @@ def test_an_input_is_not_overwritten_by_whatever_name(tmp_path: Path) -> None:
     link.symlink_to(log)
     (tmp_path / "sub").mkdir()
     for name in (log, link, tmp_path / "sub" / ".." / "log.csv"):
-        with pytest.raises(InputError, match="would overwrite an input"):
+        with pytest.raises(InputError, match=r"would overwrite an input.*Name"):
             keep_inputs(name, [None, log])
     keep_inputs(tmp_path / "new.csv", [log, None, tmp_path / "missing"])
 
 
 def test_nor_by_what_is_written_beside_it(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text("")
-    with pytest.raises(InputError, match=r"rig\.toml: would overwrite an input"):
+    with pytest.raises(InputError, match=r"rig\.toml: would overwrite an input.*Name"):
         keep_inputs(tmp_path / "rig", [tmp_path / "rig.toml"], siblings=[tmp_path / "rig.toml"])
 
 
 def test_folders_pipes_and_devices_are_no_outputs(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    for path, word in ((tmp_path, "folder"), (tmp_path / "pipe", "pipe"), (Path(os.devnull), "device")):
+    for path, word in ((tmp_path, "folder.*Name"), (tmp_path / "pipe", "pipe"), (Path(os.devnull), "device.*Name")):
         with pytest.raises(InputError, match=word):
             keep_inputs(path, [])
         with pytest.raises(InputError, match=word):
@@ -75,12 +75,12 @@ def test_a_name_that_cannot_be_written_is_said(tmp_path: Path, name: str, write:
 def test_a_circle_of_links_is_said(tmp_path: Path) -> None:
     (tmp_path / "a").symlink_to(tmp_path / "b")
     (tmp_path / "b").symlink_to(tmp_path / "a")
-    with pytest.raises(InputError, match="cannot write here"):
+    with pytest.raises(InputError, match=r"a: cannot write here"):
         write_text(tmp_path / "a", "text")
 
 
 def test_text_that_is_not_utf8_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="not UTF-8"):
+    with pytest.raises(InputError, match=r"toml: .*not UTF-8"):
         write_text(tmp_path / "rig.toml", "bad \udcff")
     assert not list(tmp_path.iterdir())
 
@@ -93,9 +93,9 @@ def test_one_process_writes_an_output_whatever_its_spelling(tmp_path: Path, monk
     with subprocess.Popen([sys.executable, "-c", HOLD, output], stdin=pipe, stdout=pipe, text=True) as other:
         assert other.stdout.readline() == "holds\n"
         for name in (output, link, Path("contacts.csv"), tmp_path / ".." / tmp_path.name / "contacts.csv"):
-            with pytest.raises(InputError, match=rf"is already being written by process {other.pid} on"):
+            with pytest.raises(InputError, match=rf"is already being written by process {other.pid} on.*Wait"):
                 write_text(name, "mine")
-            with pytest.raises(InputError, match="is already being written"), reserving():
+            with pytest.raises(InputError, match=r"is already being written.*Wait"), reserving():
                 keep_inputs(tmp_path / "other.csv", [], siblings=[name])
         other.kill()  # the system releases the lock of a process that dies
     write_text(output, "mine")
@@ -131,7 +131,7 @@ def test_what_a_kill_leaves_of_a_piece_of_an_output_is_removed(tmp_path: Path) -
 def test_a_thread_is_another_writer(tmp_path: Path) -> None:
     with growing(tmp_path / "a.csv") as file:
         file.write_text("")
-        with pytest.raises(InputError, match=f"process {os.getpid()} on"), growing(tmp_path / "a.csv"):
+        with pytest.raises(InputError, match=rf"process {os.getpid()} on.*Wait"), growing(tmp_path / "a.csv"):
             pass
 
 
@@ -149,7 +149,7 @@ def test_what_is_no_file_is_not_opened(tmp_path: Path) -> None:
     for path, word in ((tmp_path, "a folder"), (tmp_path / "pipe", "a pipe"), (Path("/dev/zero"), "a device")):
         with pytest.raises(InputError, match=f"is {word}, not a file"):
             open_input(path)
-    with pytest.raises(InputError, match="into which nothing was written"):
+    with pytest.raises(InputError, match=r"into which nothing was written.*Save"):
         open_input(tmp_path / "pipe", pipe=True)
 
 

@@ -46,10 +46,10 @@ def test_a_time_in_nanoseconds_is_the_nearest_double(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("frame", "word"),
     [
-        (_frame().drop("tz"), "no column 'tz'"),
+        (_frame().drop("tz"), "no column 'tz'.*Available"),
         (_frame().rename({"fx": "Fx"}), "'fx'.*Did you mean 'Fx'"),
-        (_frame(fx=["a", "b", "c"]), "column 'fx' holds String, not numbers"),
-        (_frame().clear(), "columns, but no rows"),
+        (_frame(fx=["a", "b", "c"]), "parquet: column 'fx' holds String, not numbers"),
+        (_frame().clear(), "parquet: .*columns, but no rows"),
     ],
 )
 def test_columns_that_cannot_be_used_are_named(tmp_path: Path, frame: pl.DataFrame, word: str) -> None:
@@ -63,7 +63,7 @@ def test_a_file_that_was_cut_is_refused_wherever(tmp_path: Path) -> None:
     whole = (tmp_path / "whole.parquet").read_bytes()
     for kept in (4, 5, 100, len(whole) // 2, len(whole) - 1):
         (tmp_path / "log.parquet").write_bytes(whole[:kept])
-        with pytest.raises(InputError, match="cannot be read as Parquet"):
+        with pytest.raises(InputError, match=r"cannot be read as Parquet.*Copy"):
             list(open_log(tmp_path / "log.parquet").blocks())
 
 
@@ -72,7 +72,7 @@ def test_pages_that_abort_the_reader_are_a_sentence_of_their_own(
     kept: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """The first ends the process of polars, the second makes it panic; the next files are read, though it is killed."""
-    with pytest.raises(InputError, match=r"cannot be read as Parquet.*its pages are damaged"):
+    with pytest.raises(InputError, match=r"cannot be read as Parquet.*its pages are damaged.*Copy"):
         contents(DAMAGED / kept)
     assert capfd.readouterr().err == ""
     for name in ("first", "second"):
@@ -88,7 +88,7 @@ def test_the_answer_to_a_file_that_was_interrupted_is_not_that_to_the_next(tmp_p
     with pytest.raises(KeyboardInterrupt):
         parquet.require_pages(tmp_path / "whole.parquet")
     parquet._decodable.cache_clear()
-    with pytest.raises(InputError, match="its pages are damaged"):
+    with pytest.raises(InputError, match=r"its pages are damaged.*Copy"):
         contents(DAMAGED / "run_length")
 
 

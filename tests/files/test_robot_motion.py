@@ -184,8 +184,8 @@ def test_all_links_of_a_random_tree_are_where_pytransform3d_puts_them(tmp_path: 
     ("more", "said"),
     [
         (joint("bar", "revolute", "base", "fore"), "'fore' has 2 parents, 'upper' .joint 'elbow'. and 'base' .joint"),
-        ('<link name="far"/>', "2 trees, with the roots 'base', 'far'"),
-        (joint("back", "revolute", "hand", "base"), "the frames form a loop"),
+        ('<link name="far"/>', "2 trees, with the roots 'base', 'far'.*Join"),
+        (joint("back", "revolute", "hand", "base"), "the frames form a loop.*Remove"),
     ],
 )
 def test_joints_that_form_no_tree_are_refused(tmp_path: Path, more: str, said: str) -> None:
@@ -206,11 +206,11 @@ def test_a_robot_of_one_link_does_not_move(tmp_path: Path) -> None:
 
 def test_joint_states_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     urdf = _urdf(tmp_path)
-    with pytest.raises(InputError, match="no position of the joint 'elbow'"):
+    with pytest.raises(InputError, match=r"no position of the joint 'elbow'.*Record"):
         RobotMotion.read(_log(tmp_path, _states(SLOW[:, :1], ("shoulder",))), urdf, "base", ["hand"], joints=None)
-    with pytest.raises(InputError, match=r"joint 'shoulder' reads up to .* in degrees"):
+    with pytest.raises(InputError, match=r"joint 'shoulder' reads up to .* in degrees.*Write"):
         _motion(tmp_path, np.degrees(SLOW) + 30)
-    with pytest.raises(InputError, match="there is no topic '/joints'"):
+    with pytest.raises(InputError, match=r"there is no topic '/joints'.*Name"):
         RobotMotion.read(tmp_path / "log.mcap", urdf, "base", ["hand"], joints="/joints")
 
 

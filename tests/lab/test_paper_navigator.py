@@ -87,13 +87,6 @@ def test_without_touches_it_goes_to_the_goal_and_stays_there() -> None:
     assert way.navigator.arrived
 
 
-def test_a_strong_touch_is_avoided_at_once() -> None:
-    way = course().go(1.0, NONE).go(FRAME, [(0.0, HARD)])
-    assert way.navigator.state == PaperState.BACK
-    assert way.navigator.condition == Condition.AVOID
-    assert "3 N" in way.navigator.why
-
-
 def test_a_touch_that_holds_it_is_avoided_after_its_time() -> None:
     way = course().go(1.0, NONE).go(1.2, [(0.0, SOFT)], held=True)
     assert way.states.index(PaperState.BACK) * FRAME == pytest.approx(1.0 + 0.5, abs=1.01 * FRAME)
@@ -127,15 +120,6 @@ def test_the_timer_is_reset_when_nothing_touches() -> None:
     assert set(way.states) == {PaperState.GOAL}
 
 
-def test_states_last_as_long_as_table_ii_says() -> None:
-    """II for t_r; III for the turn of 90 deg at the drive's pace and t_a: 1.19 s at full speed and the rest slower."""
-    way = course().go(1.0, NONE).go(FRAME, [(0.0, HARD)]).go(6.0, NONE)
-    assert way.lasted(PaperState.BACK) == pytest.approx(1.0, abs=1.01 * FRAME)
-    along = way.lasted(PaperState.ALONG)
-    assert 1.0 + math.radians(80.0) / (2.0 * 0.05 / 0.085) < along < 1.0 + 2.0
-    assert way.states[-1] == PaperState.GOAL
-
-
 def test_a_turn_that_does_not_end_is_given_up() -> None:
     set_ = PaperSettings(turn_limit=2.0)
     way = course(set_).go(1.0, NONE).go(FRAME, [(0.0, HARD)]).go(10.0, NONE, held=True)
@@ -143,19 +127,6 @@ def test_a_turn_that_does_not_end_is_given_up() -> None:
 
 
 # --- V_B and V_A -----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("heading", [0.0, 2.5, -1.0])
-@pytest.mark.parametrize("angle", [0.0, 0.7, -2.0, math.pi])
-def test_a_touch_presses_the_robot_away_from_it(heading: float, angle: float) -> None:
-    way = course(PaperSettings(retreat="turned"))
-    way.pose = np.array([0.0, 0.0, heading])
-    way.go(FRAME, [(angle, HARD)])
-    back, _ = way.navigator.vectors
-    assert heading_error(back, heading + angle + math.pi) == pytest.approx(0.0, abs=1e-12)
-    way.go(1.0 + FRAME, NONE)
-    back, along = way.navigator.vectors
-    assert heading_error(along, back + math.pi / 2.0) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_stronger_touches_count_for_more() -> None:
@@ -168,13 +139,6 @@ def test_forces_that_cancel_lead_straight_back() -> None:
     way = course().go(FRAME, [(math.pi / 2.0, 4.0), (-math.pi / 2.0, 4.0)])
     assert abs(heading_error(way.navigator.vectors[0], math.pi)) < 1e-12
     assert way.wheels[-1] == (-0.05, -0.05)
-
-
-@pytest.mark.parametrize("angle", [0.0, 1.2, 2.0, math.pi, -2.5])
-def test_along_its_axis_it_goes_away_from_the_touch_and_does_not_turn(angle: float) -> None:
-    way = course().go(FRAME, [(angle, HARD)])
-    speed = math.copysign(0.05, -math.cos(angle))
-    assert way.wheels[-1] == (speed, speed)
 
 
 @pytest.mark.parametrize(("side", "turn"), [(1.0, 1), (-1.0, -1)])
@@ -205,14 +169,6 @@ def test_strong_touches_while_it_moves_along() -> None:
     assert way.navigator.state == PaperState.ALONG
     way.go(FRAME, [(1.0, HARD)])
     assert way.navigator.state == PaperState.BACK
-
-
-def test_touches_while_it_moves_backward_change_nothing() -> None:
-    way = course().go(FRAME, [(0.0, HARD)])
-    before = way.navigator.vectors[0]
-    way.go(0.5, [(0.0, 5.0), (2.0, 4.0)])
-    assert way.navigator.vectors[0] == before
-    assert way.lasted(PaperState.BACK) == pytest.approx(0.5 + FRAME)
 
 
 # --- what holds for every navigator ----------------------------------------------------------------------------------

@@ -81,11 +81,11 @@ def test_contacts_have_the_numbers_of_their_samples_over_a_gap_and_an_unanswered
 
 def test_a_ring_of_another_version_and_one_that_is_cut_off_are_refused(ring: StreamBuffer) -> None:
     ring["version"] += 1
-    with pytest.raises(InputError, match="another version"):
+    with pytest.raises(InputError, match=r"another version.*Read"):
         StreamBuffer(ring.path)
     ring["version"] -= 1
     os.truncate(ring.path, ring.path.stat().st_size - 1)
-    with pytest.raises(InputError, match="is incomplete"):
+    with pytest.raises(InputError, match=r"is incomplete.*Remove"):
         StreamBuffer(ring.path)
 
 

@@ -92,25 +92,25 @@ def test_the_rig_of_the_issue_builds_an_estimator(tmp_path: Path) -> None:
         ("[orientation]", "[orientaton]", "unknown key 'orientaton'. Did you mean 'orientation'"),
         ("on = 0.5", "onn = 0.5", r"unknown key 'onn' in \[estimate.contact\]. Did you mean 'on'"),
         ("quaternion_xyzw", "quaternion", "Did you mean 'quaternion_xyzw'"),
-        ("crease = 30 ", 'crease = "30" ', "surface.crease must be a number, not '30'"),
-        ("friction = 1.0", "friction = true", "estimate.friction must be a number, not True"),
+        ("crease = 30 ", 'crease = "30" ', "toml: surface.crease must be a number, not '30'"),
+        ("friction = 1.0", "friction = true", "toml: estimate.friction must be a number, not True"),
         ('axes = ["x", "y", "z"]', 'axes = ["x", "y"]', "force_torque.axes must be a list of 3 texts, not 2 values"),
         ('axes = ["x", "y", "z"]', 'axes = ["x", "z", "y"]', "declare left_handed = true"),
-        ("xyz = [0, 0, 0.05]", 'xyz = [0, "0", 0.05]', r"surface.pose.xyz\[1\] must be a number, not '0'"),
-        ("[0, 0, 0, 1]", "[0, 0, 0, 2]", "must have length 1"),
-        ("noise = { force = 0.02, torque = 0.001 }", "noise = 0.02", "noise must be a table of force, torque"),
-        ("noise = { force = 0.02, torque = 0.001 }", "noise = { force = 0.02 }", "noise.torque is missing"),
-        ("force = 0.02", "force = -0.02", "must be positive"),
-        ("off = 0.3", "off = 0.7", "must be between 0 and on"),
+        ("xyz = [0, 0, 0.05]", 'xyz = [0, "0", 0.05]', r"toml: surface.pose.xyz\[1\] must be a number, not '0'"),
+        ("[0, 0, 0, 1]", "[0, 0, 0, 2]", "pose: .*must have length 1"),
+        ("noise = { force = 0.02, torque = 0.001 }", "noise = 0.02", "toml: .*noise must be a table of force, torque"),
+        ("noise = { force = 0.02, torque = 0.001 }", "noise = { force = 0.02 }", "toml: .*noise.torque is missing"),
+        ("force = 0.02", "force = -0.02", "noise: .*must be positive"),
+        ("off = 0.3", "off = 0.7", "contact: .*must be between 0 and on"),
         ('torque = "N m"', 'torque = "Nm/s"', "unknown unit 'Nm/s'.*N mm"),
         ('unit = "mm"', 'unit = "mms"', "unit of the mesh"),
         ('unit = "mm"\n', "", "unit of the mesh"),
-        ('mesh = "probe.stl"\n', "", "mesh, the file of the surface, is missing"),
-        ('frame = "sensor"', 'frame = "tool"', "frame must be"),
-        ("[estimate]", "[estimate", "not TOML.*line"),
+        ('mesh = "probe.stl"\n', "", "surface: mesh, the file of the surface, is missing"),
+        ('frame = "sensor"', 'frame = "tool"', "force_torque: frame must be"),
+        ("[estimate]", "[estimate", "toml: .*not TOML.*line"),
         ("[surface]", "[surfaces]", "unknown key 'surfaces'. Did you mean 'surface'"),
         ("soft_finger", "soft_fingers", "soft_finger, wrench_axis"),
-        ("probe.stl", "prob.stl", "does not exist"),
+        ("probe.stl", "prob.stl", "stl: .*does not exist"),
     ],
 )
 def test_what_does_not_fit_is_named(tmp_path: Path, old: str, new: str, word: str) -> None:
@@ -250,18 +250,18 @@ _SURFACE = "mesh = 'probe.stl'\nunit = 'mm'\n"
     [
         (f"[surface]\n{_SURFACE}{line}", word)
         for line, word in (
-            ("pose = { xyz = [0, 0, nan] }", r"surface.pose.xyz\[2\] must be a finite number, not nan"),
-            ("pose = { xyz = [0, 0, 1e200] }", r"surface.pose.xyz\[2\] must be a finite number"),
-            ("pose = { quaternion_xyzw = [0, 0, 0, nan] }", r"quaternion_xyzw\[3\] must be a finite number"),
+            ("pose = { xyz = [0, 0, nan] }", r"toml: surface.pose.xyz\[2\] must be a finite number, not nan"),
+            ("pose = { xyz = [0, 0, 1e200] }", r"toml: surface.pose.xyz\[2\] must be a finite number"),
+            ("pose = { quaternion_xyzw = [0, 0, 0, nan] }", r"toml: .*quaternion_xyzw\[3\] must be a finite number"),
             ("crease = -30", "surface: crease must be between 0 and 180"),
-            ("crease = 181", "crease must be between 0 and 180"),
-            ("crease = inf", "surface.crease must be a finite number, not inf"),
+            ("crease = 181", "surface: crease must be between 0 and 180"),
+            ("crease = inf", "toml: surface.crease must be a finite number, not inf"),
             ("crease = 1" + "0" * 400, "surface.crease must be a finite number, not an integer that is too large"),
-            ("half_width = 0", "half_width must be positive"),
-            ("normal = [0, 0, 0]", "normal must not be zero"),
-            ("pose_covariance = [[1, 2], [3]]", "pose_covariance must be 6 x 6"),
-            (f"pose_covariance = {(-np.eye(6)).tolist()}", "pose_covariance must be positive semidefinite"),
-            (f"pose_covariance = {np.triu(np.ones((6, 6))).tolist()}", "pose_covariance must be symmetric"),
+            ("half_width = 0", "surface: half_width must be positive"),
+            ("normal = [0, 0, 0]", "surface: normal must not be zero"),
+            ("pose_covariance = [[1, 2], [3]]", "surface: pose_covariance must be 6 x 6"),
+            (f"pose_covariance = {(-np.eye(6)).tolist()}", "surface: pose_covariance must be positive semidefinite"),
+            (f"pose_covariance = {np.triu(np.ones((6, 6))).tolist()}", "surface: pose_covariance must be symmetric"),
             (f"pose_covariance = {np.full((6, 6), np.nan).tolist()}", r"pose_covariance\[0\]\[0\] must be a finite"),
             ("[force_torque]\npayload = ''", "force_torque: payload must name a file"),
             ('[force_torque]\npayload = "a\\u0000b"', "force_torque: payload must name a file"),
@@ -269,18 +269,18 @@ _SURFACE = "mesh = 'probe.stl'\nunit = 'mm'\n"
             ("[force_torque]\nnoise = { force = 0, torque = 1 }", "noise: force and torque must be positive"),
             ("[force_torque]\nnoise = { force = 1, torque = 1, corner = 0 }", "corner must be positive and finite"),
             ("[force_torque]\nnoise = { force = [1, 1, nan], torque = 1 }", r"noise.force\[2\] must be a finite"),
-            ("[force_torque]\nrange = { force = inf, torque = 1 }", "range.force must be"),
-            ("[estimate]\nfriction = 0", "friction must be positive"),
-            ("[estimate]\nfriction = inf", "estimate.friction must be a finite number"),
-            ("[estimate]\ntorsion = nan", "estimate.torsion must be a finite number"),
-            ("[estimate]\ntorsion = -inf", "torsion not negative"),
-            ("[estimate]\ncontact = { on = inf, off = 0 }", "contact.on must be a finite number"),
-            ("[estimate]\ncontact = { on = true, off = 0 }", "contact.on must be a number, not True"),
+            ("[force_torque]\nrange = { force = inf, torque = 1 }", "toml: .*range.force must be"),
+            ("[estimate]\nfriction = 0", "estimate: friction must be positive"),
+            ("[estimate]\nfriction = inf", "toml: estimate.friction must be a finite number"),
+            ("[estimate]\ntorsion = nan", "toml: estimate.torsion must be a finite number"),
+            ("[estimate]\ntorsion = -inf", "estimate: .*torsion not negative"),
+            ("[estimate]\ncontact = { on = inf, off = 0 }", "toml: .*contact.on must be a finite number"),
+            ("[estimate]\ncontact = { on = true, off = 0 }", "toml: .*contact.on must be a number, not True"),
         )
     ]
     + [
         ("[surface]\nmesh = ''\nunit = 'mm'", "surface: mesh must name a file"),
-        ("surface = " + "[" * 3000 + "]" * 3000, "is not TOML"),
+        ("surface = " + "[" * 3000 + "]" * 3000, "toml: is not TOML"),
     ],
 )
 def test_a_number_or_name_without_sense_is_refused_by_its_key(tmp_path: Path, text: str, word: str) -> None:
@@ -336,7 +336,7 @@ def test_whatever_the_form_of_a_rig_a_new_pose_can_be_read_back(tmp_path: Path, 
 
 def test_a_surface_that_is_no_table_is_refused_and_left(tmp_path: Path) -> None:
     path = _rig(tmp_path, "[[surface]]\nmesh = 'a.stl'\n")
-    with pytest.raises(InputError, match=r"needs a \[surface\]"):
+    with pytest.raises(InputError, match=r"needs a \[surface\].*Add"):
         update_pose(path, path, Pose.identity(), np.eye(6))
     assert path.read_text() == "[[surface]]\nmesh = 'a.stl'\n"
 
@@ -354,7 +354,7 @@ def test_a_proposed_rig_loads_whatever_the_names_or_is_not_proposed(tmp_path: Pa
     with pytest.raises(InputError, match=r"(?i)utf-8"):
         write_text(tmp_path / "r.toml", propose_rig(log, body, tmp_path).text)
     log.write_text("\n".join(row.partition(",")[2] for row in [header, *rows]))  # without times
-    with pytest.raises(InputError, match="rate must be positive"):
+    with pytest.raises(InputError, match=r"time: rate must be positive"):
         propose_rig(log, None, tmp_path, rate=-5.0)
 
 
@@ -389,7 +389,7 @@ def test_an_estimator_for_a_log_of_another_rigs_sensor_is_refused() -> None:
     folder = Path(__file__).parents[1] / "v03"
     with (
         open_log(folder / "skin" / "log.csv", folder / "skin" / "rig.toml") as log,
-        pytest.raises(InputError, match=r"the rig has no \[skin\]"),
+        pytest.raises(InputError, match=r"the rig has no \[skin\].*Available"),
     ):
         load_rig(folder / "six-axis" / "rig.toml").estimator(log)
 

@@ -57,32 +57,32 @@ def test_of_load_cells_it_is_a_number_or_a_list(tmp_path: Path, walk: str, expec
     rig = load_rig(a_rig(tmp_path, CELLS + f"[drift]\nwalk = {walk}\n"))
     drift = rig.resolve().followed(9)
     np.testing.assert_allclose(drift.walk, expected or 1e-6 * np.arange(1, 10), rtol=1e-12)
-    with pytest.raises(InputError, match="12 channels") if expected is None else pytest.raises(InputError):
+    with pytest.raises(InputError, match=r"12 channels.*Write") if expected is None else pytest.raises(InputError):
         rig.resolve().followed(12 if expected is None else 6)
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (WRENCH + "[drift]\nwalk = 0.003\n", r"walk of \[force_torque\] must be \{ force"),
-        (CELLS + WALK, r"walk of \[load_cells\] must be a number"),
+        (WRENCH + "[drift]\nwalk = 0.003\n", r"toml: .*walk of \[force_torque\] must be \{ force"),
+        (CELLS + WALK, r"toml: .*walk of \[load_cells\] must be a number"),
         (
             SKIN + WALK,
             r"\[drift\] is for a force/torque sensor or for load cells, not for \[skin\].*drift in \[contacts\]",
         ),
         (
             WRENCH + "drift = { force = 0.002, torque = 0.0001 }\n" + WALK,
-            r"\[force_torque\] drift and \[drift\] exclude",
+            r"\[force_torque\] drift and \[drift\] exclude.*Remove",
         ),
         (CELLS + "drift = 0.001\n[drift]\nwalk = 1e-6\n", r"\[load_cells\] drift and \[drift\] exclude each other"),
-        (WRENCH + "[drift]\nsettle = 3\n", "drift.walk is missing"),
-        (WRENCH + "[drift]\nwalk = { force = 0, torque = 1 }\n", "must be positive"),
-        (CELLS + "[drift]\nwalk = 0\n", "walk must be positive"),
-        (CELLS + "[drift]\nwalk = [1e-6, -1e-6]\n", "walk must not be negative"),
-        (WRENCH + WALK + "settle = 0\n", "settle must be a positive time"),
-        (WRENCH + WALK + "weight = -1\n", "weight must be a force"),
-        (WRENCH + WALK + "warm_up = { force = -1, torque = 0 }\n", "must not be negative"),
-        (WRENCH + WALK + "thermal = { force = 1, torque = 0 }\n", "thermal needs temperature"),
+        (WRENCH + "[drift]\nsettle = 3\n", "toml: drift.walk is missing"),
+        (WRENCH + "[drift]\nwalk = { force = 0, torque = 1 }\n", "walk: .*must be positive"),
+        (CELLS + "[drift]\nwalk = 0\n", "drift: walk must be positive"),
+        (CELLS + "[drift]\nwalk = [1e-6, -1e-6]\n", "drift: walk must not be negative"),
+        (WRENCH + WALK + "settle = 0\n", "drift: settle must be a positive time"),
+        (WRENCH + WALK + "weight = -1\n", "drift: weight must be a force"),
+        (WRENCH + WALK + "warm_up = { force = -1, torque = 0 }\n", "warm_up: .*must not be negative"),
+        (WRENCH + WALK + "thermal = { force = 1, torque = 0 }\n", "drift: thermal needs temperature"),
         (WRENCH + WALK + "warmup = 3\n", "Did you mean 'warm_up'"),
         (WRENCH + "[drift]\nwalk = 'a lot'\n", "drift.walk must be a table of force, torque or a number or a list"),
     ],
@@ -136,5 +136,5 @@ def test_a_temperature_stands_in_a_column_of_any_name(tmp_path: Path) -> None:
     read = read_recording(log, LogLayout(temperature="celsius")).channels[TEMPERATURE]
     np.testing.assert_array_equal(read, [[21.5], [np.nan]])
     assert TEMPERATURE not in read_recording(log, LogLayout()).channels
-    with pytest.raises(InputError, match="no column 'kelvin'"):
+    with pytest.raises(InputError, match=r"no column 'kelvin'.*Available"):
         read_recording(log, LogLayout(temperature="kelvin"))

@@ -35,16 +35,16 @@ def test_every_kind_is_built_from_its_lengths(table: dict[str, object], kind: ty
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ({"kind": "sphere"}, "radius is missing"),
-        ({"kind": "sphere", "radius": -1.0}, "radius must be positive"),
-        ({"kind": "elliptic_cylinder", "a": 0.014, "half_length": 0.016}, "b is missing"),
-        ({"kind": "ellipsoid", "axes": [0.01, 0.0, 0.01]}, "axes must be positive"),
+        ({"kind": "sphere"}, "surface: radius is missing"),
+        ({"kind": "sphere", "radius": -1.0}, "surface: radius must be positive"),
+        ({"kind": "elliptic_cylinder", "a": 0.014, "half_length": 0.016}, "surface: b is missing"),
+        ({"kind": "ellipsoid", "axes": [0.01, 0.0, 0.01]}, "surface: axes must be positive"),
         ({"kind": "ellipsoid", "axes": [0.01, 0.01]}, "axes"),
-        ({"kind": "sphere", "radius": 0.01, "height": 0.02}, "height does not belong to kind = 'sphere'"),
-        ({"kind": "cylinder", "radius": 0.01, "half_length": 0.02, "mesh": "a.stl"}, "mesh does not belong"),
-        ({"kind": "mesh", "mesh": "a.stl", "unit": "mm", "radius": 0.01}, "radius does not belong"),
-        ({"kind": "sphere", "radius": 0.01, "covered": True}, "covered does not belong"),
-        ({"kind": "ball", "radius": 0.01}, "kind must be one of mesh, plane, sphere"),
+        ({"kind": "sphere", "radius": 0.01, "height": 0.02}, "surface: height does not belong to kind = 'sphere'"),
+        ({"kind": "cylinder", "radius": 0.01, "half_length": 0.02, "mesh": "a.stl"}, "surface: mesh does not belong"),
+        ({"kind": "mesh", "mesh": "a.stl", "unit": "mm", "radius": 0.01}, "surface: radius does not belong"),
+        ({"kind": "sphere", "radius": 0.01, "covered": True}, "surface: covered does not belong"),
+        ({"kind": "ball", "radius": 0.01}, "surface: kind must be one of mesh, plane, sphere"),
     ],
 )
 def test_what_is_missing_or_wrong_is_named(table: dict[str, object], said: str) -> None:

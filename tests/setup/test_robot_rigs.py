@@ -64,7 +64,7 @@ def test_calibrations_write_into_the_tables_of_their_sensor(rig: Path) -> None:
     np.testing.assert_array_equal(tip.mount().translation, pose.translation)
     assert tip.drift is not None
     assert wrist.drift is None
-    with pytest.raises(InputError, match="only within its folder"):
+    with pytest.raises(InputError, match=r"only within its folder.*Write"):
         update_offset(rig, rig.parent / "other" / "robot.toml", 0.0, sensor="wrist")
 
 
@@ -74,7 +74,7 @@ def test_a_sensor_that_is_stated_badly_leaves_the_others(rig: Path) -> None:
     assert list(robot.sensors) == ["wrist"]
     assert "force_torque" in str(robot.faulty["tip"])
     assert "[sensors.tip]" in str(robot.faulty["tip"])
-    with pytest.raises(InputError, match="force_torqe"):
+    with pytest.raises(InputError, match=r"force_torqe.*Did"):
         load_rig(rig, "tip")
 
 
@@ -82,10 +82,10 @@ def test_a_sensor_that_is_stated_badly_leaves_the_others(rig: Path) -> None:
     ("change", "said"),
     [
         (('link = "ft"', 'link = "fd"'), r"\[sensors\.wrist\].*no link 'fd'|no link 'fd'.*ft"),
-        (('topic = "/tip"', 'topic = "/wrist"'), r"'wrist' and 'tip' both read the topic '/wrist'"),
-        (('gravity = "fixed"\n', ""), r"gravity is missing"),
-        (('"/joint_states"', '"/joint_states"\nbase = "torso"'), r"no link 'torso'"),
-        (("[robot]", "[robot]\njoint = 1"), r"unknown key 'joint'"),
+        (('topic = "/tip"', 'topic = "/wrist"'), r"'wrist' and 'tip' both read the topic '/wrist'.*Give"),
+        (('gravity = "fixed"\n', ""), r"robot: gravity is missing"),
+        (('"/joint_states"', '"/joint_states"\nbase = "torso"'), r"no link 'torso'.*Available"),
+        (("[robot]", "[robot]\njoint = 1"), r"unknown key 'joint'.*Did"),
     ],
 )
 def test_mistakes_are_named(rig: Path, change: tuple[str, str], said: str) -> None:
@@ -106,7 +106,7 @@ def test_a_link_without_geometry_may_be_expected_to_be_touched(rig: Path) -> Non
 
 def test_one_sensor_is_not_picked_from_several_that_are_named(rig: Path) -> None:
     assert [each.name for each in load_robot(rig).picked("tip,wrist")] == ["wrist", "tip"]
-    with pytest.raises(InputError, match="several sensors: tip, wrist"):
+    with pytest.raises(InputError, match=r"several sensors: tip, wrist.*Name"):
         load_rig(rig, "tip,wrist")
 
 

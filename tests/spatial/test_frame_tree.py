@@ -125,10 +125,10 @@ def test_what_was_left_out_of_an_edge_is_said_with_its_frames() -> None:
     ("edges", "word"),
     [
         ([("base", "arm"), ("arm", "ft_sensor")], "no frame 'sensor'.*3 frames.*nearest in name: ft_sensor"),
-        ([("world", "base"), ("tool", "sensor")], "joins frame 'base' .tree of 'world'. and frame 'sensor'"),
-        ([("base", "arm"), ("cart", "arm"), ("arm", "sensor")], "'arm' has 2 parents: base, cart"),
-        ([("base", "x"), ("a", "b"), ("b", "a"), ("b", "sensor")], "loop: b -> a -> b"),
-        ([("base", "x"), ("sensor", "sensor")], "loop: sensor -> sensor"),
+        ([("world", "base"), ("tool", "sensor")], "joins frame 'base' .tree of 'world'. and frame 'sensor'.*Name"),
+        ([("base", "arm"), ("cart", "arm"), ("arm", "sensor")], "'arm' has 2 parents: base, cart.*Stop"),
+        ([("base", "x"), ("a", "b"), ("b", "a"), ("b", "sensor")], "loop: b -> a -> b.*Remove"),
+        ([("base", "x"), ("sensor", "sensor")], "loop: sensor -> sensor.*Remove"),
         ([], "no frame 'sensor'.*nearest in name: none"),
     ],
 )
@@ -142,5 +142,5 @@ def test_what_is_wrong_above_the_base_does_not_matter() -> None:
     edges = [("a", "b"), ("b", "a"), ("a", "base"), ("other", "base"), ("base", "sensor")]
     tree = FrameTree((parent, child, Pose.identity()) for parent, child in edges)
     assert tree.path("base", "sensor").frames == ("base", "sensor")
-    with pytest.raises(InputError, match="2 parents"):
+    with pytest.raises(InputError, match=r"2 parents.*Stop"):
         tree.up("sensor")

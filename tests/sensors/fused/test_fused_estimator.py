@@ -170,7 +170,7 @@ def test_noise_must_be_known(estimator: FusedEstimator) -> None:
     from palpate.sensors.force_torque.compensation import Compensation
     from palpate.sensors.force_torque.model import ForceTorque
 
-    with pytest.raises(InputError, match="needs the noise of the wrenches"):
+    with pytest.raises(InputError, match=r"needs the noise of the wrenches.*State"):
         FusedEstimator(estimator.taxels, Compensation(ForceTorque()), estimator.fused)
 
 

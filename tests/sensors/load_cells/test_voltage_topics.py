@@ -24,7 +24,7 @@ def test_arrays_are_voltages_in_their_unit_and_a_log_without_them_says_what_ther
     np.testing.assert_array_equal(log.channels[VOLTAGE], FLAT * 1e-3)
     np.testing.assert_allclose(log.time - log.time[0], TIME, atol=1e-6)
     assert any("no stamps" in note for note in log.notes)
-    with pytest.raises(InputError, match="no topic holds wrenches; the log has /skin"):
+    with pytest.raises(InputError, match=r"no topic holds wrenches; the log has /skin.*Wrenches"):
         read_recording(bag)
-    with pytest.raises(InputError, match="there is no topic '/other'"):
+    with pytest.raises(InputError, match=r"there is no topic '/other'.*Available"):
         read_recording(bag, LogLayout(wrench=None, arrays=(replace(CELLS, topic="/other"),)))

@@ -51,7 +51,7 @@ def test_a_lens_from_drawn_boards(pattern: str, board: tuple[int, int]) -> None:
     assert 3 <= len(fit.used) <= 8
     assert fit.residual <= 0.25
     assert _apart(fit.camera) <= 3.0  # a turn of the camera and a shift of its middle look alike
-    with pytest.raises(InputError, match="0 of 1 pictures"):
+    with pytest.raises(InputError, match=r"0 of 1 pictures.*Take"):
         calibrate_board([np.zeros((480, 640, 3), np.uint8)], board, 0.01, pattern)
 
 
@@ -136,7 +136,7 @@ def test_rings_that_do_not_lie_one_round_the_other_are_said() -> None:
     view = _ring((0.0, 0.0), (0.0, 0.0, 0.04), 0.0)
     outer = view.from_plane(view.rest)
     pairs = outer.mean(axis=0) + 0.8 * (np.repeat(outer[::2], 2, axis=0) - outer.mean(axis=0))
-    with pytest.raises(InputError, match="one around the other"):
+    with pytest.raises(InputError, match=r"one around the other.*Write"):
         fit_rings(np.concatenate([outer, pairs]), 0.051, (0.0, -0.01), camera=LENS)
 
 
@@ -150,7 +150,7 @@ def _corners(poses: list[Pose], rng: np.random.Generator) -> list[np.ndarray]:
 def test_a_board_held_flat_determines_no_lens() -> None:
     rng = np.random.default_rng(2)
     flat = [Pose(np.eye(3), np.array([-0.04, -0.025, 0.1 + 0.01 * k])) for k in range(6)]
-    with pytest.raises(InputError, match="do not determine a lens"):
+    with pytest.raises(InputError, match=r"do not determine a lens.*Tilt"):
         fit_lens(_corners(flat, rng), (9, 6), 0.01, (640, 480))
 
 

@@ -365,7 +365,7 @@ def test_a_mirrored_layout_is_refused(skin: Forearm, link: Mesh) -> None:
     pokes = PokeBench.drawn(rng, skin=odd, errors=MIX, tip=HAND).session(rng, 600).pokes
     mirrored = ModuleLayout(odd.layout.places * [-1.0, 1.0], odd.layout.module)
     for start in (None, odd.cad(RNG(5))):
-        with pytest.raises(InputError, match="the layout of the modules is mirrored"):
+        with pytest.raises(InputError, match=r"the layout of the modules is mirrored.*Layouts"):
             calibrate_taxels(pokes, surface=link, layout=mirrored, start=start, priors=priors_of(MIX))
 
 
@@ -377,11 +377,11 @@ def test_pokes_that_were_left_out_lie_where_the_others_predict(from_cad: TaxelCa
 
 def test_what_cannot_be_is_said(skin: Forearm, link: Mesh, session: PokeSession) -> None:
     pokes = session.pokes
-    with pytest.raises(InputError, match="'best' is not known"):
+    with pytest.raises(InputError, match=r"'best' is not known.*Use"):
         calibrate_taxels(pokes, method="best")
-    with pytest.raises(InputError, match="needs the link's surface"):
+    with pytest.raises(InputError, match=r"needs the link's surface.*Add"):
         calibrate_taxels(pokes, method="surface")
-    with pytest.raises(InputError, match="modules need a layout"):
+    with pytest.raises(InputError, match=r"modules need a layout.*Give"):
         calibrate_taxels(pokes, surface=link)
     other = ModuleLayout.repeated(LAYOUTS["ring12"], 5)
     with pytest.raises(InputError, match="layout has 60 taxels, but the pokes have 84: it belongs to another skin"):

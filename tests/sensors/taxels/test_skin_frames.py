@@ -46,7 +46,7 @@ def test_a_table_of_another_sheet_is_refused_with_both_sizes(tmp_path: Path) -> 
     with pytest.raises(InputError, match=r"12 columns in addition to the time, but 132 cells .6 x 22. are needed"):
         _read(_csv(tmp_path / "log.csv"), _layout(6, 22))
     np.savez(tmp_path / "log.npz", time=TIME, frames=CELLS)
-    with pytest.raises(InputError, match="array 'frames' holds n x 3 x 4 numbers, not 6 x 22"):
+    with pytest.raises(InputError, match=r"array 'frames' holds n x 3 x 4 numbers, not 6 x 22.*Correct"):
         _read(tmp_path / "log.npz", _layout(6, 22))
 
 
@@ -69,13 +69,13 @@ def test_columns_may_be_named(tmp_path: Path) -> None:
     named = _layout(1, 3, cells=("c2", "c0", "c11"))
     _, cells, _ = _read(path, named)
     np.testing.assert_array_equal(cells[:, 0], CELLS.reshape(9, 12)[:, [2, 0, 11]])
-    with pytest.raises(InputError, match="no column 'c99'"):
+    with pytest.raises(InputError, match=r"no column 'c99'.*Did"):
         _read(path, _layout(1, 2, cells=("c0", "c99")))
 
 
 def test_pickles_are_never_opened(tmp_path: Path) -> None:
     np.save(tmp_path / "evil.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    with pytest.raises(InputError, match="not a NumPy file that can be read"):
+    with pytest.raises(InputError, match=r"npy: .*not a NumPy file that can be read"):
         _read(tmp_path / "evil.npy")
 
 

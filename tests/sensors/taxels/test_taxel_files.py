@@ -81,16 +81,16 @@ def test_tables_state_their_unit(tmp_path: Path, text: str, x: float) -> None:
     [
         ("a.txt", "[calibration]\n0 0 0 0 0\n", "line 2: must be six numbers, x y z nx ny nz"),
         ("a.txt", "name s\ntaxel2Repr (0 1)\n[calibration]\n1 0 0 0 0 0\n1 0 0 0 0 1\n1 1 1 0 0 0\n", "3 rows of tax"),
-        ("a.txt", "[calibration]\n0 0 0 0 0 0\n", "has no taxels"),
+        ("a.txt", "[calibration]\n0 0 0 0 0 0\n", "txt: has no taxels"),
         ("a.csv", "x,y,z\n30,1,2\n310,2,3\n", "up to 280 m from each other.*mm"),
-        ("a.csv", "x,y\n1,2\n", "has no places of taxels"),
-        ("a.csv", "x [mm],y [m],z\n1,2,3\n", "x, y, z must be in one known unit, not in mm, m, m"),
-        ("a.csv", "x,y,z,module\n1,2,3,0.5\n", "module must be a whole number"),
-        ("a.urdf", "<robot/>", "no frames of taxels"),
-        ("a.toml", 'kind = "taxels"\ntaxels = [[1.0]]', "taxels must be 1 x 15 numbers"),
+        ("a.csv", "x,y\n1,2\n", "has no places of taxels.*Give"),
+        ("a.csv", "x [mm],y [m],z\n1,2,3\n", "x, y, z must be in one known unit, not in mm, m, m.*Write"),
+        ("a.csv", "x,y,z,module\n1,2,3,0.5\n", ": module must be a whole number"),
+        ("a.urdf", "<robot/>", "no frames of taxels.*Name"),
+        ("a.toml", 'kind = "taxels"\ntaxels = [[1.0]]', "toml: taxels must be 1 x 15 numbers"),
         ("a.toml", f'kind = "taxels"\ntaxels = [[{", ".join(["0.0"] * 6)}, 0.5, 1, nan, nan, nan, nan, nan, nan, nan]]',
-         "whole numbers"),
-        ("a.txt", "", "is empty"),
+         "toml: .*whole numbers"),
+        ("a.txt", "", "txt: is empty"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, name: str, text: str, said: str) -> None:
@@ -150,12 +150,12 @@ def test_a_body_leaves_out_numbers_without_a_taxel_and_takes_normals_from_the_su
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[skin]\nmap = 'a.toml'\ntaxels = 'b.txt'\n", "exclude each other"),
+        ("[skin]\nmap = 'a.toml'\ntaxels = 'b.txt'\n", "skin: .*exclude each other"),
         ("[skin]\ntaxels = 'skin.txt'\n", "the normals of 23 of 23 taxels.*mesh"),
-        ("[skin]\ncount = 84\n", "the number of taxels, but not their places"),
-        ("[skin]\ntaxels = 'skin.txt'\ncount = 5\n", "has 37 taxels, but count = 5"),
-        ("[skin]\ntaxels = 'skin.txt'\nmasked = [[1, 2]]\n", "numbers of taxels"),
-        (RIG + "masked = [99]\n", "masked taxel 99 does not exist: there are 37"),
+        ("[skin]\ncount = 84\n", "the number of taxels, but not their places.*Run"),
+        ("[skin]\ntaxels = 'skin.txt'\ncount = 5\n", "txt: has 37 taxels, but count = 5"),
+        ("[skin]\ntaxels = 'skin.txt'\nmasked = [[1, 2]]\n", "skin: .*numbers of taxels"),
+        (RIG + "masked = [99]\n", "taxels: masked taxel 99 does not exist: there are 37"),
     ],
 )
 def test_what_is_wrong_with_a_rig_of_taxels_is_said(tmp_path: Path, text: str, said: str) -> None:
