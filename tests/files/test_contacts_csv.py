@@ -164,6 +164,7 @@ def test_a_row_of_contacts_that_was_spoilt_is_named(tmp_path: Path, row: str, wo
         ("time,px,py,pz\n0,1,2,3\n1,nan,2,3", "line 3: an instant needs a point"),
         ("time,px,py,pz\n0,1,2,3\n1,,2,3", "line 3: an instant needs a point"),
         ("time,px,py,pz\n0,1,2,3\n1,x,2,3", "line 3: 'x' in column 'px'"),
+        ("time,px,py,pz\n0,x,2,3\n1,x,2,3", "csv: column 'px' has no numbers"),
         ("time,px,py,pz\n0,1,2,3\n,1,2,3", "line 3: an instant needs a time"),
         ("time,px,py,pz,fx,fy,fz\n0,1,2,3,,,\n1,1,2,3,a,0,0\n2,1,2,3,1,0,0", "line 3: 'a' in column 'fx'"),
         ("start,end,px,py,pz\n0,1,1,2,3\n2,3,1,nan,3", "line 3: a touch needs a point"),

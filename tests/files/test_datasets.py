@@ -19,18 +19,18 @@ from palpate.files.datasets.named import write_named
 
 
 def test_a_row_has_its_largest_contact() -> None:
-    """Of two contacts at once, the first one and the second one is larger; one is found and not answered."""
+    """Of two contacts at once, the first one and the second one is larger; two are found and not answered."""
     one = {"time": 0.0, "contact": 1, "status": "contact", "candidates": 1, "px": 1.0, "py": 0.0, "pz": 0.0}
     one |= dict.fromkeys(("fx", "fy"), 0.0) | dict.fromkeys(("var_xy", "var_xz", "var_yz"), 0.5)
-    forces = [(0, 1.0), (0, 3.0), (1, 2.0), (1, 1.0)]
+    forces = [(0, 1.0), (0, 3.0), (1, 0.5), (1, 0.2)]
     rows = [{**one, "sample": sample, "fz": force, "px": force} for sample, force in forces]
-    rows += [{**one, "sample": 2, "fz": 9.0, "status": "off_surface"}]
+    rows += [{**one, "sample": sample, "fz": 9.0, "status": "off_surface"} for sample in (1, 2)]
     contacts = from_frame(pl.DataFrame(rows, schema=schema()))
     made = columns.contact_columns(contacts, 3, "contacts.csv")
     assert made["count"].tolist() == [[2], [2], [0]]
     assert made["status"].tolist() == [[0], [0], [Status.OFF_SURFACE]]
-    assert made["force"].tolist() == [[0, 0, 3], [0, 0, 2], [0, 0, 0]]
-    assert made["point"].tolist() == [[3, 0, 0], [2, 0, 0], [0, 0, 0]]
+    assert made["force"].tolist() == [[0, 0, 3], [0, 0, 0.5], [0, 0, 0]]
+    assert made["point"].tolist() == [[3, 0, 0], [0.5, 0, 0], [0, 0, 0]]
     assert made["covariance"].shape == (3, 6)
     lost = columns.statistics({"point": np.array([[1.0], [np.nan], [3.0]])})[f"{columns.PREFIX}point"]
     assert (lost["mean"].tolist(), lost["count"].tolist()) == ([2.0], [3])

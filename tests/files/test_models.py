@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -192,6 +193,8 @@ def test_a_model_reads_back_to_the_last_bit(tmp_path: Path, kind: str, seed: int
     write_model(tmp_path / "model.toml", model)
     _assert_same(read_model(str(tmp_path / "model.toml")), model)
     _assert_same(read_model(tmp_path / "model.toml", MODELS[kind].holds), model)
+    comments = re.findall("#.*", (tmp_path / "model.toml").read_text())
+    assert len(comments) == len(set(comments))  # of tables that repeat, the first has them
 
 
 @pytest.mark.parametrize("kind", MODELS)
@@ -216,6 +219,8 @@ def test_a_model_is_summed_up_in_lines(kind: str, seed: int) -> None:
 
 def test_the_summary_of_load_cells_says_what_they_are() -> None:
     """Cells of 10 N/V that stand alike around the middle share a force along z alike."""
+    servo = {"commands": "every 33.33 ms, reached at once", "delay": "20.0 +- 1.0 ms"}
+    assert dict(MODELS["servo"].summary(MADE["servo"](0))) == servo | {"lag": "33.3 +- 1.0 ms, of first order"}
     lines = dict(MODELS["load_cells"].summary(nominal_cells(LAYOUTS[4], 10.0, 1e-4, 5.0)))
     assert lines["cells"] == "4, places known"
     assert lines["range"] == "-5 to 5 V"
