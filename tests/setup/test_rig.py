@@ -20,6 +20,7 @@ from palpate.sensors.force_torque.compensation import Compensation
 from palpate.setup import check_rig, load_rig
 from palpate.setup.body import GivenBody
 from palpate.setup.edit import update_pose
+from palpate.setup.makers import named_pose
 from palpate.setup.names import orientation_columns, position_columns, time_column, wrench_columns
 from palpate.setup.new import propose_rig
 from palpate.setup.pipeline import open_log
@@ -221,6 +222,7 @@ def test_columns_are_guessed_from_their_names(
         (position_columns(names), position),
     ):
         assert guess == (None if expected is None else tuple(expected.split(",")))
+    assert getattr(named_pose(["Roll [deg]", "Pitch [deg]", "Yaw [deg]"]), "form", "") == "euler_xyz_deg"
 
 
 @pytest.mark.parametrize("unit", ["N m", "N mm"])

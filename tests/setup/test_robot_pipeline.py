@@ -128,6 +128,7 @@ def test_a_film_shows_the_robot_where_it_is(tmp_path: Path) -> None:
     rig, log = load_robot(robot / "robot.toml"), robot / "run.csv"
     scene, _ = robot_scene(rig, log)
     pictures = ScenePicture(scene)
+    assert scene.layers[0]._rates == {"arm": pytest.approx(100.0)}
 
     def grey(seconds: float) -> np.ndarray:
         top = pictures.draw(seconds)[80:540].astype(int)

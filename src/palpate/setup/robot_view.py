@@ -176,7 +176,7 @@ def _layer(robot: Robot, log: Path, found: Contacts, time: Float[np.ndarray, " m
         own: Contacts = found[np.flatnonzero(found.origins.index == k)]
         stamps: np.ndarray = own.time[np.isfinite(own.time)]
         span = float(np.ptp(stamps)) if len(stamps) > 1 else 0.0
-        rates[origin.sensor] = len(np.unique(own.sample)) / span if span > 0 else 0.0
+        rates[origin.sensor] = (len(np.unique(own.sample)) - 1) / span if span > 0 else 0.0
         force = np.full(len(time), np.nan)
         force[_picture_of(stamps, time)] = 0.0
         shown = np.flatnonzero(own.answered & np.isfinite(own.time))

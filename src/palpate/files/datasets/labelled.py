@@ -170,5 +170,4 @@ def _alike(old: Mapping[str, Mapping[str, Any]], new: Statistics) -> dict[str, d
 
 
 def _write_json(path: Path, value: object) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, f"{json.dumps(value, indent=4, ensure_ascii=False)}\n")
