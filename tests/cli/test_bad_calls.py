@@ -132,9 +132,9 @@ def test_samples_that_no_contact_explains_are_warned_of(here: Path, capsys: pyte
 def test_a_centre_of_mass_beyond_reach_is_refused_unless_forced(capsys: pytest.CaptureFixture[str]) -> None:
     _edit("free_motion.csv", **{name: pl.col(name) * 1e3 for name in WRENCH[3:]})  # N mm written as N m
     assert main(["calibrate", "payload", "free_motion.csv", "-o", "p.toml"]) == 1
-    assert "it is nearer if the torque is in N mm" in capsys.readouterr().err
+    assert "it is nearer if the torque is in N mm. Write" in capsys.readouterr().err
     assert main(["calibrate", "payload", "free_motion.csv", "-o", "p.toml", "--force"]) == 0
-    assert "it is nearer if the torque is in N mm" in capsys.readouterr().out
+    assert "it is nearer if the torque is in N mm. Write" in capsys.readouterr().out
 
 
 def test_marks_in_millimetres_are_refused(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -179,7 +179,7 @@ def test_a_log_without_times_places_no_touch(capsys: pytest.CaptureFixture[str],
 def test_presses_in_a_log_that_runs_backwards_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     pl.read_csv("touches.csv", infer_schema_length=None).reverse().write_csv("touches.csv")
     assert main(["calibrate", "mounting", "touches.csv", "--rig", "rig.toml", "-o", "out.toml"]) == 1
-    assert "times run backwards" in capsys.readouterr().err
+    assert "times run backwards, or are missing, within a press. Sort" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("here")

@@ -218,10 +218,10 @@ def test_what_a_backend_needs_is_said(
 @pytest.mark.parametrize(
     ("logs", "words", "said"),
     [
-        ("logs", ("--backend", "slurm"), "no backend 'slurm'"),
+        ("logs", ("--backend", "slurm"), "no backend 'slurm'. Use"),
         ("logs", ("--workers", "0"), "--workers"),
         ("nowhere", (), "does not exist"),
-        ("logs/*.bag", (), "matches no file"),
+        ("logs/*.bag", (), "matches no file. Give"),
         ("logs/a/run.csv", ("--frame", "base", "--rig", "none.toml"), "the file does not exist"),
     ],
 )
@@ -237,7 +237,7 @@ def test_no_log_is_written_over(fleet: Path, tmp_path: Path, capsys: pytest.Capt
     log.write_bytes((fleet / "logs/a/run.csv").read_bytes())
     words = ["batch", str(log), "--rig", str(fleet / "rig.toml"), "-o", str(tmp_path), "--format", "csv"]
     assert main(words) == 1
-    assert "would overwrite an input" in capsys.readouterr().err
+    assert "would overwrite an input. Name" in capsys.readouterr().err
 
 
 def test_logs_are_found_once_and_never_in_the_output(fleet: Path, tmp_path: Path) -> None:
@@ -276,16 +276,16 @@ def test_a_log_keeps_the_name_that_it_had() -> None:
 def test_a_data_set_is_labelled_alone_and_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_dataset(tmp_path / "data_set", "v2.1")
     assert label(tmp_path, out="data_set/out") == 1
-    assert "is the data set or in it" in capsys.readouterr().err
+    assert "is the data set or in it, and a copy is written. Name" in capsys.readouterr().err
     data, rig = str(tmp_path / "data_set"), str(tmp_path / "rig.toml")
     assert main(["rig", "new", data, "-o", str(tmp_path / "new.toml"), "--poses", rig]) == 1
-    assert "not for a data set" in capsys.readouterr().err
+    assert "not for a data set. Leave" in capsys.readouterr().err
     (tmp_path / "out/data").mkdir(parents=True)
     (tmp_path / "out/data/episode_000009.parquet").write_text("")
     assert label(tmp_path) == 1
-    assert "is of another data set" in capsys.readouterr().err
+    assert "is of another data set, which would be mixed with this one. Name" in capsys.readouterr().err
     assert main(["batch", data, rig, "--rig", rig, "-o", str(tmp_path / "out"), "--workers", "1"]) == 1
-    assert "is labelled alone" in capsys.readouterr().err
+    assert "is labelled alone. Give" in capsys.readouterr().err
 
 
 def test_rows_of_an_episode_that_is_not_listed_are_not_labelled(
@@ -296,7 +296,7 @@ def test_rows_of_an_episode_that_is_not_listed_are_not_labelled(
         tmp_path / "data_set"
     )
     assert label(tmp_path) == 1
-    assert "rows of an episode that the folder meta does not list" in capsys.readouterr().err
+    assert ".parquet: has rows of an episode that the folder meta does not list" in capsys.readouterr().err
 
 
 def test_a_rig_is_guessed_from_the_names_that_features_state(tmp_path: Path) -> None:

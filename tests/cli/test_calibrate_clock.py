@@ -180,5 +180,5 @@ def test_the_command_writes_what_the_controller_reads(tmp_path: Path, capsys: py
     assert ServoModel(servo, 3).total_delay == pytest.approx(0.074, abs=1e-3)
     wrong = ["calibrate", "servo", str(tmp_path / "log.csv"), "--commands", "goal_*", "-o", str(tmp_path / "no.toml")]
     assert main(wrong) == 1
-    assert "no columns or topic 'goal_*'" in capsys.readouterr().err
+    assert "no columns or topic 'goal_*' of joints. Available" in capsys.readouterr().err
     assert not (tmp_path / "no.toml").exists()

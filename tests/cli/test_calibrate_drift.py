@@ -116,10 +116,10 @@ def spoil(values: np.ndarray, kind: str) -> np.ndarray:
 @pytest.mark.parametrize(
     ("kind", "said"),
     [
-        ("short", "at least 60 s are needed"),
+        ("short", "at least 60 s are needed to find the drift. Record"),
         ("dead", "z of the force is 0 in all rows"),
-        ("jump", "the zero jumped"),
-        ("swing", "the arm"),
+        ("jump", "the zero jumped. Record"),
+        ("swing", "the arm moves, or something touches the sensor. Record"),
     ],
 )
 def test_what_is_no_free_log_is_refused_and_nothing_is_written(

@@ -144,7 +144,7 @@ def test_the_first_five_minutes_need_a_mesh_only(
 
 def test_the_base_frame_needs_a_position(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert _estimate(made / "touches.csv", made, tmp_path, "--frame", "base") == 1
-    assert "sensor's position" in capsys.readouterr().err
+    assert "sensor's position in the base, which this log does not have. Add" in capsys.readouterr().err
 
 
 def _at(row: int, **values: float | None) -> Edit:
@@ -183,11 +183,11 @@ def test_bad_samples_get_a_status_or_a_note_and_none_is_lost(
 @pytest.mark.parametrize(
     ("edit", "word"),
     [
-        (lambda table: table.clear(), "a header, but no rows"),
+        (lambda table: table.clear(), "touches.csv: there is a header, but no rows"),
         (lambda table: table.drop("tz"), "no column 'tz'"),
         (lambda table: table.rename({"tz": "Tz"}), "Did you mean 'Tz'"),
-        (lambda table: table.drop("qw"), "no column 'qw'"),
-        (lambda table: table.with_columns(fx=pl.lit("n/a")), "column 'fx' has no numbers"),
+        (lambda table: table.drop("qw"), "no column 'qw'. Available"),
+        (lambda table: table.with_columns(fx=pl.lit("n/a")), "touches.csv: column 'fx' has no numbers"),
     ],
 )
 def test_a_log_that_cannot_be_used_is_one_sentence_and_exit_1(
@@ -255,7 +255,7 @@ def test_times_too_coarse_for_a_filter_are_refused_with_one_and_noted_without(
     """200 samples of each second have its stamp: nothing says how fast they came."""
     log = _edited(made, tmp_path, lambda table: table.with_columns(time=pl.col("time").floor()))
     assert _estimate(log, made, tmp_path) == 1
-    assert "the rate that the filter needs is not known" in capsys.readouterr().err
+    assert "the rate that the filter needs is not known. Write" in capsys.readouterr().err
     assert _estimate(log, made, tmp_path, "--filter", "none") == 0
     assert "times repeat" in capsys.readouterr().out
     assert len(read_contacts(tmp_path / "contacts.csv")) == len(pl.read_csv(log))
@@ -365,7 +365,7 @@ def test_a_payload_needs_an_orientation(made: Path, tmp_path: Path, capsys: pyte
     log.write_csv(tmp_path / "touches.csv")
     mesh = ("--mesh", str(made / "probe.stl"), "--unit", "mm", "--payload", str(made / "payload.toml"))
     assert _estimate(tmp_path / "touches.csv", made, tmp_path, *mesh) == 1
-    assert "the payload's weight turns with the sensor" in capsys.readouterr().err
+    assert "the payload's weight turns with the sensor. Add" in capsys.readouterr().err
 
 
 def test_swapped_axes_are_named_with_the_line_that_mends_them(

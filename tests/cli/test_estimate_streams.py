@@ -343,12 +343,12 @@ def test_a_filter_of_the_call_wins_over_the_rig(made: Path, tmp_path: Path, caps
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (("--cutoff", "150"), "a cut-off of 150 Hz is not below half the rate of the samples (200 Hz)"),
-        (("--cutoff", "0"), "cutoff must be positive"),
-        (("--filter", "kalman", "--cutoff", "10"), "the filter is 'kalman', which has no cut-off"),
-        (("--filter", "none", "--cutoff", "10"), "the filter is 'none', which has no cut-off"),
-        (("--tare", "-1"), "tare must be a positive time"),
-        (("--tare", "0.01"), "a tare needs at least 10 usable samples"),
+        (("--cutoff", "150"), "a cut-off of 150 Hz is not below half the rate of the samples (200 Hz). Choose"),
+        (("--cutoff", "0"), "cutoff: cutoff must be positive"),
+        (("--filter", "kalman", "--cutoff", "10"), "the filter is 'kalman', which has no cut-off. Add"),
+        (("--filter", "none", "--cutoff", "10"), "the filter is 'none', which has no cut-off. Add"),
+        (("--tare", "-1"), "tare: tare must be a positive time"),
+        (("--tare", "0.01"), "a tare needs at least 10 usable samples, and has 0. Let"),
         (("--workers", "0"), "--workers: must be at least 1"),
     ],
 )
@@ -386,13 +386,13 @@ def test_the_report_holds_what_the_run_says(made: Path, tmp_path: Path, capsys: 
     ("output", "options", "word"),
     [
         ("contacts.xlsx", "", "a file that ends in '.xlsx'. Use one of .csv, .parquet, .mcap"),
-        ("contacts", "", "contacts cannot be written to a file that ends in ''"),
+        ("contacts", "", "contacts cannot be written to a file that ends in ''. Use"),
         ("no/contacts.csv", "", "there is no folder"),
         ("contacts.csv", "--report no/report.html", "there is no folder"),
-        ("contacts.csv", "--report report.txt", "must end in .html"),
-        ("contacts.csv", "--report report.html --truth no.csv", "the file does not exist"),
-        ("contacts.csv", "--report report.html --truth report.html", "would overwrite an input"),
-        ("contacts.csv", "--truth truth.csv", "is used only in the report"),
+        ("contacts.csv", "--report report.txt", "must end in .html. Use"),
+        ("contacts.csv", "--report report.html --truth no.csv", "the file does not exist. Available"),
+        ("contacts.csv", "--report report.html --truth report.html", "would overwrite an input, report.html. Name"),
+        ("contacts.csv", "--truth truth.csv", "is used only in the report, but --report is missing. Add"),
     ],
 )
 def test_what_cannot_be_written_or_compared_is_said_before_the_work(
@@ -424,7 +424,7 @@ def test_the_base_frame_without_poses_names_what_to_record(
     write_mcap(tmp_path / "log.mcap", alone, {WRENCH: STAMPED[WRENCH]})
     assert estimate(tmp_path / "log.mcap", bare, tmp_path / "contacts.csv", "--frame", "base") == 1
     said = capsys.readouterr().err
-    assert "the base frame needs the sensor's orientation" in said
+    assert "the base frame needs the sensor's orientation in the base, which this log does not have. Add" in said
     assert "a topic of poses" in said
     assert not (tmp_path / "contacts.csv").exists()
 

@@ -59,4 +59,4 @@ def test_wrong_calls_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert main(["events", str(tmp_path / "contacts.csv"), "-o", str(tmp_path / "contacts.csv")]) == 1
     assert "would overwrite an input" in capsys.readouterr().err
     assert main(["events", str(tmp_path / "contacts.csv"), "--gap", "-1"]) == 1
-    assert "must not be negative" in capsys.readouterr().err
+    assert "speed: seconds and speed must not be negative" in capsys.readouterr().err

@@ -100,4 +100,4 @@ def test_what_is_no_video_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFi
     path = tmp_path / "log.mp4"
     path.write_text("no video")
     assert main(["inspect", str(path)]) == 1
-    assert "does not begin as a video does" in capsys.readouterr().err
+    assert ": does not begin as a video does" in capsys.readouterr().err

@@ -77,7 +77,7 @@ def test_contacts_have_a_spectrum_of_force_and_place(tmp_path: Path, capsys: pyt
         ("log.csv", "log.csv", "a picture cannot end in"),
         ("log.csv", "a.pdf", "a picture cannot end in"),
         ("rig.toml", "a.png", "has no spectrum"),
-        ("short.csv", "a.png", "steady rate"),
+        ("short.csv", "a.png", "steady rate, and no 32 samples in a row (of 19) have one. Stamp"),
         ("points.csv", "a.png", "has no spectrum"),
     ],
 )

@@ -69,7 +69,7 @@ def test_a_wrong_input_says_one_sentence_and_no_json(tmp_path: Path, capsys: pyt
     assert main(["inspect", str(tmp_path / "none.csv"), "--json"]) == 1
     out, err = capsys.readouterr()
     assert not out
-    assert "the file does not exist" in err
+    assert "none.csv: the file does not exist" in err
 
 
 def test_quiet_says_warnings_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -61,7 +61,7 @@ def test_contacts_in_the_base_frame_are_refused(
     (tmp_path / "contacts.csv").write_bytes((made / "surface.csv").read_bytes())
     (tmp_path / "contacts.csv.toml").write_text('frame = "base"\n')
     assert main(["view", str(tmp_path / "contacts.csv"), "--rig", str(made / "rig.toml")]) == 1
-    assert "in the base frame" in capsys.readouterr().err
+    assert "in the base frame, in which the body moves. Estimate" in capsys.readouterr().err
     assert shown == []
 
 

@@ -28,8 +28,6 @@ from tests.conformance.sensors import Files, Sensor
 from tests.support.blocks import unserved
 from tests.support.simulated import POSE
 
-__all__ = ["FIELDS", "Case", "Refused", "judged", "run", "same"]
-
 SCREEN = (70, 1000)  # lines, and letters of one, that `inspect` may say: a screen, where names of 132 cells wrap
 ANSWERED = 0.9  # of the samples of a touch
 

@@ -13,8 +13,6 @@ import palpate
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["each_reading", "recorded", "replayed", "whole"]
-
 SPLIT = 1e9  # bytes
 BESIDE = (ORIENTATION, POSITION, ACCELERATION, UNSTEADY)  # channels that are no reading of the sensor
 

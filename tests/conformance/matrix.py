@@ -11,8 +11,6 @@ from pathlib import Path
 from tests.conformance.fields import FIELDS, Case, judged
 from tests.conformance.sensors import SENSORS, Sensor
 
-__all__ = ["Entry", "matrix", "table"]
-
 WORKS, REFUSED, FAILS = "works", "refused", "FAILS"
 
 

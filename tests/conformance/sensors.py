@@ -32,8 +32,6 @@ from palpate_lab.simulation.three_axis_touches import RATE, TIPS, UNSEEN_TIPS, L
 from tests.support.simulated import Truth, base_poses, pressed, write_table
 from tests.support.skin_session_files import write_skin_session
 
-__all__ = ["SENSORS", "Files", "Sensor"]
-
 MOUNT = Pose.from_quaternion([0.0, 0.0, 0.6, 0.8], [0.010, -0.020, 0.060])  # of the surface in the sensor
 POSE = f"pose = {{ xyz = {MOUNT.translation.tolist()}, quaternion_xyzw = [0.0, 0.0, 0.6, 0.8] }}\n"
 

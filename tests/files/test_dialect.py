@@ -91,8 +91,8 @@ def test_a_mesh_alone_reads_names_that_state_their_units(tmp_path: Path) -> None
     ("old", "new", "words"),
     [
         ('force = "mN"', 'force = "N"', ("Fx (mN)", "'mN'", "'N'", "[force_torque]")),
-        ('torque = "mN m"', 'torque = "N m"', ("Tx (mNm)", "'mNm'", "'N m'")),
-        ('unit = "ms"', 'unit = "s"', ("Time (ms)", "'ms'", "[time] unit")),
+        ('torque = "mN m"', 'torque = "N m"', ("Tx (mNm)", "'mNm'", "'N m'. Correct")),
+        ('unit = "ms"', 'unit = "s"', ("Time (ms)' is in 'ms', but it is read in 's'. Correct", "'ms'", "[time] unit")),
     ],
 )
 def test_a_rig_that_contradicts_the_header_is_refused(

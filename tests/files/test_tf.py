@@ -19,12 +19,13 @@ from palpate.errors import InputError
 from palpate.files.logs import LogLayout, read_poses, read_recording
 from palpate.files.logs.joints import joint_positions
 from palpate.files.logs.transforms import transforms
-from palpate.files.messages import MessageBlock, Topic
+from palpate.files.messages import Topic
 from palpate.setup import load_rig
 from palpate.signals.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate_lab.simulation.session import Session, simulate_session
 from palpate_lab.simulation.session_files import write_session
+from tests.support.given_source import block
 
 ROS1, OLD = get_typestore(Stores.ROS1_NOETIC), "tf/msg/tfMessage"
 ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", OLD))
@@ -38,17 +39,12 @@ def session() -> Session:
 
 @pytest.fixture(scope="module")
 def robot(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The session as a robot records it, and its marks and truth."""
+    """The session as a robot records it, its marks and truth, and what the README's commands make of it."""
     folder = tmp_path_factory.mktemp("robot")
     write_session(session, folder)
     write_robot(session, folder)
+    bag.readme(folder)
     return folder
-
-
-def _packed(raws: list[bytes]) -> MessageBlock:
-    length = np.array([len(raw) for raw in raws])
-    nothing = np.zeros(len(raws), dtype=int)
-    return MessageBlock(b"".join(raws), {}, nothing, nothing, np.cumsum(length) - length, length)
 
 
 def _trees(rng: np.random.Generator, count: int, types: Any = TYPES) -> list[Any]:
@@ -105,7 +101,9 @@ def test_transforms_are_read_as_rosbags_wrote_them(encoding: str) -> None:
         for m in messages
     ]
     names = dict[str, int]()
-    found, sound = transforms(_packed(raws), Topic("/tf", kind.replace("/msg/", "/"), encoding[:4].strip(",")), names)
+    found, sound = transforms(
+        block("", "", raws), Topic("/tf", kind.replace("/msg/", "/"), encoding[:4].strip(",")), names
+    )
     called = list(names)
     rows = zip(found.message, found.parent, found.child, found.stamp, found.values.tolist(), strict=True)
     assert sound.all()
@@ -134,10 +132,10 @@ def _read(kind: str, raws: list[bytes]) -> tuple[list[list[Any]], np.ndarray]:
     """What is read of each message."""
     if "Joint" in kind:
         wanted = ("shoulder_joint", "elbow_joint", "flange_joint")
-        stamp, values, sound, _ = joint_positions(_packed(raws), Topic("", kind, "cdr"), wanted)
+        stamp, values, sound, _ = joint_positions(block("", "", raws), Topic("", kind, "cdr"), wanted)
         return [[s, *row] for s, row in zip(stamp.tolist(), values.tolist(), strict=True)], sound
     names = dict[str, int]()
-    found, sound = transforms(_packed(raws), Topic("", kind, "cdr"), names)
+    found, sound = transforms(block("", "", raws), Topic("", kind, "cdr"), names)
     called = list(names)
     rows = [
         [

@@ -12,8 +12,6 @@ from typing import Any
 import polars as pl
 from mcap.reader import make_reader
 
-__all__ = ["differences"]
-
 WIDTH = 120  # letters that are shown of a line
 VARIES = (  # what no two runs have in common
     (re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|\+00:00)?"), "DATE"),

@@ -11,8 +11,6 @@ from claims.evidence.mutated import KINDS, bench, spoil
 from tests.conformance.fields import run
 from tests.conformance.sensors import SENSORS, Files, Sensor
 
-__all__ = ["BAD", "made"]
-
 BAD = 300  # inputs
 JSON = ("inspect", "evaluate", "events", "estimate")  # whose words are taken as JSON, too
 WORLDS = {

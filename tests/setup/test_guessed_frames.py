@@ -10,7 +10,7 @@ import pytest
 
 from claims.evidence import robot as bag
 from claims.evidence.logs_written import write_mcap
-from claims.evidence.robot import KINDS, OTHER, WRENCH, Posture, transform, wrench, write_robot
+from claims.evidence.robot import KINDS, OTHER, WRENCH, Posture, transform, wrench
 from palpate.cli import main
 from palpate.errors import InputError
 from palpate.files.contacts import read_contacts
@@ -19,24 +19,11 @@ from palpate.setup import load_rig
 from palpate.setup.new import propose_rig
 from palpate.signals.recording import ORIENTATION
 from palpate.spatial.pose import rotation_from_quaternion
-from palpate_lab.simulation.session import Session, simulate_session
-from palpate_lab.simulation.session_files import write_session
+from palpate_lab.simulation.session import Session
+from tests.files import test_tf
 from tests.files.test_tf import TREE, _log
 
-
-@pytest.fixture(scope="module")
-def session() -> Session:
-    return simulate_session(3, touches=4, facets=300)
-
-
-@pytest.fixture(scope="module")
-def robot(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The session as a robot records it, and the README's commands on it; how well they do is in the evidence."""
-    folder = tmp_path_factory.mktemp("robot")
-    write_session(session, folder)
-    write_robot(session, folder)
-    bag.readme(folder)
-    return folder
+robot, session = test_tf.robot, test_tf.session  # fixtures
 
 
 def test_guessed_frames_are_those_of_the_wrench_and_of_the_root(robot: Path, tmp_path: Path) -> None:

@@ -6,8 +6,6 @@ import numpy as np
 
 from palpate_lab.viewer.arena import Arena, ArenaScene
 
-__all__ = ["arena", "scene"]
-
 BLOCKS = np.array([[1.0, 0.5, 0.3], [2.0, 1.0, 0.0], [1.5, 2.0, 0.0]])  # the last one stands halfway in the wall
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["JOINTS", "SIX", "SLIDING", "joint", "write_arm"]
-
 
 def joint(name: str, kind: str, parent: str, child: str, *, more: str = "", limit: str | None = None) -> str:
     """One <joint>; `more` holds its origin and axis."""

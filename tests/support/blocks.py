@@ -29,8 +29,6 @@ from palpate.cli.app import COMMANDS, join_others
 
 join_others()
 
-__all__ = ["PAGES", "ROOT", "Block", "Follower", "blocks", "refusal", "uncovered", "unseen", "unserved"]
-
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = tuple(
     page

@@ -16,8 +16,6 @@ from claims.evidence.bodies import prism
 from palpate.surfaces import Mesh, plane
 from palpate_lab.simulation.shapes import Body, BumpySphere, EllipsoidBody, Superquadric
 
-__all__ = ["BODIES", "CLOSED", "R", "Surfaced", "box", "cylinder", "on_mesh", "pressing"]
-
 R = 0.01  # m
 PLACE = np.array([0.004, -0.003, 0.03])  # m, of a body in the sensor's frame
 

@@ -19,8 +19,6 @@ import jaxtyping._decorator as decorator
 import jaxtyping._import_hook as hook
 from jaxtyping import AbstractArray
 
-__all__ = ["cache_apart", "check_first_calls", "start_counting"]
-
 CALLS = 1  # of a function in a test: with 20, the checks were a quarter of the time of all tests
 _until = [CALLS]  # of a function's count of checked calls: each test adds `CALLS`
 _counts: dict[CodeType, list[int]] = {}  # checked calls of a function, those of earlier tests taken for made

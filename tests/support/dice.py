@@ -11,8 +11,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-__all__ = ["agree", "even", "joint", "mixed", "rolled"]
-
 SMALL = 1e-3  # of the deviations: squares of the errors are a thousandth of a thousandth
 
 

@@ -10,8 +10,6 @@ import numpy as np
 from palpate.optical.fisheye import Fisheye, RingView
 from palpate.spatial.pose import Pose
 
-__all__ = ["drawn", "nominal_view"]
-
 _PARTS = 16
 
 

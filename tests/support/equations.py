@@ -16,8 +16,6 @@ from palpate.surfaces import Cylinder, Ellipsoid, EllipticCylinder, ImplicitSurf
 from palpate.surfaces.analytic import Analytic
 from palpate_lab.simulation.shapes import Superquadric
 
-__all__ = ["EQUATIONS", "POSE", "Equation", "R", "torus"]
-
 R = 0.01  # m
 POSE = Pose.from_rotation_vector((0.7, -0.4, 1.1), (0.004, -0.003, 0.03))  # of a body in the sensor's frame
 

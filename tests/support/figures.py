@@ -18,8 +18,6 @@ from pathlib import Path
 from claims.page import FIGURES, THEMES
 from tests.support.blocks import ROOT, blocks
 
-__all__ = ["Piece", "borne_out", "pieces", "unborne"]
-
 _UNITS = {
     "m": {"nm": 1e-9, "um": 1e-6, "micrometres": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0},
     "N": {"mN": 1e-3, "N": 1.0},

@@ -7,8 +7,6 @@ import numpy as np
 from palpate.files.messages import MessageBlock, Topic
 from palpate.live.source import Batch
 
-__all__ = ["Given", "block"]
-
 
 def block(topic: str, kind: str, raws: list[bytes], sent: int | np.ndarray = 0) -> MessageBlock:
     """Messages of one topic, in CDR, and when they were sent [ns]."""

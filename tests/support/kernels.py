@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from palpate.surfaces import _jit
 
-__all__ = ["compilations"]
-
 
 def compilations() -> int:
     """Return how many signatures numba has machine code for; none where the extension module has everything."""

@@ -26,8 +26,6 @@ from palpate.live.recover import recover
 from palpate.live.source import Batch
 from palpate.live.stream_buffer import SlotForm, StreamBuffer
 
-__all__ = ["BEGIN", "FORM", "LIST", "RATE", "answers", "batch", "kill_again_and_again", "messages", "numbers"]
-
 RATE = 7000  # Hz
 BEGIN = 1_700_000_000_123_456_789  # ns
 FORM = SlotForm(

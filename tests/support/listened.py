@@ -8,8 +8,6 @@ from typing import Any
 
 from palpate.live.source import Batch, Source
 
-__all__ = ["PATIENCE", "received", "said_until", "until"]
-
 PATIENCE = 60.0  # s for what takes milliseconds on an idle machine
 
 

@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-__all__ = ["torn_pages"]
-
 
 def torn_pages(csv: Path, path: Path) -> Path:
     """The rows of a CSV over and over as Parquet, its middle overwritten."""

@@ -10,8 +10,6 @@ from mcap.reader import make_reader
 
 from claims.evidence.logs_written import ROS2
 
-__all__ = ["messages", "rows"]
-
 
 def rows(path: Path) -> list[dict[str, str]]:
     """Return the rows of a CSV file, by column."""

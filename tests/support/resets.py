@@ -29,8 +29,6 @@ from palpate_lab.simulation.shapes import Superquadric
 from tests.conformance.live import each_reading
 from tests.support.streams import STREAMS, Stream, pieces, shaken
 
-__all__ = ["SCENES", "Scene"]
-
 
 @dataclass(frozen=True)
 class Scene:

@@ -12,8 +12,6 @@ from palpate.sensors.marker_ring.response_fit import RingPresses, fit_response
 from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
 from palpate_lab.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
 
-__all__ = ["MARKERS", "NOISE", "all_round", "barrel", "calibrated", "moved", "plate", "presses", "tip"]
-
 MARKERS = 2.0 * np.pi * np.arange(24) / 24
 NOISE = np.tile([0.1e-3, 0.05e-3], (24, 1))  # m: of 0.2 px
 DEPTHS = (0.002, 0.005, 0.009)

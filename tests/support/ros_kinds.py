@@ -9,8 +9,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from palpate.files.message_types import DEFINITIONS
 
-__all__ = ["ROS2", "TYPES", "drawn", "full", "packed", "packed_tree", "read"]
-
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 _CONTACT = """std_msgs/Header header
 int64 sample

@@ -11,8 +11,6 @@ import polars as pl
 from claims.evidence.moving import Swing
 from palpate_lab.simulation.contacts import contact_wrenches, directed_forces
 
-__all__ = ["POSE", "Truth", "base_poses", "pressed", "write_table"]
-
 POSE = ("qx", "qy", "qz", "qw", "x", "y", "z")  # of the sensor in the base, as columns of a log
 SLOW = Swing((0.3, 0.2, 0.3), (0.05, 0.07, 0.06), (0.02, 0.03, 0.02), (0.05, 0.04, 0.06))  # inertia stays below noise
 RATE, REST, RAMP, HOLD, PAUSE = 100.0, 1.0, 0.1, 0.5, 0.4  # Hz, s

@@ -13,8 +13,6 @@ from palpate_lab.simulation.shapes import icosphere
 from palpate_lab.simulation.skin_bench import Wand
 from palpate_lab.simulation.skin_session import SkinSession, load_cell_presses, simulate_protocol
 
-__all__ = ["estimated_skin_session", "write_skin_session"]
-
 
 def write_skin_session(
     session: SkinSession, folder: Path, rng: np.random.Generator, *, wand: Wand | None = None, presses: int = 60

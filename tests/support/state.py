@@ -15,8 +15,6 @@ from numba.core.dispatcher import Dispatcher
 from palpate.contact.live_loop import LiveLoop
 from palpate.surfaces._jit import FixedEntry, Kernel
 
-__all__ = ["differences", "parts"]
-
 _PLAIN = (str, bytes, int, float, complex, bool, type(None), Enum, np.generic, PurePath, range, slice)
 _FIXED = (type, types.FunctionType, types.MethodType, types.BuiltinFunctionType, types.ModuleType, Executor, Future)
 _FIXED += (FixedEntry, Kernel, Dispatcher, LiveLoop)  # its arrays are those of others, where they are seen

@@ -51,8 +51,6 @@ from palpate_lab.simulation.skin_bench import Rolled
 from tests.support.bodies import BODIES
 from tests.support.drawn_markers import drawn, nominal_view
 
-__all__ = ["STREAMS", "Stream", "pieces", "shaken"]
-
 RATE, REST = 25.0, 40  # Hz; samples at the start in which nothing touches
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)  # N, N m
 FILTERS = (None, Kalman(1e-3, 2e-3), Butterworth(8.0), Butterworth(8.0, zero_phase=True))

@@ -86,7 +86,7 @@ def test_an_estimate_needs_no_unit_of_such_a_file(tmp_path: Path, capsys: pytest
     stated = write_collada(tmp_path / "a.dae", "0.0254")
     assert main(["estimate", str(tmp_path / "log.csv"), "--mesh", str(stated), *options]) in (0, 4)
     assert main(["estimate", str(tmp_path / "log.csv"), "--mesh", str(stated), "--unit", "mm", *options]) == 1
-    assert "given as 'mm', but the file states its own, 'in'" in "".join(capsys.readouterr())
+    assert "given as 'mm', but the file states its own, 'in'. Leave" in "".join(capsys.readouterr())
     bare = write_collada(tmp_path / "b.dae")
     assert main(["estimate", str(tmp_path / "log.csv"), "--mesh", str(bare), *options]) == 1
     assert "--unit mm" in "".join(capsys.readouterr())

@@ -249,4 +249,4 @@ def test_a_log_of_a_sensor_that_never_rests_is_refused(tmp_path: Path, capsys: p
     assert main(["calibrate", "payload", str(path), "-o", str(tmp_path / "payload.toml")]) == 1
     assert "the sensor moves" in capsys.readouterr().err
     assert main(["calibrate", "payload", str(path), "--gravity", "0,0,-1", "-o", str(tmp_path / "payload.toml")]) == 1
-    assert "--gravity is a direction in the base" in capsys.readouterr().err
+    assert "moving.csv: --gravity is a direction in the base" in capsys.readouterr().err

@@ -86,8 +86,8 @@ def test_residuals_of_no_reason_are_refused_unless_forced() -> None:
         ("mirror_x_both", 'axes = ["-x", "y", "z"] and left_handed = true'),
         ("swap_yz", 'axes = ["x", "z", "y"]'),
         ("quat_wxyz_in_xyzw", 'form = "quaternion_wxyz"'),
-        ("flange_45deg", "turned by 45.1 degrees"),
-        ("flange_90deg", "turned by 90.1 degrees"),
+        ("flange_45deg", "turned by 45.1 degrees about (0, 0, -1) of the frame that is logged. Write"),
+        ("flange_90deg", "turned by 90.1 degrees about (0, 0, -1) of the frame that is logged. Write"),
         ("compensated", "compensates for gravity already"),
     ],
 )

@@ -71,13 +71,13 @@ def test_bad_cells_are_named_and_the_others_locate(folder: Path, capsys: pytest.
     ("rig", "said"),
     [
         (RIG + 'model = "none.toml"\n', "the file does not exist"),
-        (RIG, "the cells are not calibrated"),
+        (RIG, "the cells are not calibrated. Run"),
         (
             RIG + 'model = "tip.toml"\ncolumns = ["u1x", "u1y", "u1z", "u2x", "u2y", "u2z", "u3x", "u3y", "u3z"]\n',
-            "has 4 cells",
+            "load_cells.columns: names 9 columns, but tip.toml has 4 cells",
         ),
-        (RIG + 'model = "tip.toml"\nwithout = [5]\n', "cell 5 does not exist: cells are 1 to 4"),
-        ('[load_cells]\nmodel = "tip.toml"\n', "needs a [surface]"),
+        (RIG + 'model = "tip.toml"\nwithout = [5]\n', "load_cells.without: cell 5 does not exist: cells are 1 to 4"),
+        ('[load_cells]\nmodel = "tip.toml"\n', "needs a [surface]. `palpate"),
     ],
 )
 def test_bad_rigs_are_sentences(folder: Path, rig: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -160,7 +160,7 @@ def test_a_plan_of_pokes_makes_the_worst_taxel_better(folder: Path, capsys: pyte
     assert main([*plan, "--wanted", "0.1"]) == 0
     assert "the pokes so far are enough" in capsys.readouterr().out
     assert main(["plan", "pokes", *plan[2:4], f"{folder}/cad.txt", *plan[5:]]) == 1
-    assert "does not state the arm configurations" in capsys.readouterr().err
+    assert "does not state the arm configurations in which it was made. Plan" in capsys.readouterr().err
 
 
 def test_a_page_shows_the_places(folder: Path) -> None:
@@ -195,8 +195,8 @@ def _jointless(folder: Path) -> str:
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (_degrees, "joint 'elbow_pitch' reads up to 94, more than a turn: it seems to be in degrees"),
-        (_jointless, "there is no column 'elbow_roll'"),
+        (_degrees, "joint 'elbow_pitch' reads up to 94, more than a turn: it seems to be in degrees. Write"),
+        (_jointless, "there is no column 'elbow_roll'. Available"),
     ],
 )
 def test_joints_in_degrees_or_missing_are_a_sentence(
@@ -217,7 +217,7 @@ def test_joints_in_degrees_or_missing_are_a_sentence(
         (["--layout", "ring13"], "'ring13' is not known. Use ring12"),
         (["--start", "{folder}/forearm.stl"], "forearm.stl"),
         (["--start", "{folder}/small.csv"], "CAD file of this skin"),
-        (["-o", "{folder}/skin.xml"], "cannot write places of taxels as '.xml'"),
+        (["-o", "{folder}/skin.xml"], "cannot write places of taxels as '.xml'. Use"),
         (["--threshold", "-3"], "--threshold: must be positive"),
     ],
 )
