@@ -152,24 +152,6 @@ def _several(rows: list[tuple[int, int, list[float]]], status: list[int] | None 
     return Contacts(sample, sample.astype(np.float64), identity, estimate)
 
 
-def test_several_contacts_have_each_the_truth_that_is_its_own() -> None:
-    """Two at once, whose order in the file changes: pooled, each would be 20 mm off on average."""
-    rng = np.random.default_rng(4)
-    here, there = [0.0, 0.0, 0.0], [0.04, 0.0, 0.0]
-    rows: list[tuple[int, int, list[float]]] = []
-    truths: list[list[float]] = []
-    for k in range(50):
-        both = [(k, 1, [0.0, 1e-3, 0.0]), (k, 2, [0.04, 2e-3, 0.0])]
-        rows += both if rng.random() < 0.5 else both[::-1]
-        truths += [here, there] if rng.random() < 0.5 else [there, here]
-    truth = TrueSamples(np.repeat(np.arange(50.0), 2), np.array(truths))
-    report = evaluate(_several(rows), truth)
-    assert (report.samples, report.matched, report.answered) == (100, 100, 100)
-    assert (report.unmatched, report.missed) == (0, 0)
-    assert report.location.mean == pytest.approx(1.5e-3)
-    assert report.location.worst == pytest.approx(2e-3)
-
-
 def test_the_pairs_of_an_instant_are_those_whose_distances_are_least_together() -> None:
     """Against trying all ways to pair."""
     rng = np.random.default_rng(6)
@@ -254,11 +236,8 @@ def test_samples_beyond_the_ends_of_the_truth_have_none_and_are_counted() -> Non
     contacts = Contacts.single(time, _estimate(np.zeros((3000, 3)), force=force))
     known = TrueSamples(time[pressed] + 2e-4, np.zeros((1000, 3)), force=force[pressed])
     report = evaluate(contacts, known)
-    assert (report.matched, report.outside, report.force.worst) == (
-        1000,
-        39,
-        0.0,
-    )  # the truth is 0.2 ms late: 19 before, 20 after
+    assert (report.matched, report.force.worst) == (1000, 0.0)
+    assert report.outside == 39  # the truth is 0.2 ms late: 19 before, 20 after
     alone = evaluate(contacts, TrueSamples(np.array([0.5, 1.5]), np.zeros((2, 3))))
     assert (alone.matched, alone.outside) == (82, 0)  # single instants: within the tolerance of each
 
