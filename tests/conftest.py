@@ -1,7 +1,5 @@
 """What every test gets: shapes checked at run time, seeded properties, and the shared real data."""
 
-from __future__ import annotations
-
 import fcntl
 import gc
 import os

@@ -5,8 +5,6 @@ those with the same file name, name and parameters, in whatever folder. PYTEST_A
 pytest loads this file in each checkout, to count each test.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -14,8 +14,6 @@ command that it stands for. With `--clone` they are: in a clone of the last comm
 registry.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import pty

@@ -5,8 +5,6 @@ arena and the phantom, each by the command that a person types. Their files are 
 pictures are FOLDER/NAME_WIDTH.png.
 """
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess

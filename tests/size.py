@@ -3,8 +3,6 @@
 With a commit, its lines stand beside those of this checkout.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import subprocess

@@ -1,7 +1,5 @@
 """Laws of the pages: pictures are small and made by a function; commands exist; links hold where they are read."""
 
-from __future__ import annotations
-
 import ast
 import re
 from functools import cache

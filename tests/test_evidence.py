@@ -1,7 +1,5 @@
 """The claims of docs/evidence.md, on few samples: the same functions, so that none of them rots."""
 
-from __future__ import annotations
-
 import pytest
 
 from claims.__main__ import NAMES, named, rows_of

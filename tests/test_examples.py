@@ -1,7 +1,5 @@
 """The numbered examples run as they stand, are short, have a page, and end with the number that they are about."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

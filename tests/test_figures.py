@@ -1,7 +1,5 @@
 """Law of the pages: each figure in prose was measured, is shown by a block of its page, or is set in the source."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

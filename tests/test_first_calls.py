@@ -1,7 +1,5 @@
 """The first calls that one writes from memory: each works, or is answered with the line that does."""
 
-from __future__ import annotations
-
 import builtins
 import importlib
 import re

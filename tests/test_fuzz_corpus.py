@@ -1,7 +1,5 @@
 """Inputs that fuzzing found end in an answer or a `PalpateError`, without a warning; `make fuzz` looks for more."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 

@@ -1,7 +1,5 @@
 """Laws of the house itself: the front door, what importing costs, what no tracked file may hold."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import inspect

@@ -1,7 +1,5 @@
 """The README as an index page shows it, where no file of the project lies beside it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

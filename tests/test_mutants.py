@@ -1,7 +1,5 @@
 """Faults are made from what stands in a file, and the switch turns them on in Python and in compiled code alike."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

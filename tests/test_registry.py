@@ -1,7 +1,5 @@
 """Tables of names: imported when asked for, in order, with what other packages bring."""
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The search of the documentation leads from the words that people type to the right page first, in a real browser."""
 
-from __future__ import annotations
-
 import os
 from typing import Any, cast
 

@@ -1,7 +1,5 @@
 """What takes long is announced once, and not where nobody wants it; blocks wait for what they test."""
 
-from __future__ import annotations
-
 import logging
 import threading
 

@@ -5,8 +5,6 @@ estimator, which of them call a file on a floor above their own, and how many Py
 the first answer.
 """
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from contextlib import redirect_stdout, suppress

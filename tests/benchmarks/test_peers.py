@@ -1,7 +1,5 @@
 """Estimators of others, on the same wrenches: where we must agree with them, and where they must miss."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

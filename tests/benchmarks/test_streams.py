@@ -1,7 +1,5 @@
 """The table of streams is made: logs read and written, loops run, by us and by what a user would otherwise take."""
 
-from __future__ import annotations
-
 from claims.timings import streams
 
 

@@ -1,7 +1,5 @@
 """The offset of the poses' clock comes back from simulated motion, through noise, touches and slow poses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

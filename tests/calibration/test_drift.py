@@ -1,7 +1,5 @@
 """Walk, warm-up and temperature of a zero come back from simulated logs; what is no free log is refused or said."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Covariances of calibrations: means of touches, a drift that they share, courses in noise, where a surface is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Data that are left out lie as far from a prediction as its covariance says, or the ratio says how much further."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

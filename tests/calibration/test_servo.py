@@ -1,7 +1,5 @@
 """Delay and lag are found from commands and positions of a plant that is integrated apart, or the log is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache, partial
 

@@ -1,7 +1,5 @@
 """What a person gets wrong: outputs that are inputs, options that are no quantities, units, clocks; and Ctrl-C."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

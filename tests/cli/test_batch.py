@@ -1,7 +1,5 @@
 """`palpate batch`: the bits of one by one, whatever runs them; what is done stays done, what fails is said."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

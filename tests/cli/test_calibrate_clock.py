@@ -1,7 +1,5 @@
 """`palpate calibrate clock` and `servo` on files that rosbags wrote, and on columns."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

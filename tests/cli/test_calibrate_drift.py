@@ -1,7 +1,5 @@
 """`palpate calibrate drift`: from the log of an untouched sensor to the rig, and what it says of other logs."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from functools import cache

@@ -1,7 +1,5 @@
 """The commands on a small simulated session, in process: exit codes, files, and what a person reads."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`palpate estimate` on logs as they come: torn, interrupted, not tared, late, filtered, without positions."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """`palpate evaluate` with what other instruments measured: a wrench below the body, a wand, points."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

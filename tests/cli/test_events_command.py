@@ -1,7 +1,5 @@
 """`palpate events` prints and writes touches that other commands read."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`palpate inspect` says of images how many there are, and which of them say nothing."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

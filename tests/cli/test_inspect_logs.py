@@ -1,7 +1,5 @@
 """`palpate inspect` reads logs and contacts of every format and any length, whole or torn, and says what is in them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

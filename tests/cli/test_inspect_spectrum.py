@@ -1,7 +1,5 @@
 """`palpate inspect --spectrum` draws what it says it draws, and proposes a filter for a log whose band is known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`palpate live` from end to end: what is killed is started again and nothing is lost; bad calls get a sentence."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """The live page: it shows what passes through the ring, asks for a tare, and does not grow where a browser stalls."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import re

@@ -1,7 +1,5 @@
 """Several sensors of one robot, live: one record that reads as any log, names on what is published, one that fails."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

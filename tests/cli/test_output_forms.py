@@ -1,7 +1,5 @@
 """What a command says: as text, as one JSON object, or nothing but its warnings; seconds since 1970 as a date."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """The commands on recordings that nobody here made; skipped where they are not there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

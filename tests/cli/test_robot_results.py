@@ -1,7 +1,5 @@
 """What is made of the contacts of a robot: its report, its picture at a sample, and its errors against the truth."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

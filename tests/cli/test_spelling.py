@@ -1,7 +1,5 @@
 """What is misspelt is said in one sentence that names what was meant, and the exit code is that of a wrong call."""
 
-from __future__ import annotations
-
 import pytest
 
 from palpate.cli import main

@@ -1,7 +1,5 @@
 """`palpate view`: it serves a log or its contacts, says where, and ends quietly by Ctrl-C."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import re

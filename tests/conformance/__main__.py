@@ -3,8 +3,6 @@
 PYTHONPATH says of which code: one before `load_rig` too, whose missing calls count as failing.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import asdict

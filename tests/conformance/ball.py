@@ -4,8 +4,6 @@ Each taxel reads the force along its normal, by a gain that is the same for all:
 its model names it in the rig. There are no rows and columns, and no seam.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 

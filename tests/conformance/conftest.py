@@ -1,7 +1,5 @@
 """A sensor's files are made once a session; whoever cannot be made fails each of its tests with the reason."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

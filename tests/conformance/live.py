@@ -1,7 +1,5 @@
 """A log as a live loop would meet it: one reading after the other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every sensor by every field, as a table and a count."""
 
-from __future__ import annotations
-
 import re
 import tempfile
 from collections.abc import Iterator

@@ -4,8 +4,6 @@
 Each cell feels the force along z at its place; together they tell F_z, M_x and M_y, and a slippery plate has no others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import make_dataclass
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ A row says how the sensor's files are made (forwards, from known touches), what 
 the matrix physics refuses. The fourth sensors, `plate` and `ball`, are not Palpate's: they are added to its table.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

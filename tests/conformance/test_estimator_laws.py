@@ -1,7 +1,5 @@
 """The laws of an estimator, for every sensor, from Python alone."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import pickle

@@ -1,7 +1,5 @@
 """What a user writes from memory runs as written, and so does every snippet of the documentation; paths are text."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

@@ -1,7 +1,5 @@
 """The laws of a stream, for every sensor: a log that is replayed is answered as the log is, live or through a ring."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The live page of every sensor: what passes through the ring is what it draws, with what the sensor adds to it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path

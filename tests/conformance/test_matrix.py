@@ -1,7 +1,5 @@
 """Every field of every sensor: a right answer, or a sentence with a reason that is physics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

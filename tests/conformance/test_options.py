@@ -1,7 +1,5 @@
 """No option is ignored: it is refused with a sentence that names it, or it changes what comes out."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from pathlib import Path

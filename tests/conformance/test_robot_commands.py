@@ -1,7 +1,5 @@
 """Every command, for three sensors of one robot: load cells and two skins on the fingers of a hand that moves."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

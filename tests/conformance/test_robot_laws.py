@@ -1,7 +1,5 @@
 """Each sensor as the only one of a robot gives what it gives alone, to the last bit."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

@@ -4,8 +4,6 @@ Whatever the layout: Fortran order, strides, read-only, another byte order, whol
 of them compiles a loop a second time, and none is read beyond its end.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

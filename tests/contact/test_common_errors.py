@@ -1,7 +1,5 @@
 """Errors that are the same in every sample of a touch: gains, what a touch errs by beside its wrench, slow noise."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Covariances of what is done with a contact's place: its ellipse, its frame, and a changed wrench."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

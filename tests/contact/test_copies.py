@@ -1,7 +1,5 @@
 """Values and prepared objects go to other processes and back: the same to the last bit, frozen, and sharing nothing."""
 
-from __future__ import annotations
-
 import copy
 import functools
 import pickle

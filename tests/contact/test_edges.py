@@ -1,7 +1,5 @@
 """Touches on sharp convex edges: any normal between the two facets' is one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, nnls

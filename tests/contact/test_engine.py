@@ -1,7 +1,5 @@
 """A physics engine's sensor against its own contacts, and the place that Palpate finds from that sensor."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The chain: what a sensor reads of a touch, with weight, zero and mounting, back to the place on the surface."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

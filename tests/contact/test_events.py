@@ -1,7 +1,5 @@
 """Touches are the stretches in which a contact was answered, whatever the blocks in which it comes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

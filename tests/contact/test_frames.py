@@ -1,7 +1,5 @@
 """Estimates in another frame are the estimates of the moved body."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Statuses and the ways of calling: nothing lost, nothing changed behind the caller's back."""
 
-from __future__ import annotations
-
 import functools
 import pickle
 import weakref

@@ -1,7 +1,5 @@
 """Where another frame, sign, point, axes or form of the pose explains the wrenches, it is named; else nothing is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """The order in space against its NumPy form, and what has no place."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.contact import _neighbours

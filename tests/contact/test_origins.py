@@ -1,7 +1,5 @@
 """Contacts know their sensor and link: picked, joined, written and read, and as touches."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

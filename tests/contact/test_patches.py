@@ -1,7 +1,5 @@
 """A torsion beyond the bound is said with how far a patch that makes it reaches; true for patches of known size."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A wrong unit puts the line of action where the body is not; the noise of a log is told from its steps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

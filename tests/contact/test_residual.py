@@ -1,7 +1,5 @@
 """The residual: how far, in standard deviations, a wrench is from one that a contact within the bounds can make."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize

@@ -3,8 +3,6 @@
 tau = F . M/(F . n) has no value where F . n = 0. Whatever the wrench, there is an answer, and what it says is so.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

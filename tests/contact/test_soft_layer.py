@@ -1,7 +1,5 @@
 """A soft layer on any surface: M' = M + d n x F, in closed form, by differences, and rigid at depth 0."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The estimator as a stream: the same answers however it is fed, filters as they say, honest ellipses, tare."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from threading import active_count
 

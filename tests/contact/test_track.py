@@ -1,7 +1,5 @@
 """Identities: they stay through motion, gaps and meetings, and are never given twice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The covariance of the point: against finite differences of the located point, and against dice."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

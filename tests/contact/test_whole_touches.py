@@ -1,7 +1,5 @@
 """Which place a touch is, decided by its samples: live by those before, on logs by all; and where a touch begins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,8 +4,6 @@ Truth is plain geometry: forces within a cone at points of an analytic body, 150
 stated sample by sample.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The control cycle on a press that is known in closed form: what it holds, what stops it, what it never does."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The example of the controller, as a user runs it: a whole loop on the physics engine."""
 
-from __future__ import annotations
-
 import re
 import runpy
 from pathlib import Path

@@ -1,7 +1,5 @@
 """An arm: placed and moved as pinocchio, a product of poses and finite differences say; what is missing is said."""
 
-from __future__ import annotations
-
 import pickle
 from importlib import import_module
 from pathlib import Path

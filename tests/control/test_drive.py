@@ -1,7 +1,5 @@
 """Two tracks: what they make of a motion, within their top speed."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The law that follows, by geometry: what a posed probe reads of a plane, and the step that meets one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """The damped step against the printed form; limits that nothing passes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

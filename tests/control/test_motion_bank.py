@@ -1,7 +1,5 @@
 """Filters that foresee: against their matrices written out, exact motions, steps, silence."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """What navigators share: touches of any sensor, headings, goals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

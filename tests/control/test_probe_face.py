@@ -1,7 +1,5 @@
 """A face against closed forms of an elastic foundation: round, flat, and what is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """The model of a robot's servo: its differential equation solved by SciPy, the lag of a ramp, feedback."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Spectral radii against the loops themselves, written out in finer steps; the bounds that papers state."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

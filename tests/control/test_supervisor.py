@@ -1,7 +1,5 @@
 """What leads from one state of a contact loop to the next, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Evaluation: errors from closed forms, coverage from seeded normals, matching by time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import permutations
 from math import pi, sqrt

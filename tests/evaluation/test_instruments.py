@@ -1,7 +1,5 @@
 """Touches against other instruments: lines of action, a tracked ball."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Fusion's experiment: its truth is consistent, others' ways explain the wrench, and ours is nearer to the truth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

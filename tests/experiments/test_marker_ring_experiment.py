@@ -1,7 +1,5 @@
 """The reproduction of `marker ring` on a coarse barrel with few presses, and the page that a run writes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The reproduction of `probe`'s moving phantom: one short run, how runs are judged, and the page that is written."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The probe paper's static tests on few samples, the same functions; and the laws of the forward model behind them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

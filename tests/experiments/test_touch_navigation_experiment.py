@@ -1,7 +1,5 @@
 """The reproduction of `marker ring`'s showcases: what is run, how it is counted and kept, and the page of it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, replace
 from pathlib import Path

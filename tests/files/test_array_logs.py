@@ -1,7 +1,5 @@
 """Arrays, wrenches and poses are the same channels from a table, an .npz and topics; what a log has is told unread."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

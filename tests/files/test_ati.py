@@ -1,7 +1,5 @@
 """ATI's calibration files: what they are is said, and inspecting one gives the units and ranges for a rig."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

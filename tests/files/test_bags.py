@@ -1,7 +1,5 @@
 """One session as CSV, Parquet, MCAP and bags is one recording, to the last bit; a bag that is damaged is said to be."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`palpate batch` on a LeRobot data set: a copy with contacts as columns, row for row, or a sentence."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Gravity from /tf above the robot, or from an IMU on a link: the sensor's pose is composed with the joints."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """contacts.csv and truth.csv: what is written reads back the same to the last bit, whole or not at all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of contacts in all formats: same numbers to the last bit, whole at the end, readable at any moment before."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time as clock

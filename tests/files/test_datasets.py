@@ -1,7 +1,5 @@
 """Data sets of LeRobot: contacts as columns, and columns that bear the names that the features state."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

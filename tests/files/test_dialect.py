@@ -1,7 +1,5 @@
 """Tables as others write them: every row, at its line, in the units that it says, whatever stands around it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of others as a newcomer brings them: nothing is misread without a word, and what is not read is said."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Images come as they were written: every frame once, in its order, at its time, whatever file they are in."""
 
-from __future__ import annotations
-
 import pickle
 import re
 import weakref

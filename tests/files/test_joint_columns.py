@@ -1,7 +1,5 @@
 """A table with columns of joints: the sensor's pose is that of a chain computed by itself, alone and on a robot."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

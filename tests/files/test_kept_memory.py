@@ -1,7 +1,5 @@
 """Blocks that come and go: what the system has to clear for them."""
 
-from __future__ import annotations
-
 import platform
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A CSV log becomes a recording: rows in = rows out, what cannot be read is NaN and said, what is missing is named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

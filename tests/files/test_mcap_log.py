@@ -1,7 +1,5 @@
 """Topics of an MCAP file become rows: every type as rosbags understands it, poses at the wrenches' times."""
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 from struct import pack

@@ -1,7 +1,5 @@
 """Models as TOML: the same to the last bit when read back, refused by name when they are something else."""
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib

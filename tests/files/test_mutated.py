@@ -1,7 +1,5 @@
 """Damaged files end in a sentence or in a row for every sample: some as in the evidence, and what those found."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

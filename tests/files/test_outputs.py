@@ -1,7 +1,5 @@
 """Outputs: an input is never overwritten, only regular files are replaced, links are followed."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import subprocess

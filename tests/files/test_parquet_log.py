@@ -1,7 +1,5 @@
 """A Parquet log: columns of any numbers, null is no number, and a file that is not whole is refused."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from unittest import mock

@@ -1,7 +1,5 @@
 """Poses in a second table are joined to the wrenches by time, and clocks that do not fit are named."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Many links of a robot over time, from joint states, columns or /tf, against closed forms; commands and positions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

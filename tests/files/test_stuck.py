@@ -1,7 +1,5 @@
 """Wrenches that no sensor measured are found in noisy logs, and nowhere else."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

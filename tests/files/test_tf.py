@@ -1,7 +1,5 @@
 """The tree of /tf and joint states give the sensor's pose, whatever the order, the clock or the damage of messages."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Times that state no unit are read by one rule, whatever reads them, and a stated unit is always used."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A file that was cut anywhere gives every whole message before the cut, none that was not there, and says so."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 The robots are those of `claims.evidence.made_robots`.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from pathlib import Path
 from typing import Any

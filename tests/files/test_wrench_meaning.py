@@ -1,7 +1,5 @@
 """Whatever frame, point, sign, axes and form of orientation a log has, the wrench of the sensor comes out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Wrenches of one topic beside the rows of another: means about each row, however rows and wrenches come."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arenas: what is drawn can be crossed, what cannot be crossed is refused with the reason."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import pi
 

@@ -1,7 +1,5 @@
 """The arena from above: the same moment gives the same pixels, and each thing is where it should be."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A run's files say what they were given: topics a robot, states at changes, blocks when they move, tables beside."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path

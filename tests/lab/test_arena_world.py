@@ -1,7 +1,5 @@
 """The arena's physics: stiffness of the skin, friction of blocks and tracks, kinematics, and what touches say."""
 
-from __future__ import annotations
-
 import sys
 from math import cos, hypot, pi, sin
 from pathlib import Path

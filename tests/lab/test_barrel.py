@@ -1,7 +1,5 @@
 """The barrel: laws of elastic bodies and of contact, and Lame's cylinder."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 

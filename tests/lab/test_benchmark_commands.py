@@ -1,7 +1,5 @@
 """The public benchmark as a stranger uses it: made, answered by a CSV or a function, scored; mistakes are sentences."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The figures of the benchmark on answers made by hand, whose score is known; peers where they must be right."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 The chain itself runs in `make demo`, which is this command.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

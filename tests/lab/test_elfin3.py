@@ -1,7 +1,5 @@
 """The arm's table against the maker's own description, and its two descriptions against each other."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

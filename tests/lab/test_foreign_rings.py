@@ -1,7 +1,5 @@
 """Rings of other mechanics: what contact and friction demand, and closed forms, are met."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

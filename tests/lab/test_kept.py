@@ -1,7 +1,5 @@
 """What takes long to make is kept: used where it is of the same inputs and code, made anew where it is not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from unittest.mock import Mock
 

@@ -1,7 +1,5 @@
 """The arena's page takes what it is fed, runs no faster than it should, and stands still while somebody wants it."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

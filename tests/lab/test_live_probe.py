@@ -1,7 +1,5 @@
 """The live page takes what it is fed: poses, an arrow that ends where the force acts, curves of bounded length."""
 
-from __future__ import annotations
-
 import re
 import signal
 from io import BytesIO

@@ -1,7 +1,5 @@
 """The closed forms of a moving, loaded sensor against finite differences, and its load against energy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

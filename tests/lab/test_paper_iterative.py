@@ -1,7 +1,5 @@
 """The iterative baseline: it finds the truth where it converges, and says where it must not be believed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The law of `probe`: signs that geometry decides, and gains that are refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Steering by the heading, and the velocity of a robot from its poses."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

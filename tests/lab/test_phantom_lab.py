@@ -1,7 +1,5 @@
 """The lab: what the sensor shows at rest, in contact and under acceleration, and how the robot follows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """The phantom's motions: velocities are the derivatives of places, and the stated sizes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Probes: a closed mesh, cells that cover it, the face that was asked for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

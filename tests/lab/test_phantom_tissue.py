@@ -1,7 +1,5 @@
 """The elastic foundation against closed forms, against a plain twin, and its friction against Coulomb's bound."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import dblquad

@@ -1,7 +1,5 @@
 """The bench of pokes: geometry without strain, wrenches that are integrals, errors as they are said to be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A session of pokes in time and on disk: what a reader finds there is what was simulated."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

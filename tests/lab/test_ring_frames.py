@@ -1,7 +1,5 @@
 """Frames of the ring: OpenCV's own fisheye projects the same, and what is drawn is seen where it is."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Sessions of the ring: what is recorded is what was done, and its truth is that of the mechanics."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

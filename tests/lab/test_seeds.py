@@ -1,7 +1,5 @@
 """One seed is one simulation, to the last bit, and another seed another in all that it draws."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from operator import attrgetter

@@ -1,7 +1,5 @@
 """`palpate simulate`: files that are whole or not there, and one sentence for what is asked in error."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

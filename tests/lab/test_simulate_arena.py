@@ -1,7 +1,5 @@
 """`palpate simulate arena`: a recording that the product reads, a film, and many runs that go on where they stopped."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`palpate simulate forearm`: a folder on which Palpate's commands work."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`palpate simulate phantom`: a recording that the product reads, with its truth."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`palpate simulate hand` and `humanoid`: sessions in which each sensor alone finds its touches."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """Sessions of load cells; that a folder holds what commands need is tested by the tutorials (test_front_door.py)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import polars as pl

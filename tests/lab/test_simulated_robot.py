@@ -1,7 +1,5 @@
 """Simulated robots: URDF and MJCF are one robot, wrenches obey Newton and Euler, true touches lie on the links."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

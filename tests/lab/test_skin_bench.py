@@ -1,7 +1,5 @@
 """The bench: forces balance, fields are those of the formulas, poses those of the markers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

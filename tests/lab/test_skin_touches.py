@@ -1,7 +1,5 @@
 """Fingers on the skin: readings stand where the truth is, two are as far apart as asked, frames begin with rest."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

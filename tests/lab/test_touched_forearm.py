@@ -1,7 +1,5 @@
 """The touched forearm: statics and friction hold in its truth, its sensors read what is true, its files are read."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

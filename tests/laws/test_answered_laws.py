@@ -1,7 +1,5 @@
 """Laws of existence, number and continuity: a wrench that presses on a closed body has a contact, and it slides."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

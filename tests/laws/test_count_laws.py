@@ -4,8 +4,6 @@ Functions of batches stand in a table, walked from the source by their annotatio
 noticed. Then rows of contacts: several of a sample, samples of equal times, rows without a point, in every file.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -4,8 +4,6 @@ The tests of the law stand in their rooms, on the dice of `tests.support.dice`. 
 covariance, walked from the source, with the file that holds it against dice or against an independent computation.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Laws of surfaces with an equation, and of contacts on them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numba import njit

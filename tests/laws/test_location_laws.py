@@ -1,7 +1,5 @@
 """Laws of location, over every surface: what is made at a point is found there, and nothing else about it matters."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

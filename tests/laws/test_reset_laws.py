@@ -3,8 +3,6 @@
 Whatever has a `reset` is found in the source, and each of its statements is left out in turn: a scene must notice.
 """
 
-from __future__ import annotations
-
 import ast
 import copy
 import importlib

@@ -1,7 +1,5 @@
 """Every key of every table of a rig changes what is found or read; a key that no scene changes fails."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 Axes, other points of reference and forms of orientations are those of `tests/files/test_wrench_meaning.py`.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from functools import cache, partial

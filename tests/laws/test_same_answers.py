@@ -1,7 +1,5 @@
 """One session gives the same contacts to the last bit, whatever it was written as, read in and written to."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

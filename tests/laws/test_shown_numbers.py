@@ -1,7 +1,5 @@
 """Every number on a page, in a report, on the terminal and in a file is the value it comes from, with its unit."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

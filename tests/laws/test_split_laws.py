@@ -1,7 +1,5 @@
 """Law 5: how a stream is split into blocks changes no bit of its answers, and a clock that goes back begins anew."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Laws that every surface obeys, whatever it is made of: projection and normals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

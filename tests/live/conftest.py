@@ -1,7 +1,5 @@
 """What tests of a stream share: who listens, a domain of ROS 2 of their own, and the real ROS 2 in an environment."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import shutil

@@ -1,7 +1,5 @@
 """A camera as a source: OpenCV opens a video as it opens a device."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

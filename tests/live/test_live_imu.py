@@ -1,7 +1,5 @@
 """Gravity from an IMU, live: as in a log of the same messages, a status where they stop, and refused without any."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any

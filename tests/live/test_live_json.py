@@ -1,7 +1,5 @@
 """Contacts as JSON lines: what a listener reads is what was found, and nobody is waited for."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """ATI Net F/T: the source against a device written here by hand, and the stand-in against pynetft."""
 
-from __future__ import annotations
-
 import math
 import socket
 import struct

@@ -1,7 +1,5 @@
 """Two devices as one source: frames wait for the wrenches about them, and go without where none come."""
 
-from __future__ import annotations
-
 import time
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """The recorder of `palpate live`: what it writes is read again to the last bit, and outlives its writers."""
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

@@ -1,7 +1,5 @@
 """A log that is replayed as fast as it goes: it waits for the recorder, and says when no more samples come."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The ring of `palpate live`: what a reader may see, and which files are rings."""
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

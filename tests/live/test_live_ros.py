@@ -1,7 +1,5 @@
 """ROS 2 without ROS: messages both ways over loopback, topics as a source, contacts published, errors said."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

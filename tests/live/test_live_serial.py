@@ -1,7 +1,5 @@
 """Sensors on a serial port: frames and lines against oracles, damage, and a pseudo-terminal in place of a device."""
 
-from __future__ import annotations
-
 import errno
 import os
 import random

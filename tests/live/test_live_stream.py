@@ -1,7 +1,5 @@
 """The compiled loops of a stream against NumPy: each word of each slot, across the ring's end too, to the last bit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

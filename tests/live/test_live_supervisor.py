@@ -1,7 +1,5 @@
 """What dies is started again, so many times; processes here are stand-ins that never live."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Sensors of one robot whose samples are received and recorded together, and its joint states."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

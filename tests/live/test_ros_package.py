@@ -1,7 +1,5 @@
 """The packages of ros2/: without ROS what they name exists; with rclpy the node's contacts arrive."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import json

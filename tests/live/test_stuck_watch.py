@@ -1,7 +1,5 @@
 """A sensor that hangs in a live stream is reported, and its contacts are invalid until it measures again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The fisheye camera against OpenCV's, by round trips and by finite differences."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

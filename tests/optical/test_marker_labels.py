@@ -1,7 +1,5 @@
 """Labels of a ring: right whatever is hidden, doubled or strewn in, on displacements drawn by a law of their own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

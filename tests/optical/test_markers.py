@@ -1,7 +1,5 @@
 """Blobs and the tracker on pictures whose markers stand at known places."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import cv2

@@ -1,7 +1,5 @@
 """The response of a ring of markers: its derivatives, what it predicts, and how a new unit borrows it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Does this checkout answer as another commit does? `python -m tests.same COMMIT` plays both over the same inputs."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

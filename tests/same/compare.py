@@ -1,7 +1,5 @@
 """Compare two folders in which the same steps were played: arrays to the last bit, the rest as text."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from io import BytesIO

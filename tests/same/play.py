@@ -5,8 +5,6 @@ Nothing but the command line and the front door is called, so that one file play
 this file.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import importlib.util

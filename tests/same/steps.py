@@ -1,7 +1,5 @@
 """List what is played: every command of every sensor of the conformance table, live paths, bad inputs, simulations."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A table of somebody else is read as the plain one is, or refused with the reason; see `evidence.first_minutes`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

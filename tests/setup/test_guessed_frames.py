@@ -1,7 +1,5 @@
 """Frames and topics of a robot's log are guessed for a rig, and what is doubtful of them is said."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

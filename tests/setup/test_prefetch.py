@@ -1,7 +1,5 @@
 """A log that another process reads is the same log, with its notes, accelerations and what is wrong with it."""
 
-from __future__ import annotations
-
 from multiprocessing import active_children
 from pathlib import Path
 

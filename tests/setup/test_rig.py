@@ -1,7 +1,5 @@
 """The rig: read strictly, built into an estimator, updated without touching its author's words."""
 
-from __future__ import annotations
-
 import os
 import re
 import struct

@@ -1,7 +1,5 @@
 """[drift] of a rig: what it says becomes a Drift, what it cannot mean is a sentence, and writing keeps every word."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

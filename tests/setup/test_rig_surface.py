@@ -1,7 +1,5 @@
 """Surfaces by their lengths in a rig."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each way in which the rig of a robot can be wrong is a sentence that names the place; what it says otherwise."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The log and the rig of a simulated hand, spoiled in one way each: a sentence, the sensor's name, the others' rows."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable

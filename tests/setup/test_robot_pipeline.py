@@ -1,7 +1,5 @@
 """Streams of contacts are merged in time; errors of a link's pose widen the contacts on it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What calibrations write into the rig of a robot goes into the tables of their sensor; the rest of the text stays."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

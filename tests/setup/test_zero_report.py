@@ -1,7 +1,5 @@
 """A rig with [drift]: the zero is followed through a warm-up and touches, and the report draws it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Accelerations are told by their length: an IMU's is that of gravity at rest, a motion's is small."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Filters: what they say against scipy's transfer functions, what they do against the weights that they give."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import signal

@@ -1,7 +1,5 @@
 """An accelerometer's bias and rotation from rests; truth is drawn, and gravity turned by SciPy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -3,8 +3,6 @@
 Truth is `claims.evidence.moving`: positions and angles in closed form, forces by Newton and Euler.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

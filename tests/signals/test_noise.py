@@ -1,7 +1,5 @@
 """The noise of a log, from the log itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

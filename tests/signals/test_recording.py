@@ -1,7 +1,5 @@
 """A recording is a value: read-only down into its arrays, of the shapes its names stand for, and back from a pickle."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable

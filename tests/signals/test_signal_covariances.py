@@ -1,7 +1,5 @@
 """Covariances of what signals carry: a payload's load with or without an IMU, an IMU's forces, a mounting."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A spectrum holds the signal's variance where the signal is; the cut-off is where a known band ends."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt

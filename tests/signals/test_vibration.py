@@ -1,7 +1,5 @@
 """What an arm's vibration adds to a free wrench is its covariance, in motion only, and touches add hardly anything."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

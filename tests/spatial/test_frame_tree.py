@@ -1,7 +1,5 @@
 """Frames of a tree: as pytransform3d composes them, between stamps as scipy turns them, and what is no tree is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pytransform3d.transform_manager import TransformManager

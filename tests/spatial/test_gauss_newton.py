@@ -1,7 +1,5 @@
 """Damped Gauss-Newton steps against closed forms, known minima and scipy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

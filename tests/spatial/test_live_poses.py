@@ -1,7 +1,5 @@
 """Poses that come beside samples: interpolated, extrapolated, held or missing, and honest about their age."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

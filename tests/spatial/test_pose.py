@@ -1,7 +1,5 @@
 """Poses: a group that acts on points, and its ways in and out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -3,8 +3,6 @@
 Truth for the rotations is scipy's Slerp, for the positions numpy's interp.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp

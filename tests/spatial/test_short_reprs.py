@@ -1,7 +1,5 @@
 """What a person prints fits on a line, says what it is in its units, and never spills an array."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Covariances: their stated forms, and first-order rules against finite differences and dice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

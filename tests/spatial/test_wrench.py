@@ -1,7 +1,5 @@
 """Wrenches in other frames."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

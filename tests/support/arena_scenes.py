@@ -1,7 +1,5 @@
 """A small arena and moments of it, made up."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate_lab.viewer.arena import Arena, ArenaScene

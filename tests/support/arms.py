@@ -1,7 +1,5 @@
 """URDFs of arms that tests drive: six joints in the manner of Elfin3, and one that slides and turns for ever."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

@@ -5,8 +5,6 @@ never, `<!-- by hand: minutes -->` only by `python -m tests.follow`. The calls o
 call of `palpate`, in whatever block, is one that the command line takes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import importlib

@@ -3,8 +3,6 @@
 Bodies stand off the frame's origin, as they do in a sensor's frame, so that nothing holds only about a centre.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

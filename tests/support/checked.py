@@ -5,8 +5,6 @@ jaxtyping binds every call to two signatures, which costs more than most of what
 made at its first call: making all of them cost each worker a third of the time in which it collects the tests.
 """
 
-from __future__ import annotations
-
 import functools
 import re
 from collections.abc import Callable

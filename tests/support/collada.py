@@ -1,7 +1,5 @@
 """COLLADA files for tests, written by hand: a tetrahedron, with what a file states of its unit and up axis."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 CORNERS = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 3.0))  # in the file's unit and axes

@@ -5,8 +5,6 @@ to the last digit. So what comes out has J C J' but for squares of the errors, w
 hides a sign or a term. The truth (`answer`) is of the test; what is under test only states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures of markers drawn at known places: discs, antialiased to 1/16 px, blurred, with noise."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

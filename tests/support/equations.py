@@ -3,8 +3,6 @@
 Points of each surface come from a parametrisation of its own, or from `simulation.shapes`, never from the surface.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Contacts made of numbers that are all different, and what follows of them, written out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

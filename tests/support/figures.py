@@ -6,8 +6,6 @@ word with what is near the figure. Any other has them from a block of its page, 
 or states them, with two such words around it. A row of a table that names no theme has those of the text above it.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A source of live samples that gives what a test puts into it, and messages as a source of them gives."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.files.messages import MessageBlock, Topic

@@ -1,7 +1,5 @@
 """Images that say their number and their colour, in files of every kind that holds images."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What numba has compiled in this process, of the entries of all kernels that are loaded."""
 
-from __future__ import annotations
-
 from palpate.surfaces import _jit
 
 

@@ -4,8 +4,6 @@ Each sample holds its own number. What was received is read off the ring, from o
 read by the `mcap` library. As a script: `python -m tests.support.kill_recorder 200`.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import struct

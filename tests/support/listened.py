@@ -1,7 +1,5 @@
 """What a test waits for: so many samples of a live source, words that it says, or anything that holds at last."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

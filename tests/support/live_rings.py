@@ -1,7 +1,5 @@
 """A ring as `palpate live` makes it, of a sphere that is touched along a circle, without a device or an estimator."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from pathlib import Path

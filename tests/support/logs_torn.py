@@ -1,7 +1,5 @@
 """A log that begins well and cannot be read to its end."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

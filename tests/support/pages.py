@@ -1,7 +1,5 @@
 """Small sessions to show, and what a test of the page needs to look at them."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float
 

@@ -4,8 +4,6 @@ Gravity is not along z, the sensor turns and swings, and no two axes are alike. 
 bias, centre and torque bias, as in `Payload.covariance`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """Palpate as a program of its own."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What was written, by readers that are not Palpate's: tables by Python's, recordings by the mcap library."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

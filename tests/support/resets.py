@@ -1,7 +1,5 @@
 """Objects that have a reset, each in the middle of everything, and what they answer afterwards."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass

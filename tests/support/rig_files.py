@@ -1,7 +1,5 @@
 """Files for the scenes of the law of rig keys: models, maps, a log of messages in which each topic has a double."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Scenes for the law of rig keys: a small rig with a log, and what Palpate makes of both."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping

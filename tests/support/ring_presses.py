@@ -1,7 +1,5 @@
 """Presses of the coarse simulated barrel, as a camera without lens would see them: made once for all tests."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Logs of robots that are made in seconds: a simulated hand, an arm that turns once, two sensors of an arm."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Numbers in what is shown, held against the values that they come from."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from html import unescape

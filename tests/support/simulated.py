@@ -1,7 +1,5 @@
 """Logs for tests, made forwards from known touches: presses on a body, a base that moves, tables on disk."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

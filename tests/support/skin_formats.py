@@ -1,7 +1,5 @@
 """Write the frames of one sheet of 6 x 4 taxels in the formats of makers and recorders, each with its own way."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A skin session of the bench as files: logs, a map, a wand's mesh and a rig."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What an object remembers: all that two objects differ in, to the last bit, wherever it lies."""
 
-from __future__ import annotations
-
 import types
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor, Future

@@ -3,8 +3,6 @@
 Each has touches, lost readings, a gap, a clock that goes back, and a reading that is at its range, where there is one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial

@@ -1,7 +1,5 @@
 """What is public in `palpate`, walked from its source: fields of classes, functions and methods."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from functools import cache

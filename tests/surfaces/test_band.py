@@ -1,7 +1,5 @@
 """Band systems against the dense solver."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

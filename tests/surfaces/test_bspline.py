@@ -1,7 +1,5 @@
 """B-spline surfaces: scipy is the oracle of values and derivatives; normals, geodesics and knots keep their laws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import NdBSpline

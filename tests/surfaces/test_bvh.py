@@ -1,7 +1,5 @@
 """The compiled search against its NumPy twin, which looks at every patch and asks numpy for the roots."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a COLLADA file states of itself, its unit and its up axis, is used once, and never contradicted in silence."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

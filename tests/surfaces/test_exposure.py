@@ -1,7 +1,5 @@
 """Which facets can be touched: against rays traced one by one, and on bodies of which it is plain."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

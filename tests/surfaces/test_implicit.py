@@ -1,7 +1,5 @@
 """Surfaces that a user writes down: slips are found when the surface is made, and said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

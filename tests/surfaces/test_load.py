@@ -1,7 +1,5 @@
 """Mesh files: the formats, the units, and what is said to a file that is none."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

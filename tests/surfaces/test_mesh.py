@@ -1,7 +1,5 @@
 """Meshes as they come: what is mended, what is said, and where normals are shared."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The extension module has every kernel, of this version and for this processor; without it numba compiles."""
 
-from __future__ import annotations
-
 import ast
 import os
 import subprocess

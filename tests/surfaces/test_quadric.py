@@ -1,7 +1,5 @@
 """Quadrics: their charts close, face out and hold the volume they should; lengths that are none are refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

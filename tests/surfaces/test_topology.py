@@ -1,7 +1,5 @@
 """The compiled loops that prepare a mesh, against slow twins by NumPy and SciPy: the same to the last bit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.sparse import coo_array

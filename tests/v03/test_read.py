@@ -1,7 +1,5 @@
 """Rigs, models, logs, contacts and live records that version 0.3 wrote, of each sensor: they are read for ever."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What tests of pages share: a browser for each file, in which they open their pages."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

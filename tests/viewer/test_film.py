@@ -1,7 +1,5 @@
 """Pictures for films: a ball is as large as geometry says, the nearer hides the farther, and a touch is drawn."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

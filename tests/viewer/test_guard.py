@@ -1,7 +1,5 @@
 """Who is let in, and what is taken of what is said: decisions that hold for anything that may be sent."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import pytest

@@ -1,7 +1,5 @@
 """What every page keeps: cameras see body and arrow whole, numbers have units and the digits that they deserve."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from html import unescape

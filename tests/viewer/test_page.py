@@ -1,7 +1,5 @@
 """The page in Debian's chromium: it is drawn, its slider works, and the picture shows what it should."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path

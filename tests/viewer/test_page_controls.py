@@ -1,7 +1,5 @@
 """The page's keys, clicks, list of touches, comparison and pictures: laws of what is shown, and Debian's chromium."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from io import BytesIO

@@ -1,7 +1,5 @@
 """A report is one page that needs nothing else, escapes what it is told, and holds figures that a phone can show."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from html.parser import HTMLParser

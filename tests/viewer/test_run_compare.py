@@ -1,7 +1,5 @@
 """Two runs side by side, and drawings that turn: what is said of them follows from the contacts."""
 
-from __future__ import annotations
-
 import json
 import re
 from base64 import b64decode

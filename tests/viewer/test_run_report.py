@@ -1,7 +1,5 @@
 """The report of a run: its figures are those of the run, and what it suggests follows from what went wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Of a stream without end an even share is kept, the peaks of force and exact counts, in memory that does not grow."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

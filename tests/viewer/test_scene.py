@@ -1,7 +1,5 @@
 """What is drawn of contacts: ellipses, heat, trails and curves against closed forms; without any server."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pages behind their guard, as their owner has them in a real browser; `claims.evidence.guarded` attacks them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 

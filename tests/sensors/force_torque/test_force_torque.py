@@ -1,7 +1,5 @@
 """Compensation takes off a reading what a payload puts on it; its covariance is first order in the payload's errors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

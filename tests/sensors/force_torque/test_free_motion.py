@@ -1,7 +1,5 @@
 """A real arm that moves, vibrates and touches nothing has no contact, with orientations alone, an IMU, or a filter."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

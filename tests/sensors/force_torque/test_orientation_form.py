@@ -1,7 +1,5 @@
 """The form of quaternions is found from a payload's weight, and is never assumed in silence."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

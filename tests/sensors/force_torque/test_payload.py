@@ -1,7 +1,5 @@
 """Payload identification: truth comes back with an honest covariance, and what cannot come back is refused by name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 What is true is simulated here from the payload's equations; what is read stays, and what is true about it is drawn.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Gravity from an IMU: the payload and the IMU's mounting come back without poses, and compensation needs none."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

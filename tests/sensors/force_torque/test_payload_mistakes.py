@@ -1,7 +1,5 @@
 """A mistake in a payload's log is named, with outliers in it, and its name undoes it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

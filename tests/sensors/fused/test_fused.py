@@ -1,7 +1,5 @@
 """Forces of several contacts from a skin and force/torque sensors: against dense Gaussian algebra, and at its edges."""
 
-from __future__ import annotations
-
 import importlib
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """A skin and a force/torque sensor on one link, touched in a physics engine; and what goes wrong between the two."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Rests of a bench log, of any length, and the noise that they show."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Covariances of load cells: noise that is shared among channels, calibration, zero, mounting, and what is not felt."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

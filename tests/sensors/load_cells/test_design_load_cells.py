@@ -1,7 +1,5 @@
 """`palpate design load-cells`: a page from a rig alone, with figures that are those of the closed forms."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

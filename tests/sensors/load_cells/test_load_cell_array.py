@@ -1,7 +1,5 @@
 """Load cells as a sensor: the zero of every start, and which channel or cell is believed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`calibrate load-cells` and `estimate` of voltages, from files of a simulated bench."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

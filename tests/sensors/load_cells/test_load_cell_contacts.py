@@ -1,7 +1,5 @@
 """Voltages to contacts by the shared way: cells, mounting, any surface."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Load cells: the forward model, its subsets, zero and faults. Truth is the statics of a frame on springs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Calibration of load cells from a simulated bench, whose truth is the statics of a frame on springs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

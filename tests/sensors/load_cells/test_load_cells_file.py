@@ -1,7 +1,5 @@
 """The rig's table of load cells, and what it says beyond their model."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A plate on cells of one axis: closed forms of its model, gains by weights, faults, and a log of somebody's plate."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

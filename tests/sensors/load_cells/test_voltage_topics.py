@@ -1,7 +1,5 @@
 """Voltages as arrays of a topic."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

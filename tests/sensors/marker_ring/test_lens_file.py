@@ -1,7 +1,5 @@
 """Lenses from the files that ROS and OpenCV write, and sentences on files that hold no fisheye."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """The camera of a marker ring, from boards and rings that a known camera sees."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

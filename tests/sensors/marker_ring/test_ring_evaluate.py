@@ -1,7 +1,5 @@
 """`palpate evaluate` of a ring's contacts against the angles and forces that its calibration's truth has."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Contacts from the markers of a ring, against a barrel's mechanics that the response was learned from elsewhere."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace

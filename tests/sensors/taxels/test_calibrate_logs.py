@@ -1,7 +1,5 @@
 """Intensity curves from two loggers on their own clocks, and from frames at known pressures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

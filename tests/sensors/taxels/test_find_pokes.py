@@ -1,7 +1,5 @@
 """Pokes in a log: what is found is what was simulated, and what cannot be meant is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise, zip_longest

@@ -1,7 +1,5 @@
 """Calibrated curves: the truth is a curve written down here, with noise of a known size."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

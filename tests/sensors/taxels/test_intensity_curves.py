@@ -1,7 +1,5 @@
 """Curves from intensity to force: they rise, they invert, and their spread is that of their parameters."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

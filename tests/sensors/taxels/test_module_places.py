@@ -1,7 +1,5 @@
 """Modules of 5.5 mm spacing, by commands: numbering, handedness, frame, spacing and ids are found or named."""
 
-from __future__ import annotations
-
 from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import cache

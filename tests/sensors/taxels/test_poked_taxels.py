@@ -1,7 +1,5 @@
 """Taxels from pokes: laws of the equations, and of what comes out on a bench whose truth is geometry."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The pose of a mesh among places of taxels: found, doubted where others fit as well, refused where it cannot be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Taxels with three axes: the model of their loads, the fit of touches to it, and what a calibration learns."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A user's way with a skin: calibrate, estimate, evaluate, from files that the bench wrote."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of a skin: rigs that say what is wrong, maps by rows, contacts with their cells."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A log of a skin in the format of a maker or a recorder is read taxel by taxel, or refused with the reason."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Logs of frames: what does not fit is said, and keeps its row; a bag of ROS 1, and damage."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What cells are worth: rest and noise are found under touches, and the bad ones by name."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Where cells sit: developable shapes unroll, sections take soup, bad calls are refused with the reason."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Readings in steps, readings that fall, and zeros that move: the number of touches is the one that was made."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

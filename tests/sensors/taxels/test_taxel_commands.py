@@ -1,7 +1,5 @@
 """A user's way from pokes to a skin that works: calibrate, inspect, evaluate, estimate, from files of the bench."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

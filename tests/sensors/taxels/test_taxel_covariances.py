@@ -3,8 +3,6 @@
 The kernels run here as plain Python, one by one, on a skin whose axes lie at 45 degrees to everything.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

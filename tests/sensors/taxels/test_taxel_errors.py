@@ -1,7 +1,5 @@
 """Places of taxels against others: a rigid motion is taken off exactly, ellipsoids hold what they should."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

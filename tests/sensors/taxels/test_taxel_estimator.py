@@ -1,7 +1,5 @@
 """Contacts of a sheet: laws that hold whatever the pressure, with cells counted by OpenCV and sums made by NumPy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of where taxels sit: what is written is read back, real files are understood, others are refused."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

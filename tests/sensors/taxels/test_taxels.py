@@ -1,7 +1,5 @@
 """Taxels on the page: cells where the body has them, dark where they are pressed, a picture of the sheet unrolled."""
 
-from __future__ import annotations
-
 import urllib.request
 
 import numpy as np
