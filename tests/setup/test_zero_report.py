@@ -41,6 +41,7 @@ def test_the_zero_is_followed_from_a_tare_on_while_it_runs_off(
     words = ["estimate", str(tmp_path / "log.csv"), "--rig", str(tmp_path / "rig.toml"), "-o", str(tmp_path / "c.csv")]
     assert main([*words, "--report", str(tmp_path / "r.html")]) == 0
     said, page = capsys.readouterr().out, (tmp_path / "r.html").read_text()
+    assert "note: tare over 201 samples" in said
     held = re.search(r"in (\d+)% of the time it was kept", said)
     assert held is not None
     assert int(held[1]) < 40
