@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import pytest
 from palpate.contact.ground_truth import TrueSamples
 from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError, NotIdentifiable
+from palpate.files.models import write_model
 from palpate.sensors.taxels import _loads
 from palpate.sensors.taxels.calibrate_response import _fitted, _thermal, _widening, identify_response
 from palpate.sensors.taxels.estimator import TaxelEstimator
@@ -18,6 +21,7 @@ from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.presses import known_presses
 from palpate.sensors.taxels.response import TaxelResponse
+from palpate.setup.rig import check_rig
 from palpate.signals.recording import CELLS, TEMPERATURE, Recording
 from palpate_lab.simulation.three_axis_skins import CREEPS, FADES, ThreeAxisSkin, magnetic_skin, pillar_array
 from palpate_lab.simulation.three_axis_touches import RATE, three_axis_touches
@@ -229,6 +233,32 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     for wrong in (replace(known, time=known.time + 0.3), steady):
         with pytest.raises(InputError, match=r"readings move in \d+% of.*as it rises and falls, too, on the clock"):
             identify_response(body, recording, wrong)
+
+
+@pytest.mark.parametrize(
+    ("named", "known", "live", "words"),
+    [
+        (True, True, False, ""),
+        (False, False, False, ""),
+        (True, False, False, "calibrate while it changes"),
+        (False, True, False, "a temperature of 20, but .skin. names none"),
+        (True, True, True, "a temperature of 20, but live sources have none"),
+    ],
+)
+def test_readings_that_are_not_corrected_are_noted(
+    named: bool, known: bool, live: bool, words: str, tmp_path: Path
+) -> None:
+    response = replace(body_of().response, temperature=20.0, thermal=np.ones((30 if known else 0, 3)))
+    write_model(tmp_path / "response.toml", response)
+    places = [f"{x},{y},0,0,0,1" for x, y in body_of().positions[:, :2].tolist()]
+    (tmp_path / "places.csv").write_text("\n".join(["x,y,z,nx,ny,nz", *places]))
+    skin = {"taxels": "places.csv", "axes": ["x", "y", "z"], "response": "response.toml", "tare": 0.2}
+    rig = check_rig({"skin": skin | ({"temperature": "celsius"} if named else {})}, tmp_path / "rig.toml")
+    rest = np.random.default_rng(0).normal(size=(30, 30, 3))
+    channels = {CELLS: rest} | ({TEMPERATURE: np.full((30, 1), 21.0)} if named else {})
+    notes = rig.resolve("skin", None if live else Recording(np.arange(30) / 50.0, channels)).prepared().notes
+    corrected = [each for each in notes if "temperature" in each]
+    assert re.search(words, corrected[0]) if words else not corrected
 
 
 def test_what_a_temperature_does_is_learned_and_taken_off() -> None:

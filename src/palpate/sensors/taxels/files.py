@@ -121,7 +121,7 @@ RESPONSE = Model(
                 "late": Key("s, share, deviation: how much of the loads before a reading follows"),
                 "drift": Key("s, within which the rest is followed", infinite=True),
                 "limits": Key("lowest and highest reading, of no weight", infinite=True),
-                "temperature": Key("K or degrees C, to which readings are corrected; nan: not known", unknown=True),
+                "temperature": Key("K or degrees C, to which readings are corrected"),
                 "thermal": Key("counts that a kelvin more adds to each reading"),
                 "fade": Key("share of a reading that a kelvin more takes away"),
                 "notes": Key(),

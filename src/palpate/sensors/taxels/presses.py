@@ -113,10 +113,10 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pit
 
 
 def _warmth(recording: Recording) -> tuple[float, Float[np.ndarray, " n"]]:
-    """Return the mean temperature and by how much each frame is warmer; NaN and 0 where it does not change enough."""
+    """Return the mean temperature and by how much each frame is warmer; 0 where it does not change enough."""
     kelvin = recording.channels.get(TEMPERATURE, np.zeros((len(recording), 1)))[:, 0]
     if not np.nanmax(kelvin, initial=-np.inf) - np.nanmin(kelvin, initial=np.inf) >= WARMS:
-        return float("nan"), np.zeros(len(kelvin))
+        return 0.0, np.zeros(len(kelvin))
     usual = float(np.nanmean(kelvin))
     return usual, kelvin - usual
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
-from math import inf, nan
+from math import inf
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -47,7 +47,7 @@ class TaxelResponse(Value):
             share, and its standard deviation.
         drift: [s] time within which the rest is followed best; inf: not known.
         limits: (2,) lowest and highest reading; a taxel with a reading there has no weight.
-        temperature: [K or degrees C] to which readings are corrected; NaN: what temperature does is not known.
+        temperature: [K or degrees C] to which readings are corrected.
         thermal: (k, 3) [counts] that a kelvin more adds to each reading, less what `fade` takes; (0, 3): not known.
         fade: share of a reading that a kelvin more takes away.
         provenance: origin of the response; {}: it is a guess.
@@ -72,7 +72,7 @@ class TaxelResponse(Value):
     late: Float[np.ndarray, "3"] = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     drift: float = inf
     limits: Float[np.ndarray, "2"] = field(default_factory=lambda: np.array([-inf, inf]))
-    temperature: float = nan
+    temperature: float = 0.0
     thermal: Float[np.ndarray, "m 3"] = field(default_factory=lambda: np.zeros((0, AXES)))
     fade: float = 0.0
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
@@ -126,7 +126,7 @@ class TaxelResponse(Value):
         """
         if not len(self.thermal):
             return readings
-        warmer = np.where(np.abs(kelvin - self.temperature) > FAR, nan, kelvin - self.temperature)
+        warmer = np.where(np.abs(kelvin - self.temperature) > FAR, np.nan, kelvin - self.temperature)
         if np.isfinite(kelvin).any() and not np.isfinite(warmer).any():
             what = f"the temperature is {np.nanmedian(kelvin):.4g}, and was {self.temperature:.4g} in the calibration."
             raise InputError(what, where=source, hint="Name a temperature of the same sensor, in the same unit.")
