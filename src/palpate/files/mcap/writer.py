@@ -81,14 +81,15 @@ class McapWriter:
         times = np.concatenate([rows["log"] for rows in present.values()])
         first, last, checksum = int(times.min()), int(times.max()), zlib.crc32(records.data)
         made = mcap.Chunk("lz4", _compressed(records), last, first, checksum, len(records))
-        raw = chunk = _raw(made)
+        parts = [_raw(made)]
+        length = whole = len(parts[0])
         places, offset = dict[int, int](), 0
         for channel, rows in present.items():
-            places[channel] = self.size + len(raw)
-            raw += _message_index(channel, rows, offset)
-            offset += rows.nbytes
+            places[channel] = self.size + whole
+            parts.append(_message_index(channel, rows, offset))
+            whole, offset = whole + len(parts[-1]), offset + rows.nbytes
         counts = {channel: len(rows) for channel, rows in present.items()}
-        return raw, self.written(made, (len(chunk), len(raw)), places, counts)
+        return b"".join(parts), self.written(made, (length, whole), places, counts)
 
     def written(
         self, chunk: mcap.Chunk, lengths: tuple[int, int], places: dict[int, int], counts: dict[int, int]
