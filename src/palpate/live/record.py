@@ -134,7 +134,7 @@ class _Drain:
         """Return the number after the last sample to write: answered, or soon overwritten in the ring."""
         return max(self.ring["answered"], self.ring["received"] - len(self.ring.slots) // 2)
 
-    def samples(self, end: int) -> tuple[int, np.ndarray, list[np.ndarray]]:
+    def samples(self, end: int) -> tuple[int, list[np.ndarray]]:
         """Return the number after the next samples, at most `end`, and their messages; report those that are lost."""
         slots, first = self.ring.read(self.next, min(self.most, end - self.next), "received")
         if lost := first - self.next:
@@ -142,14 +142,13 @@ class _Drain:
             said = f"{lost} samples from sample {self.next} on are not recorded, because the disk was too slow"
             self.ring.say(said)
         self.next = first
-        return first + len(slots), *self._messages.of(slots, first)
+        return first + len(slots), self._messages.of(slots, first)
 
-    def sentences(self) -> Generator[tuple[np.ndarray, list[np.ndarray]]]:
+    def sentences(self) -> Generator[np.ndarray]:
         """Yield the messages of new sentences, which count as noted from then on."""
         said, end = self.ring.events(self.noted)
         for number, (stamp, text) in enumerate(said, end - len(said) + 1):
-            raw, view = event(stamp, text, number, self._events)
-            yield raw, [view]
+            yield event(stamp, text, number, self._events)
         self.noted = end
 
     def found(self, span: Span) -> None:
@@ -257,17 +256,16 @@ class Recorder:
         taken = [(drain, *drain.samples(end)) for drain, end in drains]
         if fresh := [each for each in taken if each[1] > each[0].next]:
             with self._guarded():
-                records = np.concatenate([raw for *_, raw, _ in fresh])
-                self._opened().append(records, [view for *_, views in fresh for view in views])
+                self._opened().append([each for *_, messages in fresh for each in messages])
                 for drain, last, *_ in fresh:
                     drain.next = last
             self._grown()
 
     def _sentences(self, drain: _Drain) -> None:
-        for raw, views in drain.sentences():
+        for message in drain.sentences():
             if not self.full:
                 with self._guarded():
-                    self._opened().append(raw, views)
+                    self._opened().append([message])
         self._grown()
 
     def _opened(self) -> RecordFile:
