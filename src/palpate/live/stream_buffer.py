@@ -406,22 +406,14 @@ class StreamBuffer:
 
     def _copied(self, here: slice, fields: Sequence[str]) -> np.ndarray:
         slots = self.slots[here]
-        if not fields:
-            return slots.copy() if slots.nbytes < SMALL else self._copied_rows(here)
-        made = np.empty(len(slots), [(name, slots.dtype[name]) for name in fields])
-        for name in fields:
+        if not fields and slots.nbytes < SMALL:
+            return slots.copy()
+        made = np.empty(len(slots), [(name, slots.dtype[name]) for name in fields] or slots.dtype)
+        for name in fields or [name for name in slots.dtype.names or () if name != "contacts"]:
             made[name] = slots[name]
-        return made
-
-    def _copied_rows(self, here: slice) -> np.ndarray:
-        """Return a copy of slots without what stands behind the rows of contacts that they have: as a rule, most."""
-        slots = self.slots[here]
-        made = np.empty_like(slots)
-        words, into = self._memory[here], made.view("<i8").reshape(len(slots), -1)
-        begin, end = (slots.dtype.fields[name][1] // 8 for name in ("contacts", "values"))
-        into[:, :begin] = words[:, :begin]
-        used = begin + self.form.width * min(max(made["rows"].max(initial=1), 0), self.form.max_contacts)
-        into[:, begin:used], into[:, end:] = words[:, begin:used], words[:, end:]
+        if not fields:  # without the room for contacts that no slot has: as a rule, most
+            most = int(made["rows"].max(initial=1))
+            made["contacts"][:, :most] = slots["contacts"][:, :most]
         return made
 
     def _oldest(self) -> int:
