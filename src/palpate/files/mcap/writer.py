@@ -80,7 +80,7 @@ class McapWriter:
         times = np.concatenate([rows["log"] for rows in present.values()])
         first, last, checksum = int(times.min()), int(times.max()), 0
         for rows in present.values():
-            checksum = zlib.crc32(rows.view(np.uint8), checksum)
+            checksum = zlib.crc32(rows.view(np.uint8).data, checksum)
         size = sum(rows.nbytes for rows in present.values())
         made = mcap.Chunk("lz4", _compressed(present.values()), last, first, checksum, size)
         parts = [_raw(made)]
