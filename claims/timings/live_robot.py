@@ -94,7 +94,7 @@ def _memory(rig: Path) -> Row:
 
 
 class _Live:
-    """`palpate live` of a rig with a record and a page, and its rings, once all are there."""
+    """`palpate live` of a rig with a record and a page, and its rings, once all are there and the page can be seen."""
 
     def __init__(self, rig: Path, folder: Path) -> None:
         self._record = folder / "record.mcap"
@@ -108,8 +108,9 @@ class _Live:
         end = time.monotonic() + 180.0
         while time.monotonic() < end and self._running.poll() is None:
             paths = rings_of(self._record)
-            if len(paths) > SENSORS:  # and the joint states
+            if len(paths) > SENSORS and not self.rings:  # and the joint states
                 self.rings = [StreamBuffer(path) for path in paths]
+            if any(text.startswith("the page is at") for ring in self.rings for _, text in ring.events(0)[0]):
                 return self
             time.sleep(0.5)
         raise TimeoutError("palpate live of 24 sensors does not begin")

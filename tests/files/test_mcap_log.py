@@ -376,7 +376,7 @@ def test_a_file_whose_writer_was_killed_is_regained_to_its_last_whole_chunk(tmp_
         for channel, each in enumerate(rows, 1):
             each["opcode"], each["channel"], each["length"] = 5, channel, kind.itemsize - 9
             each["sequence"], each["log"] = first + np.arange(len(each)), 1 + np.arange(len(each))
-        made, written = writer.chunk(np.concatenate([each.view(np.uint8) for each in rows]), rows)
+        made, written = writer.chunk(rows)
         writer.chunks.append(written)
         raw, ends = raw + made, [*ends, len(raw) + len(made)]
     assert ends[-1] == writer.size

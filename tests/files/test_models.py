@@ -91,6 +91,7 @@ def _response(seed: int) -> TaxelResponse:
     if seed % 2:
         return guess
     drawn = {name: rng.normal(size=getattr(guess, name).shape) for name in ("gains", "shares", "curve")}
+    drawn |= {"temperature": 24.5, "thermal": rng.normal(size=(3, 3)), "fade": 1e-3 / 3}
     return replace(guess, **drawn, sums=True, provenance={"left_out": "x"}, notes=("n",))
 
 

@@ -68,7 +68,7 @@ def test_readings_are_quiet_until_a_touch_and_turn_with_its_shear(
     loads = _loads(skin)
     readings, _ = skin.readings(loads, 0)
     assert np.array_equal(readings, np.rint(readings))
-    warm = skin.readings(loads, 0, warms=10.0)[0]
+    warm = skin.readings(loads, 0, np.linspace(0.0, 10.0, loads.count))[0]
     np.testing.assert_allclose(warm[-1], 0.988 * readings[-1] + 100.0, atol=1.1)  # whole counts, noise
     rest = readings[: REST // 2].std(axis=0).max()
     assert np.abs(readings[REST // 2 : REST] - readings[: REST // 2].mean(axis=0)).max() < 8 * rest

@@ -4,6 +4,7 @@ import os
 import resource
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -280,8 +281,6 @@ def test_recover_goes_on_wherever_another_was_killed(output: Path, monkeypatch: 
 
 
 def test_recover_is_refused_while_it_is_written(output: Path) -> None:
-    import time
-
     ring = _ring(output)
     _recorded(ring, output, [2048])
     ring["alive"] = time.time_ns()
@@ -310,6 +309,16 @@ def test_a_part_cut_anywhere_is_made_whole_from_the_ring(output: Path, monkeypat
         np.testing.assert_array_equal(read_contacts(output).sample, np.arange(600))
         assert _events(output) == ["begun"]
         output.unlink()
+
+
+def test_samples_that_waited_for_several_spans_become_as_many_chunks(output: Path) -> None:
+    recorder = _recorded(_ring(output), output, [])
+    recorder._span, recorder._written = 1e4, time.monotonic() - 4e4  # long, or a busy machine could add one
+    _feed(recorder._ring, 90)
+    recorder.step()
+    found = regained(part(output))
+    assert found is not None
+    assert [sum(chunk.counts) for chunk in found.writer.chunks] == [92, 92, 88, 88]  # of four channels
 
 
 def test_a_part_without_a_ring_keeps_every_whole_chunk(output: Path) -> None:

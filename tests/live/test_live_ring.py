@@ -10,7 +10,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.live.record import only_one
 from palpate.live.source import Batch
-from palpate.live.stream_buffer import StreamBuffer
+from palpate.live.stream_buffer import SlotForm, StreamBuffer
 from tests.support.live_rings import answered, sphere_ring, touches
 
 
@@ -125,3 +125,15 @@ def test_a_damaged_number_of_rows_gives_no_more_than_there_are(ring: StreamBuffe
     answered(ring, 10)
     ring.slots["rows"][3] = rows
     assert len(ring.form.contacts(ring.read(0, 10)[0])) in (9, 10)
+
+
+def test_a_copy_without_unused_room_has_all_contacts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ring = StreamBuffer.make(tmp_path / "ring", SlotForm("taxels", (3,), False, (), 22, 4))
+    counts, rows = np.arange(200) % 4, np.arange(300 * 22.0).reshape(300, 22)
+    ring.take_in(Batch((3,), 200), 200, np.zeros(200))
+    ring.answer(rows, counts)
+    wanted = ring.read(0, 200)[0]
+    monkeypatch.setattr("palpate.live.stream_buffer.SMALL", 0)
+    found = ring.read(0, 200)[0]
+    assert np.array_equal(found["values"], wanted["values"])
+    assert np.array_equal(ring.form.contacts(found).rows(), ring.form.contacts(wanted).rows())

@@ -51,6 +51,7 @@ def write_files(folder: Path) -> Path:
     write_model(folder / "tip.toml", replace(cells, matrix=1.2 * cells.matrix))
     response = TaxelResponse.guessed(12, 0.01)
     write_model(folder / "response.toml", replace(response, gains=1.5 * response.gains))
+    write_model(folder / "warm.toml", replace(response, temperature=20.0, thermal=np.ones((12, 3)), fade=0.1))
     topics = {name + more: kind for name, kind in KINDS.items() for more in ("", "2")}
     tf = dict.fromkeys(("/tf", "/tf_static"), "tf2_msgs/msg/TFMessage")
     write_mcap(folder / "log.mcap", sorted(_messages(), key=lambda each: each[0]), topics | tf)

@@ -179,7 +179,7 @@ def jumped() -> Log:
 def axes() -> Log:
     """Twelve taxels with three axes, twice; a few are pressed in the middle."""
     rng, time = np.random.default_rng(0), np.arange(80) / 100.0
-    log = {"time": time}
+    log = {"time": time, "celsius": 20.0 + time}
     for k in range(12):
         for axis, size in zip("xyz", (0.2, -0.1, 1.0), strict=True):
             push = size * np.where((time > 0.4) & (time < 0.6), np.exp(-((k - 5) ** 2) / 3.0), 0.0)

@@ -125,7 +125,7 @@ class RosPublisher:
             self._node.close()
 
     def _publish(self, rows: Contacts) -> None:
-        _, (everything, poses, wrenches) = self._messages.of(rows)
+        everything, poses, wrenches = self._messages.of(rows)
         found, nothing = self._contacts(everything), np.full(len(rows), np.nan)
         values = np.array([rows.features.get(name, nothing) for name in self._form.features]).T.ravel().tolist()
         self._write(_CONTACTS, _array(found, self._form.features, values))

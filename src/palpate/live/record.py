@@ -134,7 +134,7 @@ class _Drain:
         """Return the number after the last sample to write: answered, or soon overwritten in the ring."""
         return max(self.ring["answered"], self.ring["received"] - len(self.ring.slots) // 2)
 
-    def samples(self, end: int) -> tuple[int, np.ndarray, list[np.ndarray]]:
+    def samples(self, end: int) -> tuple[int, list[np.ndarray]]:
         """Return the number after the next samples, at most `end`, and their messages; report those that are lost."""
         slots, first = self.ring.read(self.next, min(self.most, end - self.next), "received")
         if lost := first - self.next:
@@ -142,14 +142,13 @@ class _Drain:
             said = f"{lost} samples from sample {self.next} on are not recorded, because the disk was too slow"
             self.ring.say(said)
         self.next = first
-        return first + len(slots), *self._messages.of(slots, first)
+        return first + len(slots), self._messages.of(slots, first)
 
-    def sentences(self) -> Generator[tuple[np.ndarray, list[np.ndarray]]]:
+    def sentences(self) -> Generator[np.ndarray]:
         """Yield the messages of new sentences, which count as noted from then on."""
         said, end = self.ring.events(self.noted)
         for number, (stamp, text) in enumerate(said, end - len(said) + 1):
-            raw, view = event(stamp, text, number, self._events)
-            yield raw, [view]
+            yield event(stamp, text, number, self._events)
         self.noted = end
 
     def found(self, span: Span) -> None:
@@ -215,7 +214,6 @@ class Recorder:
         now, waiting = time.monotonic(), [drain.waiting for drain in self._drains]
         full = any(count >= drain.most for drain, count in zip(self._drains, waiting, strict=True))
         if full or (any(waiting) and now - self._written >= self._span):
-            self._written = now
             self._samples([drain.until() for drain in self._drains])
         for drain in self._drains:
             if drain.ring["said"] > drain.noted:
@@ -241,25 +239,33 @@ class Recorder:
                 self._end(self.file)
 
     def _samples(self, ends: Sequence[int]) -> None:
-        """Write samples up to a number of each ring, in chunks of all rings: what a chunk costs is shared."""
-        drains = list(zip(self._drains, ends, strict=True))
+        """Write samples up to a number of each ring, in chunks of all rings: what a chunk costs is shared.
+
+        Those of several spans, because something else delayed this process, become as many chunks: one would need as
+        many times the memory.
+        """
+        drains, before, self._written = list(zip(self._drains, ends, strict=True)), self._written, time.monotonic()
+        chunks = max(1, round((self._written - before) / self._span))
         while not self.full and (waiting := [(drain, end) for drain, end in drains if drain.next < end]):
-            taken = [(drain, *drain.samples(end)) for drain, end in waiting]
-            if fresh := [each for each in taken if each[1] > each[0].next]:
-                with self._guarded():
-                    records = np.concatenate([raw for *_, raw, _ in fresh])
-                    self._opened().append(records, [view for *_, views in fresh for view in views])
-                    for drain, last, *_ in fresh:
-                        drain.next = last
-                self._grown()
+            self._chunk([(drain, drain.next - (drain.next - end) // chunks) for drain, end in waiting])
+            chunks = max(1, chunks - 1)
         for drain, end in drains if self.full else ():
             drain.next = end
 
+    def _chunk(self, drains: Sequence[tuple[_Drain, int]]) -> None:
+        taken = [(drain, *drain.samples(end)) for drain, end in drains]
+        if fresh := [each for each in taken if each[1] > each[0].next]:
+            with self._guarded():
+                self._opened().append([each for *_, messages in fresh for each in messages])
+                for drain, last, *_ in fresh:
+                    drain.next = last
+            self._grown()
+
     def _sentences(self, drain: _Drain) -> None:
-        for raw, views in drain.sentences():
+        for message in drain.sentences():
             if not self.full:
                 with self._guarded():
-                    self._opened().append(raw, views)
+                    self._opened().append([message])
         self._grown()
 
     def _opened(self) -> RecordFile:

@@ -130,17 +130,16 @@ class RecordFile:
         """Number of bytes so far."""
         return self._writer.size
 
-    def append(self, records: np.ndarray, messages: Sequence[np.ndarray]) -> None:
+    def append(self, messages: Sequence[np.ndarray]) -> None:
         """Append a chunk of messages.
 
         Args:
-            records: bytes of all its messages.
-            messages: views of these bytes, an array of rows for each channel.
+            messages: rows of one channel each.
 
         Raises:
             OSError: the disk is full; earlier chunks stay complete.
         """
-        raw, chunk = self._writer.chunk(records, messages)
+        raw, chunk = self._writer.chunk(messages)
         self._size = self._writer.size  # an earlier incomplete chunk is overwritten
         self._write(raw)
         self._writer.chunks.append(chunk)

@@ -92,22 +92,22 @@ class RecordMessages:
         self._pose = ChannelRows(before + POSE, *stamped(_BASE, POSE_FIELDS))
         self._acceleration = ChannelRows(before + ACCELERATION, *stamped(_SENSOR, (("vector", "<f8", (3,)),)))
 
-    def of(self, slots: np.ndarray, first: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the bytes (uint8) of all messages of some samples, and a structured view of them for each channel.
+    def of(self, slots: np.ndarray, first: int) -> list[np.ndarray]:
+        """Return all messages of some samples, a structured array for each channel.
 
         Args:
             slots: (n,) slots of the ring, in order.
             first: number of the first sample.
         """
         times = slots["stamp"].clip(0, LATEST)
-        answers, views = np.empty(0, np.uint8), list[np.ndarray]()
+        messages = list[np.ndarray]()
         if self._contacts is not None:
             contacts = self._form.contacts(slots)
-            answers, views = self._contacts.of(contacts, times[contacts.sample - first])
+            messages = self._contacts.of(contacts, times[contacts.sample - first])
         posed = np.isfinite(slots["orientation"]).all(axis=1) & self._form.poses
         moved = np.isfinite(slots["acceleration"]).all(axis=1) & self._form.poses
         stamps = [times[which] for which in (slice(None), posed, moved)]
-        raw, (readings, pose, acceleration) = made([self._readings, self._pose, self._acceleration], stamps)
+        readings, pose, acceleration = made([self._readings, self._pose, self._acceleration], stamps)
         readings["sequence"] = (first + np.arange(len(slots))) % 2**32
         if self._form.wrenches:
             readings["force"], readings["torque"] = slots["values"][:, :3], slots["values"][:, 3:]
@@ -116,18 +116,15 @@ class RecordMessages:
             readings[data] = slots["values"].reshape(len(slots), -1)
         pose["position"], pose["orientation"] = slots["position"][posed], slots["orientation"][posed]
         acceleration["vector"] = slots["acceleration"][moved]
-        parts, views = [answers, raw], [*views, readings, pose, acceleration]
+        messages += [readings, pose, acceleration]
         if len(gaps := np.flatnonzero(slots["lost"])):
             missing = _missing(slots["lost"], gaps, first)
-            warned, view = event(int(times[gaps[0]]), missing, 0, self._events, _WARN)
-            parts, views = [*parts, warned], [*views, view]
-        return np.concatenate(parts), views
+            messages.append(event(int(times[gaps[0]]), missing, 0, self._events, _WARN))
+        return messages
 
 
-def event(
-    stamp: int, sentence: str, number: int, channel: int = EVENTS, level: int = _INFO
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the message of a sentence as bytes (uint8), and a structured view of them, (1,).
+def event(stamp: int, sentence: str, number: int, channel: int = EVENTS, level: int = _INFO) -> np.ndarray:
+    """Return the message of a sentence, (1,) structured.
 
     Args:
         stamp: [ns] time of the sentence.
@@ -138,9 +135,9 @@ def event(
     """
     texts, said = _texts({"name": "palpate live", "msg": sentence, "file": "", "function": ""})
     fields: Fields = (("sec", "<i4", ()), ("nanosec", "<u4", ()), ("level", "u1", ()), *texts, ("line", "<u4", ()))
-    raw, views = made([ChannelRows(channel, fields, {"level": level, **said})], [np.array([stamp], dtype=np.int64)])
-    views[0]["sequence"] = number % 2**32
-    return raw, views[0]
+    (message,) = made([ChannelRows(channel, fields, {"level": level, **said})], [np.array([stamp], dtype=np.int64)])
+    message["sequence"] = number % 2**32
+    return message
 
 
 def _missing(lost: Int[np.ndarray, " n"], gaps: Int[np.ndarray, " k"], first: int) -> str:

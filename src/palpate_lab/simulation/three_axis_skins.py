@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from palpate.spatial.pose import skew
 from palpate_lab.simulation.skin_touches import hertz_discs
@@ -53,14 +54,14 @@ class ThreeAxisSkin:
     mixing: Float[np.ndarray, "k k"]
     mechanics: _Mechanics
 
-    def readings(self, loads: Loads, seed: int, warms: float = 0.0) -> tuple[Float[np.ndarray, "n k 3"], Loads]:
+    def readings(self, loads: Loads, seed: int, warmer: ArrayLike = 0.0) -> tuple[Float[np.ndarray, "n k 3"], Loads]:
         """Return whole counts (n, k, 3), and the loads with the resultant and centre that act in truth.
 
-        The skin `warms` by so many kelvin, evenly from the first frame to the last.
+        The skin is `warmer` [K] than usual, a number or one for each frame.
         """
         values, truth = self.mechanics(self.positions, loads)
         felt: np.ndarray = np.einsum("iab,nib->nia", self.gains, self.mixing @ _late(values))
-        warmth = warms * np.linspace(0.0, 1.0, len(felt))[:, None, None]
+        warmth = np.broadcast_to(np.asarray(warmer, dtype=np.float64), len(felt))[:, None, None]
         felt = (1.0 - FADES * warmth) * felt + CREEPS * warmth
         return np.rint(felt + NOISE * np.random.default_rng(seed).standard_normal(felt.shape)), truth
 

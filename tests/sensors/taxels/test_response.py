@@ -1,7 +1,9 @@
 """Taxels with three axes: the model of their loads, the fit of touches to it, and what a calibration learns."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,14 +11,17 @@ import pytest
 from palpate.contact.ground_truth import TrueSamples
 from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError, NotIdentifiable
+from palpate.files.models import write_model
 from palpate.sensors.taxels import _loads
-from palpate.sensors.taxels.calibrate_response import _widening, identify_response
+from palpate.sensors.taxels.calibrate_response import _fitted, _thermal, _widening, identify_response
 from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.presses import known_presses
 from palpate.sensors.taxels.response import TaxelResponse
-from palpate.signals.recording import CELLS, Recording
-from palpate_lab.simulation.three_axis_skins import ThreeAxisSkin, magnetic_skin, pillar_array
+from palpate.setup.rig import check_rig
+from palpate.signals.recording import CELLS, TEMPERATURE, Recording
+from palpate_lab.simulation.three_axis_skins import CREEPS, FADES, ThreeAxisSkin, magnetic_skin, pillar_array
 from palpate_lab.simulation.three_axis_touches import RATE, three_axis_touches
 
 PITCH = 5e-3
@@ -226,6 +231,62 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     for wrong in (replace(known, time=known.time + 0.3), steady):
         with pytest.raises(InputError, match=r"readings move in \d+% of.*as it rises and falls, too, on the clock"):
             identify_response(body, recording, wrong)
+
+
+@pytest.mark.parametrize(
+    ("named", "known", "live", "words"),
+    [
+        (True, True, False, ""),
+        (False, False, False, ""),
+        (True, False, False, "calibrate while it changes"),
+        (False, True, False, "a temperature of 20, but .skin. names none"),
+        (True, True, True, "a temperature of 20, but live sources have none"),
+    ],
+)
+def test_readings_that_are_not_corrected_are_noted(
+    named: bool, known: bool, live: bool, words: str, tmp_path: Path
+) -> None:
+    response = replace(body_of().response, temperature=20.0, thermal=np.ones((30 if known else 0, 3)))
+    write_model(tmp_path / "response.toml", response)
+    places = [f"{x},{y},0,0,0,1" for x, y in body_of().positions[:, :2].tolist()]
+    (tmp_path / "places.csv").write_text("\n".join(["x,y,z,nx,ny,nz", *places]))
+    skin = {"taxels": "places.csv", "axes": ["x", "y", "z"], "response": "response.toml", "tare": 0.2}
+    rig = check_rig({"skin": skin | ({"temperature": "celsius"} if named else {})}, tmp_path / "rig.toml")
+    rest = np.random.default_rng(0).normal(size=(30, 30, 3))
+    channels = {CELLS: rest} | ({TEMPERATURE: np.full((30, 1), 21.0)} if named else {})
+    notes = rig.resolve("skin", None if live else Recording(np.arange(30) / 50.0, channels)).prepared().notes
+    corrected = [each for each in notes if "temperature" in each]
+    assert re.search(words, corrected[0]) if words else not corrected
+
+
+def test_what_a_temperature_does_is_learned_and_taken_off() -> None:
+    """The laboratory's fades and creeps; a reading at its limit, and one without a temperature, have no correction."""
+    skin = pillar_array(4, 4, 1)
+    loads = three_axis_touches(skin.positions, np.random.default_rng(2), 60)
+    warmer = 8.0 * np.sin(np.linspace(0.0, 6.0, loads.count))
+    (cool, truth), (warm, _) = skin.readings(loads, 3), skin.readings(loads, 3, warmer)
+    body = TaxelBody.anywhere(skin.positions, skin.normals, along=(1.0, 0.0, 0.0))
+    recording = Recording(np.arange(len(warm)) / RATE, {CELLS: warm, TEMPERATURE: 25.0 + warmer[:, None]})
+    known = TrueSamples(truth.frame / RATE, truth.place, force=truth.force)
+    presses = known_presses(body, recording, known, skin.pitch)
+    found = _fitted(body, presses, skin.pitch, True)[0]
+    assert found.temperature == pytest.approx(25.0 + warmer.mean())
+    np.testing.assert_allclose(found.thermal, CREEPS, rtol=0.03)
+    assert 0.0 < found.fade < 2.0 * FADES  # 60 presses leave the gains free to take some of it
+    short = presses.force * (1.0 - FADES * presses.warmer[:, None])
+    assert _thermal(presses, short, presses.force)["fade"] == pytest.approx(FADES, rel=0.01)
+    assert np.abs(presses.unfaded(FADES).readings - (cool[presses.frame] - cool[0])).max() < 60.0  # of 10,000
+    exact = {"fade": FADES, "thermal": found.thermal + (FADES - found.fade) * presses.level}
+    found = replace(found, **exact, limits=np.array([-np.inf, warm.max()]))
+    usual = replace(body, response=found).raw(recording)
+    off = usual - cool - (CREEPS * (found.temperature - 25.0))
+    assert np.abs(off[warm < warm.max()]).max() < 0.01 * warm.max()
+    assert (usual[warm == warm.max()] == warm.max()).all()
+    assert np.isnan(found.corrected(warm[:2], np.array([np.nan, 25.0]))[0]).all()
+    with pytest.raises(InputError, match=r"temperature is 298, and was 2\d.* in the calibration\..*in the same unit"):
+        found.corrected(warm[:2], np.array([298.0, 298.0]))
+    steady = replace(recording, channels={CELLS: warm, TEMPERATURE: 25.0 + 0.1 * warmer[:, None]})
+    assert not len(_fitted(body, known_presses(body, steady, known, skin.pitch), skin.pitch, True)[0].thermal)
 
 
 @pytest.mark.parametrize("known", [(1.5, 0.002, 0.0), (0.5, 0.03, 0.0), (0.7, 0.001, 0.3)])

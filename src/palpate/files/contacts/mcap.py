@@ -119,10 +119,8 @@ class ContactMessages:
             self._kinds[origin] = [ChannelRows(first + k, *each) for k, each in enumerate(kinds)]
         self._last = 0
 
-    def of(
-        self, contacts: Contacts, stamps: Int[np.ndarray, " n"] | None = None
-    ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the messages of contacts: their bytes (uint8), and a structured view of these per topic.
+    def of(self, contacts: Contacts, stamps: Int[np.ndarray, " n"] | None = None) -> list[np.ndarray]:
+        """Return the messages of contacts, a structured array per topic.
 
         Args:
             contacts: n rows; only those with a point and a normal are in the second and third topic.
@@ -136,24 +134,22 @@ class ContactMessages:
             return self._messages(contacts, stamps, *self._kinds.values())
         if contacts.origins is None:
             raise InputError("contacts must have origins: the file is of a robot's sensors.")
-        parts = list[tuple[np.ndarray, list[np.ndarray]]]()
+        messages = list[np.ndarray]()
         for k, origin in enumerate(contacts.origins.among):
             rows = np.flatnonzero(contacts.origins.index == k)
             if len(rows):
                 if origin not in self._kinds:
                     raise InputError(f"the sensor {origin.sensor!r} has no frame among those of the file.")
-                parts.append(self._messages(contacts[rows], stamps[rows], self._kinds[origin]))
-        raw = np.concatenate([np.empty(0, np.uint8), *(part for part, _ in parts)])
-        return raw, [view for _, views in parts for view in views]
+                messages += self._messages(contacts[rows], stamps[rows], self._kinds[origin])
+        return messages
 
     def _messages(
         self, contacts: Contacts, stamps: Int[np.ndarray, " n"], kinds: list[ChannelRows]
-    ) -> tuple[np.ndarray, list[np.ndarray]]:
+    ) -> list[np.ndarray]:
         """Return the messages of one sensor's contacts."""
         estimate = contacts.estimate
         placed = np.flatnonzero(np.isfinite(np.hstack([estimate.point, estimate.normal])).all(axis=1))
-        raw, messages = made(kinds, [stamps, stamps[placed], stamps[placed]])
-        everything, pose, wrench = messages
+        messages = everything, pose, wrench = made(kinds, [stamps, stamps[placed], stamps[placed]])
         everything["sample"], everything["contact"] = contacts.sample, contacts.identity
         everything["time"] = contacts.time
         for name in ("point", "normal", "force", "torque", "covariance", "candidates", "status"):
@@ -164,7 +160,7 @@ class ContactMessages:
         normal = estimate.normal[placed]
         pose["position"], pose["orientation"] = estimate.point[placed], _z_to(normal)
         wrench["force"], wrench["torque"] = estimate.force[placed], estimate.torque[placed, None] * normal
-        return raw, messages
+        return messages
 
     def _stamps(self, time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Return stamps [ns], clipped to ROS's range; one that is missing is the one before."""

@@ -88,7 +88,7 @@ class _Mcap(_Appended):
 
     def append(self, contacts: Contacts) -> None:
         for start in range(0, len(contacts), _CHUNK):
-            raw, chunk = self._mcap.chunk(*self._messages.of(contacts[start : start + _CHUNK]))
+            raw, chunk = self._mcap.chunk(self._messages.of(contacts[start : start + _CHUNK]))
             self.write(raw)
             self._mcap.chunks.append(chunk)
 

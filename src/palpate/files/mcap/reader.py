@@ -31,10 +31,10 @@ from palpate.files.mcap.chunks import LARGEST, inflate
 from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
 
 MAGIC = b"\x89MCAP0\r\n"
-PIECE = 1 << 22  # bytes read at a time
+READ, PIECE = 1 << 18, 1 << 22  # bytes read at a time, of chunks and of messages between them
 LONGEST: Mapping[int, int] = {Opcode.CHUNK: LARGEST, Opcode.MESSAGE: 1 << 26}  # bytes; others: PIECE; else skipped
 _HEAD = 9
-_MOST = 1 << 16  # records of a stretch
+_MOST, _OTHERS = 1 << 16, 1 << 11  # messages of a stretch, and other records
 _DECLARING: Mapping[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 
 
@@ -112,7 +112,7 @@ class McapFile(MessageFile):
 
     def _read(self, file: BinaryIO) -> Iterator[MessageBlock]:
         """Yield the messages up to the footer or a record that is cut or invalid."""
-        at, held, want = file.seek(len(MAGIC)), b"", PIECE
+        at, held, want = file.seek(len(MAGIC)), b"", READ
         while more := read_some(file, self.path, want):
             held += more
             self.position = at + len(held)
@@ -127,7 +127,7 @@ class McapFile(MessageFile):
                     if held[end:] + read_some(file, self.path, len(MAGIC)) != MAGIC:
                         self._damaged(at + end, "there is more after the footer")
                     return
-            held, at, want = held[end:], at + end, PIECE
+            held, at, want = held[end:], at + end, READ
             if len(held) < _HEAD:
                 continue
             kind, length = unpack_from("<BQ", held)
@@ -142,7 +142,7 @@ class McapFile(MessageFile):
                 self._pass_over(kind, held, at)
                 held, at = b"", file.seek(after)
             else:
-                want = max(PIECE, after - at - len(held))
+                want = max(PIECE if kind == Opcode.MESSAGE else READ, after - at - len(held))
         self._damaged(at, "it ends within a record" if held else "it ends without its footer")
 
     def _pass_over(self, kind: int, head: bytes, at: int) -> None:
@@ -230,7 +230,7 @@ def _stretches(data: bytes) -> Iterator[_Stretch]:
 
     raw, end = np.frombuffer(data, dtype=np.uint8), 0
     messages = np.empty((4, min(_MOST, len(raw) // (_HEAD + 22) + 1)), dtype=np.int64)
-    others = np.empty((min(_MOST, len(raw) // _HEAD + 1), 3), dtype=np.int64)
+    others = np.empty((min(_OTHERS, len(raw) // _HEAD + 1), 3), dtype=np.int64)
     while True:
         found, rest, stop = walk(raw, end, messages, others)
         if stop == end:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from struct import pack
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap import records as mcap
@@ -70,25 +70,28 @@ class McapWriter:
         """Number of bytes of the head and of all `chunks`."""
         return self.chunks[-1].end if self.chunks else len(self.head)
 
-    def chunk(self, records: np.ndarray, messages: Sequence[np.ndarray]) -> tuple[bytes, Written]:
+    def chunk(self, messages: Sequence[np.ndarray]) -> tuple[bytes, Written]:
         """Return the bytes of the next chunk, and the entry to append to `chunks` once they are written.
 
         Args:
-            records: bytes of all its messages, at least one.
-            messages: the same as rows of one topic each, in order; their type begins with `MESSAGE`'s fields.
+            messages: rows of one topic each, at least one in all; their type begins with `MESSAGE`'s fields.
         """
         present = {int(rows["channel"][0]): rows for rows in messages if len(rows)}
         times = np.concatenate([rows["log"] for rows in present.values()])
-        first, last, checksum = int(times.min()), int(times.max()), zlib.crc32(records.data)
-        made = mcap.Chunk("lz4", _compressed(records), last, first, checksum, len(records))
-        raw = chunk = _raw(made)
+        first, last, checksum = int(times.min()), int(times.max()), 0
+        for rows in present.values():
+            checksum = zlib.crc32(rows.view(np.uint8).data, checksum)
+        size = sum(rows.nbytes for rows in present.values())
+        made = mcap.Chunk("lz4", _compressed(present.values()), last, first, checksum, size)
+        parts = [_raw(made)]
+        length = whole = len(parts[0])
         places, offset = dict[int, int](), 0
         for channel, rows in present.items():
-            places[channel] = self.size + len(raw)
-            raw += _message_index(channel, rows, offset)
-            offset += rows.nbytes
+            places[channel] = self.size + whole
+            parts.append(_message_index(channel, rows, offset))
+            whole, offset = whole + len(parts[-1]), offset + rows.nbytes
         counts = {channel: len(rows) for channel, rows in present.items()}
-        return raw, self.written(made, (len(chunk), len(raw)), places, counts)
+        return b"".join(parts), self.written(made, (length, whole), places, counts)
 
     def written(
         self, chunk: mcap.Chunk, lengths: tuple[int, int], places: dict[int, int], counts: dict[int, int]
@@ -166,8 +169,9 @@ def _message_index(channel: int, rows: np.ndarray, offset: int) -> bytes:
     return pack("<BQ", Opcode.MESSAGE_INDEX, len(content)) + content
 
 
-def _compressed(records: np.ndarray) -> bytes:
+def _compressed(messages: Iterable[np.ndarray]) -> bytes:
     """Compress fast: the noise in doubles cannot be compressed, and NaN always can."""
-    from lz4 import frame  # pyright: ignore[reportMissingTypeStubs] - it has none
+    from lz4.frame import LZ4FrameCompressor  # pyright: ignore[reportMissingTypeStubs] - it has none
 
-    return cast(bytes, frame.compress(records, compression_level=-4, store_size=False))
+    frame: Any = LZ4FrameCompressor(compression_level=-4)
+    return b"".join([frame.begin(), *(frame.compress(rows.view(np.uint8)) for rows in messages), frame.flush()])

@@ -65,7 +65,11 @@ class RigFusion:
 def _layout(setup: Setup) -> LogLayout:
     """Return the layout of a log with the skin's frames, each with the mean of the wrenches about its time."""
     skin, wrench = SKIN.layout(setup), FORCE_TORQUE.layout(setup)
-    return replace(wrench, arrays=skin.arrays, rate=skin.rate)
+    kelvin, drift = skin.temperature or wrench.temperature, wrench.temperature or skin.temperature
+    if kelvin != drift:
+        what = f"[skin] and [drift] name two temperatures, {kelvin!r} and {drift!r}."
+        raise InputError(what, where="rig", hint="Name one, in one of them or in both.")
+    return replace(wrench, arrays=skin.arrays, rate=skin.rate, temperature=kelvin)
 
 
 def _build(setup: Setup) -> BuiltEstimator:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import product
 from math import sqrt
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,9 +19,9 @@ from palpate.sensors.taxels._loads import LEAST_PATCH
 from palpate.sensors.taxels.estimator import SIX, SQUARE, TaxelEstimator
 from palpate.sensors.taxels.health import Health
 from palpate.sensors.taxels.model import TaxelBody
-from palpate.sensors.taxels.presses import EACH, EVERY, FEWEST, PRESSED, Presses, axes_at, known_presses
+from palpate.sensors.taxels.presses import EACH, EVERY, FEWEST, PRESSED, WARMS, Presses, axes_at, known_presses
 from palpate.sensors.taxels.response import AXES, TaxelResponse, coupling_terms, response_terms
-from palpate.signals.recording import CELLS, Recording
+from palpate.signals.recording import CELLS, TEMPERATURE, Recording
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
 
@@ -30,6 +31,7 @@ ROUNDS = 10
 PATCHES = np.concatenate([np.linspace(LEAST_PATCH, 0.0, 4)[:-1], [0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0]])
 _LOOSE = 0.3  # squared pitches: deviation of a patch before it is learned
 _ALIKE = 1e-2  # weight of the mean gains in those of a taxel
+FADES = 2e-3  # share of a reading that a kelvin takes away, before it is learned
 _INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
 FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), np.geomspace(1e-4, 0.3, 24).tolist()
 UNUSUAL = [0.0, *np.geomspace(1e-3, 1.0, 15).tolist()]
@@ -55,7 +57,8 @@ def identify_response(
     """
     pitch = float(np.median(body.spacing))
     presses = known_presses(body, recording, truth, pitch)
-    names = _by_patch(presses, _fitted(body, presses, pitch, False)[1])
+    first, patch = _fitted(body, presses, pitch, False)
+    presses, names = presses.unfaded(first.fade), _by_patch(presses, patch)
     alike = [
         _left_out(body, presses, [names[i::count] for i in range(count)], pitch, sums)
         for count, sums in ((PARTS, False), (FOLDS, True))
@@ -74,7 +77,10 @@ def identify_response(
     kept = dict(zip(("widening", "inexact", "unusual"), wide.T, strict=True)) | {"curve": frozen(curve)}
     kept["usual_misfit"] = float(np.mean(misfits))
     response, _ = _fitted(body, presses, pitch, bool(sums))
-    return replace(response, **kept, provenance=record, notes=(f"{len(names)} presses",))
+    notes = [f"{len(names)} presses"]
+    if TEMPERATURE in recording.channels and not len(response.thermal):
+        notes.append(f"the temperature changes by less than {WARMS:g} K: what it does is not learned")
+    return replace(response, **kept, provenance=record, notes=tuple(notes))
 
 
 def _by_patch(presses: Presses, patch: Float[np.ndarray, " n"]) -> Int[np.ndarray, " p"]:
@@ -89,7 +95,8 @@ def _left_out(
 ) -> list[tuple[Presses, TaxelResponse]]:
     """Return the presses of each part, which lists their numbers, with the fit to all others."""
     out = [np.isin(presses.press, part) for part in parts]
-    return [(presses.of(each), _fitted(body, presses.of(~each), pitch, sums)[0]) for each in out]
+    fits = [_fitted(body, presses.of(~each), pitch, sums)[0] for each in out]
+    return [(presses.of(each).unfaded(fit.fade), fit) for each, fit in zip(out, fits, strict=True)]
 
 
 def _left_out_text(off: Float[np.ndarray, "3"], pitch: float, count: int) -> str:
@@ -159,7 +166,18 @@ def _fitted(
     found = {"gains": frozen(gains), "shares": frozen(shares), "patch": frozen(learned), "widening": np.ones(3)}
     found |= {"coupling": frozen(coupling.reshape(shares.shape)), "misfit": frozen(misfit)}
     found |= {"late": presses.late, "limits": presses.limits}
+    if presses.warmer.any():
+        found |= _thermal(presses, felt.sum(axis=1), force if sums else loads.sum(axis=1))
     return replace(guess, sums=sums, drift=presses.drift, **found), patch
+
+
+def _thermal(presses: Presses, felt: Float[np.ndarray, "n 3"], true: Float[np.ndarray, "n 3"]) -> dict[str, Any]:
+    """Return what `TaxelResponse` knows of the temperature, by how the sums of felt loads fall short of true ones."""
+    short = np.sum((true - felt) * true, axis=1) / np.sum(true**2, axis=1)
+    warmer = presses.warmer - presses.warmer.mean()
+    more = float(warmer @ short) / (float(warmer @ warmer) + EACH * float(np.var(short)) / FADES**2)
+    fade = presses.fade + more
+    return {"temperature": presses.temperature, "fade": fade, "thermal": presses.thermal + fade * presses.level}
 
 
 def _misfit(left: Float[np.ndarray, "n k 3"], loads: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "2"]:

@@ -86,9 +86,11 @@ def _response(gains: Float[np.ndarray, "k 9"], **rest: Any) -> TaxelResponse:
 def of_response(response: TaxelResponse) -> Lines:
     """Return (name, text) pairs on a response of taxels with three axes."""
     how = "sums of the taxels' loads" if response.sums else "fitted to the taxels' loads"
+    warm = f"corrected to {response.temperature:.4g}; a kelvin takes {response.fade:.2%} from a reading"
     return [
         ("taxels", f"{len(response)}, {1e3 * response.pitch:.3g} mm apart"),
         ("forces", how),
+        *([("temperature", warm)] if len(response.thermal) else []),
         *([("left out", response.provenance["left_out"])] if "left_out" in response.provenance else []),
     ]
 
@@ -119,6 +121,9 @@ RESPONSE = Model(
                 "late": Key("s, share, deviation: how much of the loads before a reading follows"),
                 "drift": Key("s, within which the rest is followed", infinite=True),
                 "limits": Key("lowest and highest reading, of no weight", infinite=True),
+                "temperature": Key("K or degrees C, to which readings are corrected"),
+                "thermal": Key("counts that a kelvin more adds to each reading"),
+                "fade": Key("share of a reading that a kelvin more takes away"),
                 "notes": Key(),
                 "provenance": Key(),
             },

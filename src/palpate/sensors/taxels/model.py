@@ -15,7 +15,7 @@ from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.taxels.response import AXES, TaxelResponse
 from palpate.sensors.taxels.skin_map.model import SkinMap
-from palpate.signals.recording import CELLS, LARGEST, Recording
+from palpate.signals.recording import CELLS, LARGEST, TEMPERATURE, Recording
 from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
@@ -309,13 +309,18 @@ class TaxelBody(Value):
     def raw(self, recording: Recording) -> Float[np.ndarray, "n k ..."]:
         """Return the readings as they are, (n, k), or (n, k, 3) of three axes, read-only; implausible ones are NaN.
 
+        Those of three axes are corrected to one temperature if it is recorded and the response knows what it does.
+
         Raises:
-            InputError: as by `readings`.
+            InputError: as by `readings`, or as by `TaxelResponse.corrected`.
         """
         if CELLS not in recording.channels:
             hint = "Name their columns (cells) or topic in the rig's [skin]."
             raise InputError("has no readings of taxels.", where=recording.source, hint=hint)
-        return self.frames(recording.channels[CELLS], recording.source)
+        rows = self.frames(recording.channels[CELLS], recording.source)
+        if self.response is None or TEMPERATURE not in recording.channels:
+            return rows
+        return self.response.corrected(rows, recording.channels[TEMPERATURE][:, 0], recording.source)
 
     def frames(self, cells: np.ndarray, source: str = "") -> Float[np.ndarray, "n k ..."]:
         """Return frames as they are recorded as `raw` does; `source` names them in messages.

@@ -13,7 +13,7 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.response import TaxelResponse
 from palpate.sensors.taxels.rest import ROUNDING, quantum
-from palpate.signals.recording import Recording
+from palpate.signals.recording import TEMPERATURE, Recording
 from palpate.spatial._arrays import frozen
 
 FEWEST = 40  # presses
@@ -23,6 +23,7 @@ MOSTLY, BESIDE = 0.8, 2.0  # of the forces that press; pitches to the nearest ta
 SHEARED = 0.01  # of the force, which the shear across must reach
 MOVES, OFTEN = 0.1, 0.2  # of what readings do under a force, and of the frames for which none is stated
 STANDS = 10  # frames for which a reading at the end of its range repeats
+WARMS = 2.0  # K by which a temperature changes at least, if what it does is learned
 LATER, DRIFTS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0), (1.0, 2.0, 5.0, 10.0)  # s to try of `TaxelResponse.late` and `.drift`
 
 
@@ -36,7 +37,9 @@ class Presses:
         noise: (k, 3) of the readings [counts].
         offset: (n, k, 2) of each taxel from the press [pitches].
         point, force: (n, 3) in the body's frame [m], and along both tangents and into the body [N].
-        late, drift, limits: as of `TaxelResponse`.
+        late, drift, limits, temperature, fade: as of `TaxelResponse`.
+        warmer: (n,) [K] than `temperature`; 0 where what it does is not to be learned.
+        thermal, level: (k, 3) [counts] by which a kelvin more moves readings at rest, and where they rest; 0 likewise.
     """
 
     press: Int[np.ndarray, " n"]
@@ -49,13 +52,21 @@ class Presses:
     late: Float[np.ndarray, "3"]
     drift: float
     limits: Float[np.ndarray, "2"]
+    temperature: float
+    warmer: Float[np.ndarray, " n"]
+    thermal: Float[np.ndarray, "k 3"]
+    level: Float[np.ndarray, "k 3"]
+    fade: float = 0.0
 
     def of(self, chosen: Bool[np.ndarray, " n"]) -> Presses:
         """Return some of the frames."""
-        rows = {
-            name: getattr(self, name)[chosen] for name in ("press", "frame", "readings", "offset", "point", "force")
-        }
-        return replace(self, **rows)
+        names = "press", "frame", "readings", "offset", "point", "force", "warmer"
+        return replace(self, **{name: getattr(self, name)[chosen] for name in names})
+
+    def unfaded(self, fade: float) -> Presses:
+        """Return the frames without the share `fade` of their readings that a kelvin more takes away."""
+        more = 1.0 + (fade - self.fade) * self.warmer[:, None, None]
+        return replace(self, readings=more * self.readings, fade=fade)
 
 
 def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pitch: float) -> Presses:
@@ -65,6 +76,8 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pit
     cells = replace(body, response=TaxelResponse.guessed(len(body), pitch)).raw(recording)
     limits, raw = _limits(cells), np.where(np.isfinite(cells), cells, 0.0)
     sound = ((cells > limits[0]) & (cells < limits[1])).all(axis=(1, 2))
+    temperature, warmer = _warmth(recording)
+    sound, warmer = sound & np.isfinite(warmer), np.where(np.isfinite(warmer), warmer, 0.0)
     time, step = recording.time, float(np.median(np.diff(recording.time)))
     row = np.clip(np.searchsorted(truth.time, time - 0.5 * step), 0, len(truth.time) - 1)
     size = np.linalg.norm(truth.force, axis=1)[row] * (np.abs(truth.time[row] - time) <= 0.5 * step)
@@ -73,6 +86,8 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pit
     press = np.cumsum(np.append(pressed[0], pressed[1:] & ~pressed[:-1])) - 1
     if not free.any() or not pressed.any():
         raise NotIdentifiable("there must be frames with a force, and frames with none.", rank=0, missing=("rest",))
+    thermal = _thermal(warmer[free], raw[free])
+    raw = raw - thermal * warmer[:, None, None]
     late, raw = _late(time, raw, free)
     rest, noise = _rests(time, raw, free)
     moved: np.ndarray = np.abs(raw - rest).max(axis=(1, 2))
@@ -93,7 +108,23 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pit
     _require_places(body, point, pitch, recording.source)
     offset, local = _local(body, point, force, pitch)
     _require_forces(local, recording.source)
-    return Presses(press[used], used, (raw - rest)[used], noise, offset, point, local, late, drift, limits)
+    known = late, drift, limits, temperature, warmer[used], thermal, np.median(rest, axis=0)
+    return Presses(press[used], used, (raw - rest)[used], noise, offset, point, local, *known)
+
+
+def _warmth(recording: Recording) -> tuple[float, Float[np.ndarray, " n"]]:
+    """Return the mean temperature and by how much each frame is warmer; 0 where it does not change enough."""
+    kelvin = recording.channels.get(TEMPERATURE, np.zeros((len(recording), 1)))[:, 0]
+    if not np.nanmax(kelvin, initial=-np.inf) - np.nanmin(kelvin, initial=np.inf) >= WARMS:
+        return 0.0, np.zeros(len(kelvin))
+    usual = float(np.nanmean(kelvin))
+    return usual, kelvin - usual
+
+
+def _thermal(warmer: Float[np.ndarray, " n"], rest: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "k 3"]:
+    """Return the slope of readings at rest over the temperature; 0 where it does not change."""
+    off = warmer - warmer.mean()
+    return np.tensordot(off, rest, 1) / max(float(off @ off), 1e-300)
 
 
 def _require_rest(moved: Float[np.ndarray, " n"], free: Bool[np.ndarray, " n"], source: str) -> None:

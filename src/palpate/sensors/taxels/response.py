@@ -17,6 +17,7 @@ from palpate.spatial.arguments import frozen_value
 __all__ = ["AXES", "TaxelResponse"]
 
 AXES = 3
+FAR = 60.0  # K from the temperature of the calibration, which no skin is in use
 _GUESS, _ROUGH = 0.6, 0.1  # pitches that a force reaches, and the share by which that is off, where nothing is known
 
 
@@ -46,6 +47,9 @@ class TaxelResponse(Value):
             share, and its standard deviation.
         drift: [s] time within which the rest is followed best; inf: not known.
         limits: (2,) lowest and highest reading; a taxel with a reading there has no weight.
+        temperature: [K or degrees C] to which readings are corrected.
+        thermal: (k, 3) [counts] that a kelvin more adds to each reading, less what `fade` takes; (0, 3): not known.
+        fade: share of a reading that a kelvin more takes away.
         provenance: origin of the response; {}: it is a guess.
         notes: notes for the user, a sentence each.
 
@@ -68,12 +72,15 @@ class TaxelResponse(Value):
     late: Float[np.ndarray, "3"] = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     drift: float = inf
     limits: Float[np.ndarray, "2"] = field(default_factory=lambda: np.array([-inf, inf]))
+    temperature: float = 0.0
+    thermal: Float[np.ndarray, "m 3"] = field(default_factory=lambda: np.zeros((0, AXES)))
+    fade: float = 0.0
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         deviations = "misfit", "widening", "inexact", "unusual"
-        for name in ("gains", "shares", "coupling", "patch", "curve", *deviations, "late", "limits"):
+        for name in ("gains", "shares", "coupling", "patch", "curve", *deviations, "late", "limits", "thermal"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         if not (self.pitch > 0 and np.isfinite(self.gains).all()):
             raise InputError("gains must be finite, and the pitch positive.", where="response")
@@ -103,6 +110,28 @@ class TaxelResponse(Value):
         full = self._full(readings)
         found = np.einsum("kab,nkb->nak", self.gains, np.where(full, np.nan, readings) if full.any() else readings)
         return np.ascontiguousarray(found[:, 2]), found[:, :2].reshape(len(found), 2 * readings.shape[1])
+
+    def corrected(
+        self, readings: Float[np.ndarray, "n k 3"], kelvin: Float[np.ndarray, " n"], source: str = ""
+    ) -> Float[np.ndarray, "n k 3"]:
+        """Return readings as they would be at `temperature`, NaN where `kelvin` is; those at `limits` are unchanged.
+
+        Args:
+            readings: (n, k, 3) [counts].
+            kelvin: (n,) temperature of each frame, in the unit of `temperature`.
+            source: names the readings in messages.
+
+        Raises:
+            InputError: the temperatures are far from those of the calibration, or arrays of other shapes.
+        """
+        if not len(self.thermal):
+            return readings
+        warmer = np.where(np.abs(kelvin - self.temperature) > FAR, np.nan, kelvin - self.temperature)
+        if np.isfinite(kelvin).any() and not np.isfinite(warmer).any():
+            what = f"the temperature is {np.nanmedian(kelvin):.4g}, and was {self.temperature:.4g} in the calibration."
+            raise InputError(what, where=source, hint="Name a temperature of the same sensor, in the same unit.")
+        usual = readings + (self.fade * readings - self.thermal) * warmer[:, None, None]
+        return frozen(np.where(self._full(readings), readings, usual))
 
     def full(self, readings: Float[np.ndarray, "n k 3"]) -> Bool[np.ndarray, "n k 3"]:
         """Return which readings are at `limits`.

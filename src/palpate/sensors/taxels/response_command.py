@@ -18,7 +18,7 @@ from palpate.files.tables.table import read_table
 from palpate.sensors.taxels.calibrate_response import identify_response
 from palpate.sensors.taxels.files import of_response
 from palpate.sensors.taxels.section import SKIN, SkinSection
-from palpate.signals.recording import CELLS, Recording
+from palpate.signals.recording import CELLS, TEMPERATURE, Recording
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,12 @@ class CalibrateResponse(Calibration):
             raise InputError("the rig's taxels have one axis.", where="skin.axes", hint=hint)
         log = open_log(self.log, SKIN.layout(setup))
         blocks = list(log.blocks())
-        cells = np.concatenate([block.channels[CELLS] for block in blocks])
-        recording = Recording(np.concatenate([block.time for block in blocks]), {CELLS: cells}, source=str(self.log))
+        channels = {
+            name: np.concatenate([block.channels[name] for block in blocks])
+            for name in (CELLS, TEMPERATURE)
+            if name in blocks[0].channels
+        }
+        recording = Recording(np.concatenate([block.time for block in blocks]), channels, source=str(self.log))
         found = identify_response(replace(body, response=None), recording, _known(self.truth), provenance=self.record())
         return CalibrationResult(
             of_response(found),

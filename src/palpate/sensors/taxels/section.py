@@ -46,6 +46,8 @@ class RigSkin:
         axes: names of the three numbers of a taxel, as columns, or members of messages, have them ("1_x", "Z24",
             "taxels[].x"), its x, y and z in this order: the last side of frames. None: a taxel has one number.
         response: file of `palpate calibrate response`, for taxels with three axes; None: a count is taken for 1 N.
+        temperature: column or topic of the temperature [K or degrees C] of taxels with three axes, whose effect
+            `palpate calibrate response` learns and estimates take off.
         cells: columns of a table with the readings, row by row for a sheet; or a field path: a pattern of columns
             ("S* [kPa]"), an array, a column of lists, or a field of messages ("sensors[0].values"). None: found by the
             numbers in names.
@@ -72,6 +74,7 @@ class RigSkin:
     intensity: str | None = None
     axes: tuple[str, ...] | None = None
     response: str | None = None
+    temperature: str | None = None
     cells: tuple[str, ...] | str | None = None
     topic: str | None = None
     unit: str | None = None
@@ -102,6 +105,8 @@ class RigSkin:
             raise ValueError('axes must be three names that end in x, y and z, in this order, such as ["x", "y", "z"]')
         if self.axes is None and self.response is not None:
             raise ValueError("a response is for taxels with three axes, whose names axes states")
+        if self.axes is None and self.temperature is not None:
+            raise ValueError("a temperature is for taxels with three axes, whose names axes states")
         if self.axes is not None and self.intensity is not None:
             raise ValueError(
                 "intensity is for taxels with one axis: palpate calibrate response is for those with three"
@@ -290,7 +295,7 @@ class SkinSection(SensorSection):
 def _layout(setup: Setup) -> LogLayout:
     skin = setup.of(SkinSection)
     common = setup.common
-    common["rate"] = skin.table.rate or setup.time.rate
+    common |= {"rate": skin.table.rate or setup.time.rate, "temperature": skin.table.temperature}
     return LogLayout(wrench=None, arrays=(skin.channel(),), **common)
 
 
@@ -318,6 +323,8 @@ def _build(setup: Setup) -> BuiltEstimator:
         falling=falling,
     )
     made = BuiltEstimator(estimator, notes=noted_filter(smooth, rate), settings=dict(vars(setup.contacts)))
+    if body.response is not None and (unknown := _unknown(skin.table, body.response, live=head is None)):
+        made.notes.append(unknown)
     if tare is None:
         made.notes.append(
             "cells at rest are found in the log itself; write tare = SECONDS in [skin] if nothing touches at its start"
@@ -325,6 +332,17 @@ def _build(setup: Setup) -> BuiltEstimator:
     if health is not None and health.falling and stated is None:
         made.notes.append(FALLS)
     return made
+
+
+def _unknown(table: RigSkin, response: TaxelResponse, live: bool) -> str:
+    """Return the sentence that readings are not corrected for the temperature, and why; "" if they are, or need not."""
+    if not len(response.thermal):
+        why = "the response does not know what the temperature does: calibrate while it changes, with the same key"
+        return why if table.temperature is not None else ""
+    known = f"the response corrects readings to a temperature of {response.temperature:.3g}"
+    if live:
+        return f"{known}, but live sources have none: they are taken as they are"
+    return "" if table.temperature is not None else f"{known}, but [skin] names none: they are taken as they are"
 
 
 def skin_tare(setup: Setup) -> float | None:
