@@ -17,7 +17,7 @@ from palpate.errors import InputError
 from palpate.sensors.fused import _kernels as _fused
 from palpate.sensors.fused import cones as fused_cones
 from palpate.sensors.fused.agreement import Agreement
-from palpate.sensors.fused.lasting_unseen import fuse_with_unseen
+from palpate.sensors.fused.lasting_unseen import _factor, fuse_with_unseen
 from palpate.sensors.fused.locator import Fused, FusedLocator, FusionSettings
 from palpate.sensors.fused.unseen import PUSHES, candidates
 from palpate.surfaces import Cylinder
@@ -370,6 +370,22 @@ def test_forces_beside_an_unseen_contact_carry_all_the_places_where_it_may_be() 
             held.append(off @ np.linalg.solve(whole, off) <= 7.815)
     assert len(held) > 250
     assert 0.85 <= np.mean(held) <= 0.98
+
+
+@pytest.mark.parametrize("apart", [0.0, 1.0, 3.0, 6.0])
+def test_ellipsoids_hold_95_percent_of_a_mixture(apart: float) -> None:
+    """Of 16 Gaussians, two of which lie apart from the others by so many deviations; of one, they need no factor."""
+    rng, ways = np.random.default_rng(4), 16
+    away = rng.normal(size=(ways, 1, 3)) * 0.3 * bool(apart) + apart * (np.arange(ways) < 2)[:, None, None]
+    away -= away.mean(axis=0)
+    spread = np.tile([1.0, 0.2, 0.0, 1.5, -0.3, 0.7], (ways, 1, 1))
+    square = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
+    mixed = spread[0] + np.cov(away[:, 0].T, bias=True)[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    drawn = rng.multivariate_normal(np.zeros(3), spread[0, 0, square], (20_000, ways)) + away[:, 0]
+    (factor,) = _factor(mixed, spread, away)
+    inside = np.einsum("nwi,ij,nwj->nw", drawn, np.linalg.inv(mixed[0, square]), drawn) <= 7.815 * factor
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.012 if apart else 0.002)
+    assert factor == pytest.approx(1.0) or apart
 
 
 def test_the_evidence_of_a_place_is_that_of_a_gaussian() -> None:

@@ -92,7 +92,8 @@ def fuse_with_unseen(
 ) -> FusedFrames:
     """Return the forces of n frames with one more contact each, the last, at any of p places, as `FusedFrames`.
 
-    Forces, shares and covariances are those of the mixture of all places; p and alarm are those of the first.
+    Forces and shares are means of the mixture of all places; the 95 % ellipsoids of the covariances hold 95 % of it; p
+    and alarm are those of the first place.
 
     Args:
         locator: of the seen contacts.
@@ -117,9 +118,41 @@ def fuse_with_unseen(
     mean, (rows, columns) = _mean(force), np.triu_indices(3)
     away = force - mean
     between = _mean(away[..., rows] * away[..., columns]) * ways / max(ways - 1, 1)
+    mixed = _mean(spread) + between
+    mixed *= _factor(mixed, spread, away)[:, None]
     first = {name: getattr(found, name)[: len(counts)] for name in ("p", "alarm", "whitened", "factors")}
-    mixed = {"force": mean, "spread": _mean(spread) + between, "share": _mean(share), "bound": _mean(bound) > 0.5}
-    return found._replace(**mixed, **first)
+    of_all = {"force": mean, "spread": mixed, "share": _mean(share), "bound": _mean(bound) > 0.5}
+    return found._replace(**of_all, **first)
+
+
+def _factor(
+    mixed: Float[np.ndarray, "n 6"], spread: Float[np.ndarray, "p n 6"], away: Float[np.ndarray, "p n 3"]
+) -> Float[np.ndarray, " n"]:
+    """Return the factor of covariances with which their 95 % ellipsoids hold 95 % of a mixture.
+
+    In it squared distances, which are 3 on average, vary by more than 6: they are taken for a multiple of chi-square
+    with the degrees of freedom that have this variance, whose quantiles are those of Wilson and Hilferty.
+
+    Args:
+        mixed: (n, 6) covariances of the mixture.
+        spread: (p, n, 6) covariances of its parts.
+        away: (p, n, 3) of their means from that of the mixture.
+    """
+    square = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
+    whole, parts, off = mixed[:, square], spread[:, :, square], away[..., None]
+    least = 1e-12 * mixed[:, [0, 3, 5]].sum(axis=1) + 1e-300
+    inverse = np.asarray(np.linalg.inv(whole + least[:, None, None] * np.eye(3)), dtype=np.float64)
+    shape, lever = inverse @ parts, inverse @ off
+    mean = (off.mT @ lever)[..., 0, 0] + np.trace(shape, axis1=2, axis2=3)
+    variance = 2.0 * np.trace(shape @ shape, axis1=2, axis2=3) + 4.0 * (lever.mT @ parts @ lever)[..., 0, 0]
+    varies = _mean(variance) + _mean((mean - _mean(mean)) ** 2)
+    return _upper(varies) / _upper(np.array(6.0))
+
+
+def _upper(variance: np.ndarray) -> np.ndarray:
+    """Return the 95 % quantile of squared distances with a mean of 3 and a variance, over 3."""
+    part = variance / 81.0
+    return (1.0 - part + 1.6448536269514722 * np.sqrt(part)) ** 3
 
 
 def _mean(ways: np.ndarray) -> np.ndarray:
