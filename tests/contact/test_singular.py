@@ -72,7 +72,8 @@ def test_a_grazing_force_gets_an_answer_that_is_so(name: str, method: str, data:
         return
     assert found.candidates >= 1
     body = surface(name)
-    assert np.linalg.norm(body.project(found.point[None])[0] - found.point) < 1e-9 * body.size
+    off = body.project(found.point[None])[0] - found.point
+    assert np.linalg.norm(off) < 1e-8 * body.size  # a place may lie so far outside its facet, by its sides
     assert np.linalg.norm(found.normal) == pytest.approx(1.0, abs=1e-12)
     if found.residual > 0 or not (locator(name, method).candidates(wrench).point == found.point).all(axis=1).any():
         return  # within its noise of the bounds, or of an edge
