@@ -100,11 +100,16 @@ def _places(sizes: Sizes, seed: int, made: Tables) -> Iterator[Row]:
             off = f"{np.median(each.seen):.2f}", f"{np.median(each.unseen):.2f}"
             made["places"].append([f"{each.count}{text}", f"{each.force:g} N", *shares, *off])
         worst = min((each for each in every if each.count < 3), key=lambda each: each.held)
-        got = f"{100 * worst.held:.1f} % at worst ({worst.force:g} N beside {worst.count})"
-        yield Row(f"95 % region of places holds, {kind}, beside 1, 2", ">= 90 %", got, worst.held >= 0.9)
+        got = f"{100 * worst.held:.1f} % at worst ({worst.force:g} N, others: {worst.count})"
+        yield Row(
+            f"{kind}, one contact unseen, 1 or 2 others: its place in the 95 % region",
+            ">= 90 %",
+            got,
+            worst.held >= 0.9,
+        )
         held = [each.inside for each in every]
         got, met = f"{100 * min(held):.1f} to {100 * max(held):.1f} %", min(held) >= 0.9 and max(held) <= 0.97
-        yield Row(f"95 % ellipsoids of the seen forces hold, {kind}, beside an unseen one", "90-97 %", got, met)
+        yield Row(f"{kind}, one contact unseen: forces of the others in their 95 % ellipsoids", "90-97 %", got, met)
 
 
 def _assumed(sizes: Sizes, seed: int, made: Tables) -> Iterator[Row]:

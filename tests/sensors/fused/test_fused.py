@@ -2,6 +2,7 @@
 
 import importlib
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from palpate.sensors.fused.agreement import Agreement
 from palpate.sensors.fused.lasting_unseen import _factor, fuse_with_unseen
 from palpate.sensors.fused.locator import Fused, FusedLocator, FusionSettings
 from palpate.sensors.fused.unseen import PUSHES, candidates
+from palpate.setup.rig import check_rig
 from palpate.surfaces import Cylinder
 
 SURFACE = Cylinder(0.04, 0.2)  # along y
@@ -370,6 +372,22 @@ def test_forces_beside_an_unseen_contact_carry_all_the_places_where_it_may_be() 
             held.append(off @ np.linalg.solve(whole, off) <= 7.815)
     assert len(held) > 250
     assert 0.85 <= np.mean(held) <= 0.98
+
+
+@pytest.mark.parametrize(
+    ("skin", "drift", "read"), [("t", "t", "t"), ("t", None, "t"), (None, "t", "t"), ("t", "u", None)]
+)
+def test_a_log_has_one_temperature(skin: str | None, drift: str | None, read: str | None) -> None:
+    taxels = {"pitch": 0.01, "rows": 2, "columns": 2, "axes": ["x", "y", "z"], "cells": "c*", "temperature": skin}
+    walk = {"walk": {"force": 1e-3, "torque": 1e-4}, "temperature": drift}
+    parts = {"skin": taxels, "drift": walk, "force_torque": {}, "fusion": {}}
+    rig = {name: {key: value for key, value in each.items() if value is not None} for name, each in parts.items()}
+    setup = check_rig(rig | {"surface": {"kind": "plane", "half_width": 0.1}}, Path("rig.toml")).resolve("fusion")
+    if read is None:
+        with pytest.raises(InputError, match=r"two temperatures, 't' and 'u'\. Name one"):
+            setup.layout()
+    else:
+        assert setup.layout().temperature == read
 
 
 @pytest.mark.parametrize("apart", [0.0, 1.0, 3.0, 6.0])

@@ -122,7 +122,7 @@ RESPONSE = Model(
                 "drift": Key("s, within which the rest is followed", infinite=True),
                 "limits": Key("lowest and highest reading, of no weight", infinite=True),
                 "temperature": Key("K or degrees C, to which readings are corrected"),
-                "thermal": Key("counts that a kelvin more adds to each reading"),
+                "thermal": Key("counts taken off each reading by a kelvin more, once fade is made good"),
                 "fade": Key("share of a reading that a kelvin more takes away"),
                 "notes": Key(),
                 "provenance": Key(),

@@ -48,7 +48,7 @@ class TaxelResponse(Value):
         drift: [s] time within which the rest is followed best; inf: not known.
         limits: (2,) lowest and highest reading; a taxel with a reading there has no weight.
         temperature: [K or degrees C] to which readings are corrected.
-        thermal: (k, 3) [counts] that a kelvin more adds to each reading, less what `fade` takes; (0, 3): not known.
+        thermal: (k, 3) [counts] taken off each reading by a kelvin more, once `fade` is made good; (0, 3): not known.
         fade: share of a reading that a kelvin more takes away.
         provenance: origin of the response; {}: it is a guess.
         notes: notes for the user, a sentence each.
