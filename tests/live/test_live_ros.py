@@ -337,7 +337,8 @@ def test_silence_return_and_jumping_stamps_are_said(domain: int, monkeypatch: py
         device.close()
         said_until(source, "nobody publishes it now")
         device.open()
-        until(lambda: device.send(np.array([451 * SECOND]), np.ones((1, 6))))
+        _meet(device, source)
+        assert device.send(np.array([451 * SECOND]), np.ones((1, 6))) == 1
         assert received(source, 1).values.tolist() == [[1.0] * 6]
         assert source.events()[0].startswith("messages on '/ft' again, after ")
 
