@@ -70,7 +70,8 @@ class Sensors:
 
         def shared(names: list[str]) -> list[LiveStream]:
             paths, pipes = list(map(ring, names)), [Pipe(duplex=False) for _ in names]
-            arguments = (self.rig, paths, names, os.getpid(), [sender for _, sender in pipes], recorded, together)
+            senders = [sender for _, sender in pipes]
+            arguments = (self.rig, paths, names, os.getpid(), senders, realtime, recorded, together)
             worker = Worker(f"receiver of {', '.join(names)}", receive_together, arguments)
             each = zip(names, paths, [pipe for pipe, _ in pipes], strict=True)
             return [LiveStream(name, path, worker, pipe, together) for name, path, pipe in each]

@@ -7,6 +7,7 @@ import gc
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -83,6 +84,7 @@ def receive_together(
     sensors: Sequence[str],
     parent: int,
     troubles: Sequence[Connection],
+    realtime: bool,
     recorded: bool,
     together: Event,
 ) -> None:
@@ -97,6 +99,7 @@ def receive_together(
         sensors: names of the sensors.
         parent: id of the parent process.
         troubles: for each sensor, as for `receive`.
+        realtime: request real-time priority.
         recorded: the rings are recorded.
         together: as for `receive`.
 
@@ -114,6 +117,8 @@ def receive_together(
             with _reported(trouble):
                 stack.enter_context(live)
                 streams.append(_SharedStream(live, _ring_for(live, rig, ring, sensor, recorded), trouble))
+        if realtime and streams:
+            streams[0].ring.say(_hurried())
         gc.collect()
         gc.freeze()
         _take_turns(streams, parent)
@@ -284,9 +289,10 @@ def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
 
 
 def hurry(priority: int) -> bool:
-    """Request real-time priority for this thread, and return whether it is granted."""
+    """Request real-time priority for the threads of this process, and return whether it is granted."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        for thread in threading.enumerate():  # all: one without it may keep Python's lock while it waits for a core
+            os.sched_setscheduler(thread.native_id or 0, os.SCHED_FIFO, os.sched_param(priority))
     except (AttributeError, PermissionError):
         return False
     return True
