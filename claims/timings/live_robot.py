@@ -35,13 +35,15 @@ def rows(small: bool) -> Iterator[Row]:
         head, mark, rest = rig.read_text(encoding="utf-8").partition("\n[sensors.")
         rig.write_text(f"{head}\n{SOURCE}{mark}{rest}", encoding="utf-8")
         runs = [_run(rig, 3.0 if small else SECONDS) for _ in range(1 if small else RUNS)]
-        share, late, each = map(np.array, zip(*runs, strict=True))
+        share, late, due, each = map(np.array, zip(*runs, strict=True))
         load = f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors"
         kinds = ", ".join(f"{what} {many:.0f} %" for what, many in zip(_KINDS, np.median(each, axis=0), strict=True))
-        middle, (half, last) = np.median(share), np.median(late, axis=0)
+        middle, (half, last), waits = np.median(share), np.median(late, axis=0), np.median(due, axis=0)
+        turns = "p50 {:.2f}, p99 {:.2f} ms".format(*waits)
         for what, bound, got, met in (
             ("recorder and page: processor", f"<= {SHARE:g} %", f"{middle:.0f} % of a core ({kinds})", middle <= SHARE),
             ("from sample to contact", f"p99 <= {LATE:g} ms", f"p50 {half:.2f}, p99 {last:.2f} ms", last <= LATE),
+            ("from the time of a sample, of which up to 24 come at once, to its contact", "", turns, None),
         ):
             yield Row(
                 f"24 sensors of a replayed log, {what}",
@@ -57,25 +59,28 @@ _KINDS = "receiver of sensors", "others"
 SENSORS = 24
 
 
-def _run(rig: Path, seconds: float) -> tuple[float, np.ndarray, list[float]]:
-    """Return % of a core, p50 and p99 [ms] from sample to contact, and % of a core of each of `_KINDS`."""
+def _run(rig: Path, seconds: float) -> tuple[float, np.ndarray, np.ndarray, list[float]]:
+    """Return % of a core, p50 and p99 [ms] from sample and from its time to contact, and % of a core of `_KINDS`."""
     with TemporaryDirectory() as scratch, _Live(rig, Path(scratch)) as live:
         time.sleep(SETTLE)
         before, begin, counts = live.spent(), time.monotonic(), [ring["answered"] for ring in live.rings]
         time.sleep(seconds)
         after, took = live.spent(), time.monotonic() - begin
-        waited = np.concatenate([_waited(ring, count) for ring, count in zip(live.rings, counts, strict=True)])
+        times = np.concatenate([_times(ring, count) for ring, count in zip(live.rings, counts, strict=True)])
     each = [100.0 * (after[kind] - before[kind]) / took for kind in _KINDS]
-    return sum(each), np.percentile(waited, [50, 99]), each
+    stamp, arrived, ready = times.T
+    begun = (arrived - stamp).min()  # ns, of the log: by the sample that came with the least delay
+    waits = ready - arrived, ready - stamp - begun
+    return sum(each), *(1e-6 * np.percentile(wait, [50, 99]) for wait in waits), each
 
 
-def _waited(ring: StreamBuffer, first: int) -> np.ndarray:
-    """Return the times [ms] from sample to contact of the samples from `first` on that are still in the ring."""
+def _times(ring: StreamBuffer, first: int) -> np.ndarray:
+    """Return (n, 3) [ns] stamp, arrival and answer of the samples from `first` on that are still in the ring."""
     if ring.form.joints:
-        return np.zeros(0)
+        return np.zeros((0, 3), dtype=np.int64)
     last = ring["answered"]
     slots, _ = ring.read(max(first, last - ring.safe), last)
-    return 1e-6 * (slots["ready"] - slots["arrived"])
+    return np.column_stack([slots[name] for name in ("stamp", "arrived", "ready")])
 
 
 def _memory(rig: Path) -> Row:

@@ -34,7 +34,7 @@ def test_a_receiver_of_several_sensors_that_was_killed_continues(tmp_path: Path)
     together, pipes = get_context("spawn").Event(), [Pipe(duplex=False) for _ in names]
     together.set()
     rig, senders = two_sensors(tmp_path, 1.0), [sender for _, sender in pipes]
-    worker = Worker("receiver", receive_together, (rig, rings, names, os.getpid(), senders, False, together))
+    worker = Worker("receiver", receive_together, (rig, rings, names, os.getpid(), senders, True, False, together))
     opened, before = list[StreamBuffer](), [0, 0]
     for _ in range(2):
         worker.start()
@@ -44,6 +44,9 @@ def test_a_receiver_of_several_sensors_that_was_killed_continues(tmp_path: Path)
             assert time.monotonic() < end
             time.sleep(0.05)
             opened = opened or [StreamBuffer(ring) for ring in rings if all(map(Path.exists, rings))]
+        (_, said), *_ = opened[0].events(0)[0]
+        hurried = [os.sched_getscheduler(int(task)) for task in os.listdir(f"/proc/{worker.process.pid}/task")]
+        assert hurried.count(os.SCHED_FIFO) >= 2 or "no real-time priority was granted" in said  # and the log's reader
         worker.process.kill()
         worker.process.join()
         before = [ring["received"] for ring in opened]
@@ -77,7 +80,7 @@ def test_a_sensor_with_an_error_leaves_the_others_of_its_process(
     for module, name in ((signal, "signal"), (sys, "setswitchinterval"), (gc, "freeze")):  # of this process they stay
         monkeypatch.setattr(module, name, lambda *_: None)
     senders, rig = [sender for _, sender in pipes], two_sensors(tmp_path, 1.0)
-    receive_together(rig, rings, names, os.getppid(), senders, False, together)
+    receive_together(rig, rings, names, os.getppid(), senders, False, False, together)
     assert [pipe.recv_bytes() for pipe, _ in pipes] == [b"", b""]
     assert [pipe.poll() for pipe, _ in pipes] == [False, True]
     assert b"cannot be read on" in pipes[1][0].recv_bytes()
