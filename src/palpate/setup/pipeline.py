@@ -122,19 +122,31 @@ class OpenedLog:
         Raises:
             InputError: the log cannot be read, holds no samples, or lacks something that the rig requests.
         """
+        for _ in self.reading(seconds):
+            pass
+        if not self._first:
+            raise InputError("holds no samples.", where=str(self.path))
+        return join(self._first)
+
+    def reading(self, seconds: float = 0.0) -> Iterator[Recording]:
+        """Yield the blocks that `head` still lacks, as they are read and kept.
+
+        Raises:
+            InputError: the log cannot be read, or lacks something that the rig requests.
+        """
         if self._blocks is None:
             self._blocks = self._timed(self._log.blocks())
         count, values = sum(map(len, self._first)), 0
-        while self._short(count, values, seconds):
-            block = next(self._blocks, None)
-            if block is None:
-                break
+        while self._short(count, values, seconds) and (block := next(self._blocks, None)) is not None:
             self._first.append(block)
             count += len(block)
             values += sum(channel.size for channel in block.channels.values())
-        if not count:
-            raise InputError("holds no samples.", where=str(self.path))
-        return join(self._first)
+            yield block
+
+    def beside(self, size: int) -> OpenedLog:
+        """Return the log itself, read in blocks of `size` bytes of the file, as those of other sensors in it."""
+        self._log.block_bytes = size
+        return self
 
     def _short(self, count: int, values: int, seconds: float) -> bool:
         """Return whether less of the log was read than `head` needs."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median_low
@@ -21,13 +22,14 @@ from palpate.files.logs.opening import frames_named, messages_of
 from palpate.files.logs.robot_motion import RobotMotion
 from palpate.files.logs.stamp_delays import stamp_delays
 from palpate.files.logs.topics import LIVE
-from palpate.setup.pipeline import Pipeline, open_log
+from palpate.setup.pipeline import OpenedLog, Pipeline, open_log
 from palpate.setup.rig import Rig
 from palpate.setup.robot import Robot, RobotSensor
 from palpate.signals.recording import IMAGE, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
+BYTES = 1 << 23  # of messages that are read for one sensor, then for the next
 OFF = 0.02  # s by which the stamps of a sensor may differ from those of the others
 
 
@@ -68,18 +70,35 @@ class RobotPipeline:
         self.failed = {name: str(problem) for name, problem in robot.faulty.items() if sensors is None}
         self._motion = self._read_motion(log, picked) if frame == "base" else None
         recorded = {topic.name for topic in contents(log).topics}
+        opened, heads = dict[str, OpenedLog](), dict[str, Iterator[Recording]]()
         for each in picked:
-            try:
-                opened = open_log(log, _recorded(each, recorded))
-                own = Pipeline.of(opened, "surface" if frame == "base" else frame)
-                self.runs.append(SensorRun(each, own))
-            except PalpateError as problem:
-                self.failed[each.name] = str(problem)
+            with self._left_out(each.name):
+                opened[each.name] = open_log(log, _recorded(each, recorded)).beside(BYTES)
+                heads[each.name] = opened[each.name].reading()
+        while heads:  # a block of each in turn: what one of them unpacks is there for the others
+            for name, head in list(heads.items()):
+                with self._left_out(name):
+                    if next(head, None) is not None:
+                        continue
+                del heads[name]
+        for each in picked:
+            if each.name not in self.failed:
+                with self._left_out(each.name):
+                    own = Pipeline.of(opened[each.name], "surface" if frame == "base" else frame)
+                    self.runs.append(SensorRun(each, own))
         if not self.runs:
             raise InputError(" ".join(f"{name}: {why}" for name, why in self.failed.items()), where=str(log))
         named = (name for run in self.runs for name in run.pipeline.estimator.features)
         expected = [EXPECTED] if any(each.expected for each in picked) else []
         self.features = tuple(dict.fromkeys([*named, *expected]))
+
+    @contextmanager
+    def _left_out(self, name: str) -> Generator[None]:
+        """Note the `PalpateError` that ends the block as the reason to leave a sensor out."""
+        try:
+            yield
+        except PalpateError as problem:
+            self.failed[name] = str(problem)
 
     @property
     def motion(self) -> RobotMotion | None:

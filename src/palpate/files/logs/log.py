@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -68,10 +69,13 @@ class Log(Watched, ABC):
     Attributes:
         pose_log: table of the poses, if it is another one.
         block_rows: rows of a block of a log of topics, at most.
+        block_bytes: bytes of messages of all topics in which a block lies, about: logs of several sensors in one file
+            are then read side by side.
     """
 
     pose_log: Log | None = None
     block_rows = 1 << 13
+    block_bytes = inf
 
     @abstractmethod
     def contents(self) -> LogContents:

@@ -129,7 +129,7 @@ class TopicLog(Log):
         if (topic := chosen.get("wrench")) is not None:
             limits = None if layout.wrench_range is None else samples.recorded(layout.wrench_range)
             sources["wrench"] = self._tracked(topic, WrenchMeans(layout.max_gap, limits))
-        self._join = join = _Join(main, sources, samples, layout, table, self.block_rows)
+        self._join = join = _Join(main, sources, samples, layout, table, (self.block_rows, self.block_bytes))
         return join, {main.topic.name, *(topic.name for source in sources.values() for topic in source.topics)}
 
     @property
@@ -321,13 +321,14 @@ class _Join:
         samples: SampleReader,
         layout: LogLayout,
         table: PoseTable | None,
-        rows: int,
+        most: tuple[int, float],
     ) -> None:
         self.main, self._sources, self._samples, self._layout, self._table = main, sources, samples, layout, table
         array = main_channel(layout)
         self._name, self._width = ("wrench", 6) if array is None else (array.name, array.size)
         width = self._width
-        self._block, self._held = rows_at_once(rows, width), rows_at_once(HELD, width, 8 * NUMBERS)
+        self._block, self._held = rows_at_once(most[0], width), rows_at_once(HELD, width, 8 * NUMBERS)
+        self._stretch, self._passed = most[1], 0  # bytes
         self._time, self._values = list[np.ndarray](), list[np.ndarray]()  # of rows that wait
         self._fresh = self.rows = self._lost = 0
 
@@ -339,7 +340,11 @@ class _Join:
         self._time.append(time)
         self._values.append(values)
         self._fresh += len(time)
-        if self._fresh >= self._block:
+        self._passed += len(messages.data)
+        full = self._fresh >= self._block
+        if self._passed >= self._stretch:
+            full, self._passed = True, 0
+        if full and self._fresh:
             self._fresh = 0
             yield from self._release(complete=False)
 

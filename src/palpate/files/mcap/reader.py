@@ -32,6 +32,7 @@ from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
 
 MAGIC = b"\x89MCAP0\r\n"
 READ, PIECE = 1 << 18, 1 << 22  # bytes read at a time, of chunks and of messages between them
+KEPT = 1 << 20  # bytes of a chunk that is kept unpacked for the next sensor, at most
 LONGEST: Mapping[int, int] = {Opcode.CHUNK: LARGEST, Opcode.MESSAGE: 1 << 26}  # bytes; others: PIECE; else skipped
 _HEAD = 9
 _MOST, _OTHERS = 1 << 16, 1 << 11  # messages of a stretch, and other records
@@ -152,7 +153,7 @@ class McapFile(MessageFile):
             self._counts[unpack_from("<H", head, _HEAD)[0]] += 1
 
     def _unpack(self, content: memoryview, at: int) -> Iterator[MessageBlock]:
-        small = len(content) <= PIECE
+        small = len(content) <= KEPT
         data, problem, stretches = _unpacked_lately(bytes(content)) if small else _unpacked(content)
         end = 0
         for stretch in stretches:
@@ -217,7 +218,7 @@ def _unpacked(content: memoryview) -> tuple[bytes, str, Iterable[_Stretch]]:
     return data, problem, _stretches(data)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _unpacked_lately(content: bytes) -> tuple[bytes, str, Iterable[_Stretch]]:
     """Do the same for a small chunk, which is kept: the sensors of a robot read one log side by side."""
     data, problem, stretches = _unpacked(memoryview(content))
