@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 import palpate
 from palpate.cli import main
 from palpate.contact.contacts import Contacts
+from palpate.files.mcap import reader
 from palpate.setup.load import load_robot
 from tests.support.robots import small_hand
 
@@ -22,6 +23,7 @@ pytest.importorskip("mujoco")
 
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 JOINTS, RING = "/joint_states", "/ring/skin"
+CHUNK = 1 << 15
 SENSORS = ("thumb", "index", "middle", "ring", "little")
 ABOUT_LOGS = ("its stamps", "jumps", "beyond", "left out", "lack joints", "no states")
 Change = Callable[[str, bytes], bytes | None]
@@ -45,11 +47,11 @@ def spoiled(hand: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(hand, tmp_path / "hand"))
 
 
-def _rewrite(folder: Path, change: Change) -> None:
+def _rewrite(folder: Path, change: Change, chunk: int = 1 << 20) -> None:
     """Change each message of the log by its topic and bytes, or leave it out where that gives None."""
     log, spoilt, channels = folder / "run.mcap", folder / "spoilt.mcap", dict[str, int]()
     with log.open("rb") as file, spoilt.open("wb") as out:
-        writer = Writer(out, compression=CompressionType.NONE)
+        writer = Writer(out, chunk, CompressionType.NONE)
         writer.start()
         for schema, channel, message in make_reader(file).iter_messages():
             made = change(channel.topic, message.data)
@@ -139,6 +141,18 @@ def test_sensors_in_one_log_answer_as_their_rigs_alone(hand: Path, found: Contac
     assert (np.diff(found.time) >= 0).all()
     owners = [set(found.sensor[found.identity == identity]) for identity in np.unique(found.identity)]
     assert all(len(each) == 1 for each in owners)
+
+
+def test_a_chunk_is_unpacked_about_once_for_all_sensors(
+    spoiled: Path, found: Contacts, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _rewrite(spoiled, lambda _, data: data, CHUNK)
+    unpacked, inflate = list[int](), reader.inflate
+    monkeypatch.setattr(reader, "inflate", lambda content: unpacked.append(len(content)) or inflate(content))
+    monkeypatch.setattr("palpate.setup.robot_pipeline.BYTES", 4 * CHUNK)
+    again = palpate.estimate(spoiled / "run.mcap", spoiled / "robot.toml")
+    np.testing.assert_array_equal(again.covariance, found.covariance)
+    assert sum(unpacked) < 2.0 * (spoiled / "run.mcap").stat().st_size  # some for the stamps
 
 
 def test_good_logs_raise_no_alarm(hand: Path, capsys: pytest.CaptureFixture[str]) -> None:

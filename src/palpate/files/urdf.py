@@ -430,20 +430,17 @@ class Kinematics:
             InputError: values has another shape.
         """
         values, row_of = _distinct(values)
-        base, *links = self._frames
-        pin, model, data, where, frames = self._pin, self._model, self._data, self._where, self._data.oMf
-        made = np.empty((len(values), len(links), 4, 4))
-        root = np.empty((len(values), 4, 4))
-        positions = self._positions(values)
-        for k, row in enumerate(positions):
+        pin, model, data, where = self._pin, self._model, self._data, self._where
+        placements = [data.oMf[frame] for frame in self._frames]  # pinocchio writes into them
+        made = np.empty((len(values), len(placements), 4, 4))
+        for k, row in enumerate(self._positions(values)):
             where[:] = row
             pin.framesForwardKinematics(model, data, where)
-            root[k] = frames[base].homogeneous
-            for i, link in enumerate(links):
-                made[k, i] = frames[link].homogeneous
-        turned = np.swapaxes(root[:, None, :3, :3], -1, -2)
-        shift = np.einsum("...ij,...j->...i", turned, made[..., :3, 3] - root[:, None, :3, 3])
-        return quaternion_from_rotation(turned @ made[..., :3, :3])[row_of], shift[row_of]
+            made[k] = [each.homogeneous for each in placements]
+        base, links = made[:, :1], made[:, 1:]
+        turned = np.swapaxes(base[..., :3, :3], -1, -2)
+        shift = np.einsum("...ij,...j->...i", turned, links[..., :3, 3] - base[..., :3, 3])
+        return quaternion_from_rotation(turned @ links[..., :3, :3])[row_of], shift[row_of]
 
     def jacobians(self, values: Float[np.ndarray, "n j"], link: str) -> Float[np.ndarray, "n 6 j"]:
         """Return the derivatives (n, 6, j) of a link's pose by the positions of `joints`, in the base.

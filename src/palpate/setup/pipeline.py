@@ -143,7 +143,7 @@ class OpenedLog:
             values += sum(channel.size for channel in block.channels.values())
             yield block
 
-    def beside(self, size: int) -> OpenedLog:
+    def in_blocks_of(self, size: int) -> OpenedLog:
         """Return the log itself, read in blocks of `size` bytes of the file, as those of other sensors in it."""
         self._log.block_bytes = size
         return self

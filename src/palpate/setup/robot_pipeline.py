@@ -73,7 +73,7 @@ class RobotPipeline:
         opened, heads = dict[str, OpenedLog](), dict[str, Iterator[Recording]]()
         for each in picked:
             with self._left_out(each.name):
-                opened[each.name] = open_log(log, _recorded(each, recorded)).beside(BYTES)
+                opened[each.name] = open_log(log, _recorded(each, recorded)).in_blocks_of(BYTES)
                 heads[each.name] = opened[each.name].reading()
         while heads:  # a block of each in turn: what one of them unpacks is there for the others
             for name, head in list(heads.items()):
