@@ -32,7 +32,7 @@ from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
 
 MAGIC = b"\x89MCAP0\r\n"
 READ, PIECE = 1 << 18, 1 << 22  # bytes read at a time, of chunks and of messages between them
-KEPT = 1 << 20  # bytes of a chunk that is kept unpacked for the next sensor, at most
+KEPT = 1 << 21  # bytes of a chunk that is kept unpacked for the next sensor, at most
 LONGEST: Mapping[int, int] = {Opcode.CHUNK: LARGEST, Opcode.MESSAGE: 1 << 26}  # bytes; others: PIECE; else skipped
 _HEAD = 9
 _MOST, _OTHERS = 1 << 16, 1 << 11  # messages of a stretch, and other records
