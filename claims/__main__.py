@@ -50,7 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Return 0 when every row that has a target meets it."""
     parser = argparse.ArgumentParser(prog="python -m claims", description=__doc__)
     parser.add_argument("--small", action="store_true", help="few samples; nothing is written")
-    parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="NAME", help="groups, themes or patterns of them")
+    parser.add_argument(
+        "--only", nargs="+", action="extend", default=[], metavar="NAME", help="groups, themes or patterns of them"
+    )
     options = parser.parse_args(arguments)
     names = named(options.only)
     if not names:
