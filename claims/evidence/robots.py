@@ -46,9 +46,9 @@ def rows(small: bool) -> Iterator[Row]:
     """Place, ellipses, each sensor as alone, false touches, speed of the kinematics."""
     with TemporaryDirectory() as scratch:
         for name in ("hand", "humanoid"):
-            length = SHORT if small else ("--free", "100")
+            length = SHORT if small else ("--free", "50")
             with mock.patch.object(robot_models, "_PRESSES", 40 if small else robot_models._PRESSES):
-                made = [simulated(Path(scratch), name, seed, *length) for seed in range(1 if small else 3)]
+                made = [simulated(Path(scratch), name, seed, *length) for seed in range(1 if small else 6)]
             yield from _placed(name, [_matches(each) for each in made], small)
             if small and name == "humanoid":
                 continue
