@@ -113,7 +113,7 @@ def test_links_are_proposed_from_frames_and_near_names(rig: Path) -> None:
     ball = '<link name="ft"><visual><geometry><sphere radius="0.02"/></geometry></visual></link>'
     urdf, log = rig.with_name("arm.urdf"), rig.with_name("log.mcap")
     urdf.write_text(urdf.read_text().replace('<link name="ft"/>', ball))
-    frames = {"/l6/wrench": "sensor", "/pad/wrench": "", "/tip/wrench": "link6"}
+    frames = {"/l6/wrench": "sensor", "/pad/wrench": "", "/tip/wrench": "link6", "/z/f": "link6", "/z_f": "link6"}
     stamped = [(0, topic, robot.wrench(0, np.ones(6), frame)) for topic, frame in frames.items()]
     write_mcap(log, stamped, dict.fromkeys(frames, robot.KINDS[robot.WRENCH]))
     made = propose_robot(log, Urdf(urdf), rig.parent)
@@ -123,5 +123,7 @@ def test_links_are_proposed_from_frames_and_near_names(rig: Path) -> None:
         "tip: link 'link6' has no geometry: 'ft', which is fixed to it, is taken for the touched link",
     ):
         assert said in made.remarks
-    stated = [(each.get("link"), each.get("surface")) for each in tomllib.loads(made.text)["sensors"].values()]
-    assert stated == [(None, None), (None, None), ("link6", {"link": "ft"})]
+    sensors = tomllib.loads(made.text)["sensors"]
+    stated = [(each.get("link"), each.get("surface")) for each in sensors.values()]
+    assert stated == [(None, None), (None, None), *[("link6", {"link": "ft"})] * 3]
+    assert list(sensors) == ["l6", "pad", "tip", "z_f", "z_f_2"]

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from itertools import chain, count
 from pathlib import Path
 
 from palpate.errors import InputError
@@ -107,10 +108,11 @@ def _names(topics: Sequence[str]) -> dict[str, str]:
     """Return topic -> a name for its sensor that no other has."""
     found = dict[str, str]()
     for topic in topics:
-        match = _LAST.fullmatch(topic.strip("/"))
-        name = re.sub(r"\W", "_", match[1] if match else topic.strip("/")) or "sensor"
-        name = name if name[0].isalpha() else f"s_{name}"
-        found[topic] = name if name not in found.values() else re.sub(r"\W", "_", topic.strip("/"))
+        match, every = _LAST.fullmatch(topic.strip("/")), topic.strip("/") or "sensor"
+        names = [re.sub(r"\W", "_", each) for each in (match[1] if match else every, every)]
+        names = [name if name[0].isalpha() else f"s_{name}" for name in names]
+        numbered = (f"{names[1]}_{k}" for k in count(2))
+        found[topic] = next(name for name in chain(names, numbered) if name not in found.values())
     return found
 
 
