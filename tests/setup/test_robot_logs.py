@@ -153,6 +153,11 @@ def test_a_chunk_is_unpacked_about_once_for_all_sensors(
     again = palpate.estimate(spoiled / "run.mcap", spoiled / "robot.toml")
     np.testing.assert_array_equal(again.covariance, found.covariance)
     assert sum(unpacked) < 2.0 * (spoiled / "run.mcap").stat().st_size  # some for the stamps
+    monkeypatch.setattr("palpate.setup.pipeline.HEAD", 1000)
+    rig = load_robot(spoiled / "robot.toml").sensors["thumb"].rig
+    short, long = (palpate.open_log(spoiled / "run.mcap", rig).in_blocks_of(size).head() for size in (CHUNK, 1 << 30))
+    assert len(short) == 1000
+    np.testing.assert_array_equal(short.time, long.time)
 
 
 def test_good_logs_raise_no_alarm(hand: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -126,7 +126,8 @@ class OpenedLog:
             pass
         if not self._first:
             raise InputError("holds no samples.", where=str(self.path))
-        return join(self._first)
+        head = join(self._first)
+        return head.picked(slice(self._enough(head, seconds)))  # however long the blocks are
 
     def reading(self, seconds: float = 0.0) -> Iterator[Recording]:
         """Yield the blocks that `head` still lacks, as they are read and kept.
@@ -153,6 +154,15 @@ class OpenedLog:
         if self._images:
             return count < HEAD_FRAMES
         return not (count >= HEAD or values >= HEAD_VALUES) or bool(_span(self._first) <= seconds)
+
+    def _enough(self, head: Recording, seconds: float) -> int:
+        """Return the number of samples of a `head`, which may be read further."""
+        if self._images:
+            return HEAD_FRAMES
+        numbers = sum(channel.size for channel in head.channels.values()) // len(head)
+        spans = np.fmax.accumulate(head.time) - np.fmin.accumulate(head.time) > seconds
+        long = int(np.argmax(spans)) + 1 if spans.any() else len(head)
+        return max(long, min(HEAD, -(-HEAD_VALUES // numbers)))
 
     def prepared(self) -> BuiltEstimator:
         """Return the estimator of the sensor, with notes and warnings about it.
