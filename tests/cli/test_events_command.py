@@ -49,7 +49,11 @@ def test_two_touches_at_once_are_two_with_what_the_sensor_adds(
 def test_without_touches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_contacts(tmp_path / "contacts.csv", one_a_second(1)[50:])
     assert main(["events", str(tmp_path / "contacts.csv"), "-o", str(tmp_path / "touches.csv")]) == 0
-    assert "0 touches" in capsys.readouterr().out
+    assert "no contact lasts" not in (shown := capsys.readouterr().out)
+    assert "0 touches" in shown
+    write_contacts(tmp_path / "contacts.csv", one_a_second(1)[:1])
+    assert main(["events", str(tmp_path / "contacts.csv")]) == 0
+    assert "no contact lasts 0.02 s (in 1 rows): check the times" in capsys.readouterr().out
 
 
 def test_wrong_calls_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

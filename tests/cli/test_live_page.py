@@ -15,10 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.cli.live_line import summary
 from palpate.cli.live_page import show
 from palpate.cli.live_page_stream import Stream as Reading
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import ROW
+from palpate.contact.estimate import ROW, Status
+from palpate.live.source import Batch
 from palpate.live.stream_buffer import StreamBuffer
 from palpate.surfaces import Sphere
 from palpate.viewer.live import SECONDS, LivePage, StreamFigures, recent
@@ -199,6 +201,19 @@ def test_what_was_not_fetched_is_replaced_by_what_comes_after_it() -> None:
                 page.tell(window, StreamFigures(samples=k, events=((10**18, f"sentence {k}"),)))
             sizes.append(len(waiting))
         assert sizes[0] == sizes[1] == sizes[2]
+
+
+def test_the_end_of_a_stream_states_how_many_samples_had_no_pose(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ring, lost = sphere_ring(tmp_path / "a.ring"), rows(90, 10)
+    lost[:, ROW.status] = Status.NO_POSE
+    for found, said in ((rows(0, 90), ""), (lost, "of the last 100 samples, 10 no pose: they have no contacts")):
+        ring.take_in(Batch((6,), len(found)), len(found), np.zeros(len(found)))
+        ring.answer(found, np.ones(len(found), dtype=np.int64))
+        summary(ring)
+        assert ("no pose" in (shown := capsys.readouterr().out)) == bool(said)
+        assert said in " ".join(shown.split())
 
 
 def test_who_comes_when_the_stream_stands_still_sees_its_last_sample(tmp_path: Path) -> None:

@@ -111,6 +111,10 @@ def _late(topic: str, seconds: float) -> Change:
     return changed
 
 
+def _halved(topic: str, data: bytes) -> bytes | None:
+    return None if topic == RING and int.from_bytes(data[4:8], "little") >= 104 else data
+
+
 def _edit(folder: Path, name: str, old: str, new: str) -> None:
     path = folder / name
     text = path.read_text(encoding="utf-8")
@@ -176,8 +180,9 @@ def test_good_logs_raise_no_alarm(hand: Path, capsys: pytest.CaptureFixture[str]
         (_late(RING, -0.05), r"ring: its stamps are 50 ms"),
         (_late(JOINTS, 0.05), r"joint states: its stamps are 50 ms"),
         (lambda topic, data: data.replace(b"ring_tip", b"little_1"), "ring: its messages name the frame 'little_1'"),
+        (_halved, r"ring: its samples end 4\.0 s before those of the others"),
     ],
-    ids=["jump", "clock of a sensor", "clock of the joints", "exchanged topics"],
+    ids=["jump", "clock of a sensor", "clock of the joints", "exchanged topics", "sensor that stops"],
 )
 def test_doubtful_logs_are_warned_of(
     spoiled: Path, capsys: pytest.CaptureFixture[str], change: Change, said: str

@@ -281,7 +281,8 @@ def _judged(problem: _Problem, offset: float) -> ClockOffset:
     def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
         part, others = (replace(problem, time=problem.time[rows], force=problem.force[rows]) for rows in (left, ~left))
         rest, solution = _refined(others, found.offset)
-        gradient, information, variance = _score(part, rest.offset, solution, found.residual)
+        seen = part.usable(rest.offset + GRID * np.arange(-1, 2), FINE)  # the rest may fit best elsewhere
+        gradient, information, variance = _score(seen, rest.offset, solution, found.residual)
         return np.array([gradient]), np.array([[variance + (information * rest.deviation) ** 2]])
 
     left = cross_validate(len(problem.time), predict)

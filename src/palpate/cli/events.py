@@ -45,12 +45,16 @@ def events(
         raise InputError("seconds and speed must not be negative.", where="--gap, --shortest, --speed")
     if output is not None:
         keep_inputs(output, [contacts])
-    finder, rows, notes = TouchFinder(gap=gap, shortest=shortest, speed=speed), 0, dict[str, None]()
+    finder, rows, touched = TouchFinder(gap=gap, shortest=shortest, speed=speed), 0, 0
+    notes = dict[str, None]()
     for block in contact_blocks(contacts):
         finder.add(block)
-        rows += len(block)
+        rows, touched = rows + len(block), touched + int(np.count_nonzero(block.answered))
         notes |= dict.fromkeys(block.notes)
     found = finder.touches()
+    if touched and not len(found):
+        what = f"no contact lasts {shortest:g} s (in {touched:,} rows): check the times of the log"
+        notes[f"{what}, or find touches of one row with --shortest 0"] = None
     title(f"{contacts}: {len(found)} touches in {rows:,} rows")
     say_touches(found, "--output writes them all")
     if len(found) and np.isnan(found.deviation).all():

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.console.console import Quantity, announce, lines, title
+from palpate.console.console import Quantity, announce, lines, note, title
 from palpate.contact.estimate import ROW, Status
 from palpate.live.stream_buffer import StreamBuffer, latencies
 
 __all__ = ["FigureLine", "summary"]
 
+FEW = 0.01  # of the newest samples: the first have no pose yet
 LOOKED_AT = 1 << 14  # samples from which latencies are taken, at most
 
 
@@ -164,6 +165,17 @@ def summary(ring: StreamBuffer, name: str = "") -> None:
         size = f", {ring['bytes'] / 1e6:,.1f} MB" if ring["bytes"] and not name else ""  # a robot's: of one ring alone
         lines([("recorded", Quantity(f"{recorded:,} samples{size}", recorded))])
     lines(latency(ring, _times(ring)))
+    if not ring.form.joints:
+        note(_without_answer(ring))
+
+
+def _without_answer(ring: StreamBuffer) -> list[str]:
+    """Return a sentence on the newest samples that could not be used, in a list; [] if all could."""
+    slots, _ = ring.read(ring["answered"] - LOOKED_AT, LOOKED_AT, fields=("rows", "contacts"))
+    status = slots["contacts"][slots["rows"] > 0, 0, ROW.status].astype(int)
+    counts = {each: int(np.count_nonzero(status == each)) for each in (Status.NO_POSE, Status.INVALID)}
+    why = " and ".join(f"{count:,} {each.words}" for each, count in counts.items() if count > FEW * len(status))
+    return [f"of the last {len(status):,} samples, {why}: they have no contacts"] if why else []
 
 
 def _losses(ring: StreamBuffer) -> str:

@@ -52,6 +52,10 @@ TILT = 9.81 / 3**0.5  # m/s^2 along each axis, for a radian by which the directi
 PAUSE = 0.005  # s
 AGAIN = 10.0  # s between sentences on starts that cannot be used
 TARE = 1.0  # s of a tare if the rig states none
+UNMOVED = (
+    "accelerations are not taken from poses live: while the sensor speeds up or brakes, the payload's inertia is taken "
+    "for touch, and no covariance states it; name the topic of an IMU in [acceleration]"
+)
 
 
 @frozen_value(eq=True)
@@ -171,6 +175,8 @@ class Live:
         self._seconds = _stream.seconds.unchecked
         self._seconds(self._batch.stamp)  # compiles
         self._said: list[str] = []
+        if self._posed and not self._felt and getattr(getattr(self.estimator, "sensor", None), "payload", None):
+            self._said.append(UNMOVED)
         self._clock, self._quiet = _offset(), 0.0
 
     def form(self, rig: str = "") -> SlotForm:

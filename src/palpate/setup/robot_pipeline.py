@@ -30,6 +30,7 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
 BYTES = 1 << 23  # of messages that are read for one sensor, then for the next
+SILENT = 1.0  # s
 OFF = 0.02  # s by which the stamps of a sensor may differ from those of the others
 
 
@@ -67,6 +68,7 @@ class RobotPipeline:
     ) -> None:
         self._robot, self.frame, self._log = robot, frame, log
         self.runs, picked = list[SensorRun](), robot.picked(sensors)
+        self._ends = dict[str, float]()  # time [s] of the last sample of each sensor
         self.failed = {name: str(problem) for name, problem in robot.faulty.items() if sensors is None}
         self._motion = self._read_motion(log, picked) if frame == "base" else None
         recorded = {topic.name for topic in contents(log).topics}
@@ -138,7 +140,14 @@ class RobotPipeline:
         first = [(run.pipeline.log.torn, run.pipeline.unbelievable()) for run in self.runs]
         own = [[*filter(None, said), *run.pipeline.warnings()] for said, run in zip(first, self.runs, strict=True)]
         named = _named(zip((run.sensor.name for run in self.runs), own, strict=True))
-        return [*lost, *self._clocks(), *self._elsewhere(), *motion, *named]
+        return [*lost, *self._silent(), *self._clocks(), *self._elsewhere(), *motion, *named]
+
+    def _silent(self) -> Iterator[str]:
+        """Yield a sentence on each sensor that ends earlier than the others."""
+        last = max(self._ends.values(), default=0.0)
+        for name, end in self._ends.items():
+            if last - end > SILENT:
+                yield f"{name}: its samples end {last - end:.1f} s before those of the others, and so do its contacts"
 
     def _clocks(self) -> Iterator[str]:
         """Yield a sentence on each topic whose stamps are far from those of the others, by when they were recorded."""
@@ -194,6 +203,9 @@ class RobotPipeline:
         sensor, names = run.sensor, list(self._robot.sensors)
         try:
             for block, _, placed in run.pipeline.stream():
+                self._ends[sensor.name] = float(
+                    np.fmax.reduce(block.time, initial=self._ends.get(sensor.name, -np.inf))
+                )
                 yield self._of_robot(self._in_base(placed, block, run), sensor, names.index(sensor.name), len(names))
         except PalpateError as problem:
             self.failed[sensor.name] = f"its samples cannot be read on: {problem}"
