@@ -233,8 +233,9 @@ class TopicLog(Log):
         if self._frames is None:
             self._frames = read_frames(self._source, tree_topics(self._source.topics()))
         if not self._frames.edges:
-            what = "the log has no transforms (/tf)."
-            raise InputError(what, where=str(self.path), hint="Name a topic of poses in [orientation].")
+            what = f"the log has no transforms (/tf), in which {(self._layout.frames or ('',))[0]!r} is looked for."
+            hint = 'Name a topic of poses in [orientation]; of a robot, write gravity = "fixed" if its base is upright.'
+            raise InputError(what, where=str(self.path), hint=hint)
         return self._frames
 
 
