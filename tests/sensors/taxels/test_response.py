@@ -193,7 +193,7 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     make: Callable[[int, int, int], ThreeAxisSkin], sums: bool
 ) -> None:
     skin = make(4, 4, 1)
-    loads = three_axis_touches(skin.positions, np.random.default_rng(2), 60)
+    loads = three_axis_touches(skin.positions, np.random.default_rng(2), 44)
     cells, truth = skin.readings(loads, 3)
     body = TaxelBody.anywhere(skin.positions, skin.normals, along=(1.0, 0.0, 0.0))
     recording = Recording(np.arange(len(cells)) / RATE, {CELLS: cells})
@@ -262,7 +262,7 @@ def test_readings_that_are_not_corrected_are_noted(
 def test_what_a_temperature_does_is_learned_and_taken_off() -> None:
     """The laboratory's fades and creeps; a reading at its limit, and one without a temperature, have no correction."""
     skin = pillar_array(4, 4, 1)
-    loads = three_axis_touches(skin.positions, np.random.default_rng(2), 60)
+    loads = three_axis_touches(skin.positions, np.random.default_rng(2), 44)
     warmer = 8.0 * np.sin(np.linspace(0.0, 6.0, loads.count))
     (cool, truth), (warm, _) = skin.readings(loads, 3), skin.readings(loads, 3, warmer)
     body = TaxelBody.anywhere(skin.positions, skin.normals, along=(1.0, 0.0, 0.0))
