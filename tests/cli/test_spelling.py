@@ -97,3 +97,4 @@ def test_the_lists_of_commands_name_each_of_them(capsys: pytest.CaptureFixture[s
         assert main([*group, "--help"]) == 0
         said = " ".join(capsys.readouterr().out.split())
         assert f" {name.split()[-1]} {command.about}" in said
+        assert said.endswith(f"`{' '.join(['palpate', *group])} COMMAND --help` has the options of each.")

@@ -262,7 +262,7 @@ def test_readings_that_are_not_corrected_are_noted(
 def test_what_a_temperature_does_is_learned_and_taken_off() -> None:
     """The laboratory's fades and creeps; a reading at its limit, and one without a temperature, have no correction."""
     skin = pillar_array(4, 4, 1)
-    loads = three_axis_touches(skin.positions, np.random.default_rng(2), 44)
+    loads = three_axis_touches(skin.positions, np.random.default_rng(2), 60)
     warmer = 8.0 * np.sin(np.linspace(0.0, 6.0, loads.count))
     (cool, truth), (warm, _) = skin.readings(loads, 3), skin.readings(loads, 3, warmer)
     body = TaxelBody.anywhere(skin.positions, skin.normals, along=(1.0, 0.0, 0.0))
