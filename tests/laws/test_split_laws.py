@@ -30,7 +30,7 @@ from palpate.viewer.live import recent
 from tests.conformance.live import BESIDE, each_reading, readings_of
 from tests.support.felt import felt
 from tests.support.live_rings import sphere_ring
-from tests.support.state import differences
+from tests.support.state import IN_BLOCKS, differences, remembered
 from tests.support.streams import STREAMS, Stream, pieces, shaken
 
 TWICE = (Butterworth(8.0), Butterworth(8.0, zero_phase=True))
@@ -62,8 +62,8 @@ def test_a_log_has_the_same_bits_however_it_is_cut(stream: Stream) -> None:
         _same((Contacts.joined([found for _, found in pairs]), _said(made)), known)
 
 
-def _fed(stream: Stream, ways: Iterator[str]) -> tuple[np.ndarray, list[int], Any]:
-    """Rows and their number of each sample, by these ways to give samples, over and over."""
+def _fed(stream: Stream, ways: Iterator[str]) -> tuple[np.ndarray, list[int], Any, Any]:
+    """Rows and their number of each sample, by these ways to give samples, over and over; and what answered them."""
     made, log, done = stream.make(), stream.log, 0
     readings, single = readings_of(made, log), list(each_reading(made, log))
     rows, counts = list[np.ndarray](), list[int]()
@@ -88,7 +88,7 @@ def _fed(stream: Stream, ways: Iterator[str]) -> tuple[np.ndarray, list[int], An
             rows.append(out[: many.sum()])
             counts += many.tolist()
         done = len(counts)
-    return np.concatenate(rows), counts, _said(made)
+    return np.concatenate(rows), counts, _said(made), made
 
 
 @LIVE
@@ -99,6 +99,7 @@ def test_live_samples_have_the_same_bits_one_by_one_in_blocks_and_mixed(stream: 
         found = _fed(stream, itertools.cycle(ways))
         np.testing.assert_array_equal(found[0], whole[0])
         assert found[1] == whole[1]
+        assert {*remembered(found[3], whole[3])} <= IN_BLOCKS
     run = made.run(log)
     np.testing.assert_array_equal(np.bincount(run.sample), whole[1])
     assert run.rows().shape[0] == len(whole[0])
