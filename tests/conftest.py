@@ -76,12 +76,15 @@ def shared() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def titled() -> Iterator[None]:
-    """Whatever a command says has a title."""
+    """Whatever a command says has a title, and no fact or note lacks its beginning or end."""
     from palpate.console import console
 
     def checked() -> None:
         said = console._VOICES[-1].output
         assert said["title"] or not any(said.values()), f"no title above {said}"
+        for each in (said, *said.get("parts", ())):
+            told = [*map(str, each["facts"].values()), *each.get("notes", ()), *each.get("warnings", ())]
+            assert all(text == text.strip(" ,:;") for text in told), told
         printed()
 
     printed = console._print_json
