@@ -15,15 +15,8 @@ import tomlkit
 from palpate.contact.indentation import Indentation
 from palpate.control.servo import Servo
 from palpate.errors import InputError
-from palpate.files.models import (
-    MODELS,
-    load_toml,
-    provenance,
-    read_model,
-    read_provenance,
-    write_model,
-    write_provenance,
-)
+from palpate.files.models import MODELS, load_toml, provenance, read_model, write_model
+from palpate.files.models.provenance import read_provenance, write_provenance
 from palpate.files.schema import covariance_matrix
 from palpate.optical.fisheye import Fisheye, RingView
 from palpate.optical.markers import MarkerColour
