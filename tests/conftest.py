@@ -84,7 +84,7 @@ def titled() -> Iterator[None]:
         assert said["title"] or not any(said.values()), f"no title above {said}"
         for each in (said, *said.get("parts", ())):
             told = [*map(str, each["facts"].values()), *each.get("notes", ()), *each.get("warnings", ())]
-            assert all(text == text.strip(" ,:;") for text in told), told
+            assert all(text == text.strip(" ,;") for text in told), told
         printed()
 
     printed = console._print_json

@@ -81,18 +81,14 @@ def test_covariances_of_another_rank_are_left_out() -> None:
     )
 
 
-def test_a_negative_tolerance_is_refused() -> None:
-    known = Contacts.single(np.zeros(1), _estimate(np.zeros((1, 3))))
-    with pytest.raises(InputError, match="tolerance"):
-        evaluate(known, TrueSamples(np.zeros(1), np.zeros((1, 3))), tolerance=-1.0)
-
-
 def test_contacts_are_moved_by_one_pose_or_by_one_for_each_row() -> None:
     known = Contacts.single(np.zeros(3), _estimate(np.zeros((3, 3))))
     poses = Pose(np.tile(np.eye(3), (2, 3, 1, 1)), np.ones((2, 3, 3)))
     assert np.all(known.in_frame(Pose(poses.rotation[0], poses.translation[0])).point == 1.0)
     with pytest.raises(InputError, match="one value for each of 3 rows"):
         known.in_frame(poses)
+    with pytest.raises(InputError, match="tolerance"):
+        evaluate(known, TrueSamples(np.zeros(1), np.zeros((1, 3))), tolerance=-1.0)
 
 
 def test_times_are_matched_to_the_nearest_within_the_tolerance_in_any_order() -> None:

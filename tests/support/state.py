@@ -33,11 +33,8 @@ ROOM = (  # to work in: what it holds is not read before it is written, or it wo
     *(f"Sensed.{name}" for name in ("force", "place", "rotation", "time", "tip", "variance")),
     *(f"ServoModel.{name}" for name in ("_gain", "_sent", "_slopes", "_targets", "_trial")),
 )
-IN_BLOCKS = {  # kept as they came, and what the skin of a fused sensor knows of whole frames
-    *("DriftTracker._parts", "DriftTracker._times", "TaxelEstimator._samples"),
-    *(f"LoadCellArray.{name}" for name in ("_held", "_kept", "_seen")),
-    *(f"TaxelWatch.{name}" for name in ("_count", "_empty", "_free", "_ghosts", "_kept", "_last", "_same", "_times")),
-}
+IN_BLOCKS = "DriftTracker._parts", "DriftTracker._times", "LoadCellArray._held", "LoadCellArray._kept"  # as they came
+IN_BLOCKS += "LoadCellArray._seen", "TaxelEstimator._samples", "TaxelWatch."  # and what a skin knows of whole frames
 
 
 def _fields(value: Any) -> dict[str, Any]:
@@ -80,10 +77,10 @@ def _differences(one: Any, two: Any, at: str, seen: set[tuple[int, int]]) -> Ite
                 yield f"{owner}{name}"
 
 
-def remembered(one: Any, two: Any) -> list[str]:
-    """Where one object differs from another, but for caches and room to work in."""
+def remembered(one: Any, two: Any, *but: str) -> list[str]:
+    """Where one object differs from another, but for caches, room to work in, and what begins so."""
     found = {re.sub(r"(?<=\w)(\[|order|length).*", "", each) for each in differences(one, two)}
-    return sorted(each for each in found if each not in (*CACHES, *ROOM) and not each.startswith(FOLLOW))
+    return sorted(each for each in found if each not in (*CACHES, *ROOM) and not each.startswith((*FOLLOW, *but)))
 
 
 def parts(value: Any, seen: set[int] | None = None) -> Iterator[Any]:
