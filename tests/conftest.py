@@ -10,6 +10,7 @@ import sys
 from collections import Counter
 from collections.abc import Generator, Iterator
 from pathlib import Path
+from unittest import mock
 
 import numpy.typing
 import pytest
@@ -71,6 +72,24 @@ def shared() -> Path:
     if not (folder / "data").is_dir():
         pytest.skip("no shared data: set PALPATE_SHARED, or put it in ../shared beside the project")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def titled() -> Iterator[None]:
+    """Whatever a command says has a title, and no fact or note lacks its beginning or end."""
+    from palpate.console import console
+
+    def checked() -> None:
+        said = console._VOICES[-1].output
+        assert said["title"] or not any(said.values()), f"no title above {said}"
+        for each in (said, *said.get("parts", ())):
+            told = [*map(str, each["facts"].values()), *each.get("notes", ()), *each.get("warnings", ())]
+            assert all(text == text.strip(" ,;") for text in told), told
+        printed()
+
+    printed = console._print_json
+    with mock.patch.object(console, "_print_json", checked):
+        yield
 
 
 @pytest.hookimpl(wrapper=True)

@@ -83,7 +83,7 @@ def rows(small: bool) -> Iterator[Row]:
         exact = Servo()
         for servo in (exact, replace(exact, delay=exact.delay + delay, lag=exact.lag + lag)):
             jobs.append(Job(contact, way, period, seed, servo))
-    first = Job("elastic", DIRECTIONS[0], 10, SEED, HARD)
+    first = Job("elastic", DIRECTIONS[0], periods[0], SEED, HARD)
     others = [replace(first, servo=Servo(delay=0.03), lost=LOST), first, replace(first, servo=Servo(), spikes=True)]
     others = [replace(job, seed=SEED + k) for job in others for k in range(1 if small else 5)]
     lossy = [
@@ -91,9 +91,8 @@ def rows(small: bool) -> Iterator[Row]:
         for contact, period, k in product(labs, (5,) if small else (5, 2), range(1 if small else 4))
         for servo in (Servo(known=0.0), others[0].servo)
     ]
-    ran = {
-        each.job: each for each in each_done(run, [*jobs, *others, *lossy], 1 if small else 2, "processes", "workers")
-    }
+    different = list(dict.fromkeys([*jobs, *others, *lossy]))
+    ran = {each.job: each for each in each_done(run, different, 1 if small else 2, "processes", "workers")}
     for contact, period in product(labs, periods):
         pairs = [(jobs[k], jobs[k + 1]) for k in range(0, len(jobs), 2)]
         yield _followed(
@@ -128,7 +127,9 @@ def _followed(contact: str, period: int, pairs: list[tuple[Ran, Ran]]) -> Row:
 def _special(ran: list[Ran]) -> Iterator[Row]:
     lossy = [each for each in ran if each.job.lost]
     found, gone = sum(each.found for each in lossy), sum(each.gone for each in lossy)
-    what = f"{LOST:.0%} of commands lost, delay 10 ms off, T = 10 s: found of steps of 1 mrad and more"
+    what = (
+        f"{LOST:.0%} of commands lost, delay 10 ms off, T = {lossy[0].job.period} s: found of steps of 1 mrad and more"
+    )
     yield Row(what, "80 to 100 %", f"{found} of {gone}", 0.8 * gone <= found <= gone)
     outside, held, inside = 0, 0, 0
     for each in ran:

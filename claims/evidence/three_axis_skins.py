@@ -59,7 +59,7 @@ class Errors:
 
 def rows(small: bool) -> Iterator[Row]:
     """Force, place, certainty, torque and two touches of each kind and size of skin."""
-    units, presses, touches = (1, 60, 25) if small else (12, 240, 150)  # touches of a unit share its calibration
+    units, presses, touches = (1, 44, 25) if small else (12, 240, 150)  # touches of a unit share its calibration
     for name, make in SKINS.items():
         for size in SIZES[: 1 if small else None]:
             skins = [make(*size, unit) for unit in range(units)]

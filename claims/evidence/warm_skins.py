@@ -23,7 +23,7 @@ WAYS = {  # name -> swing in the calibration, and whether there is a thermometer
 
 def rows(small: bool) -> Iterator[Row]:
     """Force and its certainty by each way, for each kind of skin."""
-    units, presses, touches = (1, 60, 25) if small else (4, 240, 150)
+    units, presses, touches = (1, 44, 25) if small else (4, 240, 150)
     for name, make in SKINS.items():
         skins = [make(*SIZE, unit) for unit in range(units)]
         of = f"{units} skins of {SIZE[0] * SIZE[1]} {name}, {touches} touches each"

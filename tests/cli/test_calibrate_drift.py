@@ -72,8 +72,8 @@ def test_from_columns_it_is_written_beside_what_a_person_wrote(
 def test_as_json_it_has_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     columns(tmp_path / "free.csv", "fx,fy,fz,tx,ty,tz", a_zero())
     assert drift(tmp_path, "free.csv", RIG, "--json")[0] == 0
-    walk = json.loads(capsys.readouterr().out)["facts"]["walk"]
-    np.testing.assert_allclose(walk, WALK, rtol=0.35)
+    facts = json.loads(capsys.readouterr().out)["facts"]
+    np.testing.assert_allclose(facts["walk"], WALK, rtol=0.35)
 
 
 def test_from_topics_with_a_temperature(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

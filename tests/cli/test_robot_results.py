@@ -32,6 +32,7 @@ def test_inspect_has_the_figures_of_each_sensor(tmp_path: Path, lost: str, capsy
     )
     assert main(["inspect", str(rig)]) == 0
     shown = capsys.readouterr().out
+    assert re.search(r"urdf +arm\.urdf\n", shown)
     assert re.search(r"arm +force_torque +arm +6 +gone\.toml +/ft, ros2\n", shown)
     assert re.search(r"warning: arm: .*gone\.toml does not exist yet", shown)
 
@@ -69,7 +70,7 @@ def test_touches_are_drawn_where_they_were_on_their_link(tmp_path: Path, capsys:
     text = page.read_text(encoding="utf-8")
     for said in ("Contacts of a robot in run.csv", "arm.urdf", "as it stood at the strongest touch", "palpate-drawing"):
         assert said in text
-    capsys.readouterr()
+    assert re.search(r"touch .*peak", capsys.readouterr().out)
     assert main(["estimate", *words, "--frame", "surface"]) in (None, 0)
     assert "estimate with --frame base" in page.read_text(encoding="utf-8")
     for said, call in (

@@ -75,7 +75,8 @@ def test_what_is_not_misspelt_is_said_by_the_parser(capsys: pytest.CaptureFixtur
 
 def test_completion_is_printed_and_no_wrong_call(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--tyro-print-completion", "bash"]) == 0
-    assert "calibrate" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert all(f"'{name.split()[-1]}': {{'description'" in said for name in _EACH)
 
 
 @pytest.mark.parametrize("call", ["", "calibrate"])
@@ -97,3 +98,4 @@ def test_the_lists_of_commands_name_each_of_them(capsys: pytest.CaptureFixture[s
         assert main([*group, "--help"]) == 0
         said = " ".join(capsys.readouterr().out.split())
         assert f" {name.split()[-1]} {command.about}" in said
+        assert said.endswith(f"`{' '.join(['palpate', *group])} COMMAND --help` has the options of each.")

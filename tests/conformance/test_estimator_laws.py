@@ -22,6 +22,7 @@ from tests.conformance.fields import Case, run, same
 from tests.conformance.live import BESIDE, each_reading, readings_of, whole
 from tests.conformance.sensors import SENSORS, Sensor
 from tests.support.kernels import compilations
+from tests.support.state import IN_BLOCKS, remembered
 
 LENGTH = 400  # samples: the zero and the first touch
 PLACED = ("px", "py", "pz", "nx", "ny", "nz", "torque", *(f"var_{k}" for k in ("xx", "xy", "xz", "yy", "yz", "zz")))
@@ -127,8 +128,14 @@ def test_update_run_and_stream_are_one(made: Set) -> None:
     known = {name: values for name, values in ready.channels.items() if name != UNSTEADY}
     live = replace(ready, channels=known)
     single = [estimator.update(*reading) for reading in each_reading(estimator, live)]
+    fed = copy.deepcopy(estimator)
     estimator.reset()
     same(_numbered(single), estimator.run(live).to_polars())
+    estimator.reset()
+    readings, beside = readings_of(estimator, live), {name: known[name] for name in known if name in BESIDE}
+    rows, counts = estimator.empty(len(live) * estimator.most), np.zeros(len(live), np.int64)
+    estimator.run_into(live.time, readings, rows, counts, beside)
+    assert not remembered(fed, estimator, *IN_BLOCKS)
 
 
 HOLDERS: dict[str, Callable[[np.ndarray], Any]] = {

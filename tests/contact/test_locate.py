@@ -20,6 +20,7 @@ from palpate.surfaces import Mesh, plane
 from palpate.surfaces._jit import ENTRIES
 from palpate_lab.simulation.contacts import touch_wrenches
 from tests.support.bodies import BODIES, PLACE, R, box, on_mesh, pressing
+from tests.support.state import remembered
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
 UP = np.array([0.0, 0, 1])
@@ -112,6 +113,7 @@ def test_thresholds_have_hysteresis() -> None:
     expected = [none, light, light, touch, touch, touch, none, light, touch, touch]
     assert status_of(locator, *(press(size) for size in sizes)) == expected
     locator.reset()
+    assert not remembered(locator, Locator(lid(), on=1.0, off=0.5))
     assert status_of(locator, press(0.7)) == [light]
 
 

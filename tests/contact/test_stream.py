@@ -1,5 +1,6 @@
 """The estimator as a stream: the same answers however it is fed, filters as they say, honest ellipses, tare."""
 
+import copy
 from dataclasses import fields
 from threading import active_count
 
@@ -17,6 +18,7 @@ from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.surfaces import plane
 from tests.conformance.live import each_reading
 from tests.support.bodies import BODIES
+from tests.support.state import remembered
 from tests.support.streams import pieces
 
 RATE = 200.0
@@ -127,10 +129,12 @@ def test_samples_and_arrays_with_accelerations_are_the_block_to_the_last_bit(mad
     whole = chain.run(log).estimate
     chain.reset()
     assert_same([chain.update(*sample).estimate for sample in each_reading(chain, log)], whole)
+    fed = copy.deepcopy(chain)
     chain.reset()
     rows = chain.empty(len(log))
     chain.run_into(log.time, log.wrenches(), rows, np.zeros(len(log), np.int64), beside)
     assert_same([ContactEstimate.from_rows(rows)], whole)
+    assert not remembered(fed, chain)
 
 
 def test_update_takes_what_a_caller_has() -> None:

@@ -99,6 +99,15 @@ def test_feedback_is_followed_slowly_and_nan_is_left_out() -> None:
     assert model.joints[0] + 0.0 == pytest.approx(1e-3, rel=1e-3)
 
 
+def test_feedback_of_no_joint_spoils_nothing() -> None:
+    model, rng = ServoModel(Servo(), 6), np.random.default_rng(2)
+    model.start(0.0, np.zeros(6))
+    for k in range(1, 60):
+        model.send(0.02 * k, np.zeros(6))
+        model.correct(0.02 * k, rng.normal(size=6) * 10.0 ** rng.choice([-2, 2, 16, 80], 6))
+    assert np.isfinite(model.joints).all()
+
+
 def test_feedback_is_held_against_the_moment_that_it_is_of() -> None:
     """What comes 20 ms late is no offset: on a ramp of 1 rad/s that would be 20 mrad."""
     model = ServoModel(Servo(), 1)

@@ -156,6 +156,7 @@ def test_faults_are_told() -> None:
     numb.feels = False
     numb.driven = lambda wheels: (0.0, 0.0) if numb.pose[0] > 0.26 and sum(wheels) > 0.0 else wheels
     assert any("does not feel" in each for each in numb.go(20.0).seen)
+    assert len(numb.navigator.map)
     walled = course(*(Wall((x, -0.4), (x, 0.4)) for x in (-0.2, 0.3)), doubt=10.0, patience=20.0)
     assert walled.go(18.0).navigator.state != "stopped"
     assert walled.navigator.why.count("is the goal in reach?") == 1

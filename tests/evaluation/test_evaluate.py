@@ -81,18 +81,14 @@ def test_covariances_of_another_rank_are_left_out() -> None:
     )
 
 
-def test_a_negative_tolerance_is_refused() -> None:
-    known = Contacts.single(np.zeros(1), _estimate(np.zeros((1, 3))))
-    with pytest.raises(InputError, match="tolerance"):
-        evaluate(known, TrueSamples(np.zeros(1), np.zeros((1, 3))), tolerance=-1.0)
-
-
 def test_contacts_are_moved_by_one_pose_or_by_one_for_each_row() -> None:
     known = Contacts.single(np.zeros(3), _estimate(np.zeros((3, 3))))
     poses = Pose(np.tile(np.eye(3), (2, 3, 1, 1)), np.ones((2, 3, 3)))
     assert np.all(known.in_frame(Pose(poses.rotation[0], poses.translation[0])).point == 1.0)
     with pytest.raises(InputError, match="one value for each of 3 rows"):
         known.in_frame(poses)
+    with pytest.raises(InputError, match="tolerance"):
+        evaluate(known, TrueSamples(np.zeros(1), np.zeros((1, 3))), tolerance=-1.0)
 
 
 def test_times_are_matched_to_the_nearest_within_the_tolerance_in_any_order() -> None:
@@ -176,16 +172,6 @@ def test_a_contact_that_is_not_answered_takes_no_truth_from_one_that_is() -> Non
     assert report.location.mean == pytest.approx(0.01)
 
 
-def test_contacts_of_one_sample_do_not_meet_truths_of_another_time() -> None:
-    """The nearest instant counts, and of it the nearest place."""
-    contacts = _several([(0, 1, [0.0, 0, 0]), (0, 2, [1.0, 0, 0]), (1, 1, [0.1, 0, 0]), (1, 2, [1.1, 0, 0])])
-    truth = TrueSamples(np.array([1.0, 1.0, 0.0]), np.array([[1.2, 0, 0], [0.0, 0, 0], [0.9, 0, 0]]))
-    report = evaluate(contacts, truth, tolerance=0.01)
-    assert report.location.count == 3
-    assert report.location.mean == pytest.approx(0.1)
-    assert (report.unmatched, report.missed) == (1, 0)
-
-
 def test_touches_at_once_are_each_compared_with_the_identity_that_is_nearest() -> None:
     rows = [(k, identity, [0.04 * identity, 1e-3 * identity, 0.0]) for k in range(10) for identity in (0, 1)]
     truth = TrueTouches(
@@ -198,16 +184,6 @@ def test_touches_at_once_are_each_compared_with_the_identity_that_is_nearest() -
     assert near.error == pytest.approx(0.0)
     assert (far.samples, far.answered, near.samples, never.samples) == (10, 10, 10, 0)
     assert (report.matched, report.unmatched) == (20, 0)
-
-
-def test_a_contact_is_not_two_touches_at_once() -> None:
-    """The touch that it is nearer to has it; the other one was not felt, and no mean of both is an error."""
-    rows = [(k, 5, [0.01, 0.0, 0.0]) for k in range(10)]
-    truth = TrueTouches(np.zeros(2), np.full(2, 9.0), np.array([[0.05, 0, 0], [0.0, 0, 0]]), ("unfelt", "felt"))
-    unfelt, felt = evaluate(_several(rows), truth).touches
-    assert (unfelt.answered, felt.answered) == (0, 10)
-    assert np.isnan(unfelt.error)
-    assert felt.error == pytest.approx(0.01)
 
 
 def test_another_contact_during_a_touch_is_counted_and_not_pooled() -> None:

@@ -16,6 +16,7 @@ from palpate.contact.indentation import Indentation
 from palpate.control.servo import Servo
 from palpate.errors import InputError
 from palpate.files.models import MODELS, load_toml, provenance, read_model, write_model
+from palpate.files.models.provenance import read_provenance, write_provenance
 from palpate.files.schema import covariance_matrix
 from palpate.optical.fisheye import Fisheye, RingView
 from palpate.optical.markers import MarkerColour
@@ -285,6 +286,8 @@ def test_provenance_names_inputs_by_their_content(tmp_path: Path) -> None:
     assert record["log"] == f"log.csv sha256:{digest}"
     assert record["friction"] == "0.5"
     assert set(record) == {"palpate", "log", "friction"}
+    write_provenance(tmp_path / "contacts.csv.toml", record)
+    assert read_provenance(tmp_path / "contacts.csv") == record
 
 
 @pytest.mark.parametrize(

@@ -56,10 +56,12 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
     (tmp_path / "sub").mkdir()
     link, real = tmp_path / "link.csv", tmp_path / "sub" / "real.csv"
     link.symlink_to(real)
+    before = os.listdir("/dev/fd")
     for text in ("new", "newer"):  # where it leads to nothing yet, and where it leads to a file
         write_text(link, text)
         assert link.is_symlink()
         assert real.read_text() == text
+    assert os.listdir("/dev/fd") == before  # all are closed
 
 
 @pytest.mark.parametrize("name", ["a\0b", "x" * 300, "file/x", "no/x"])

@@ -1,15 +1,20 @@
 """A file that was cut anywhere gives every whole message before the cut, none that was not there, and says so."""
 
+from collections.abc import Callable
 from pathlib import Path
+from struct import pack
 
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
 from claims.evidence.logs_written import STAMPED, WRENCH, session, wrench_stamped, write_mcap
 from claims.evidence.torn import PACKED, cut, read
 from palpate.files.logs import open_log, read_recording
+from palpate.files.mcap.chunks import inflate
 
 CUTS = 100  # of each format: 400 in all; `make claims ONLY=evidence.torn` tries 3,000
 
@@ -37,6 +42,13 @@ def test_a_packed_chunk_that_was_cut_gives_what_can_be_unpacked(tmp_path: Path, 
         counts.append(len(wrenches))
     assert counts[0] < counts[1] < counts[2] < 5000
     assert counts[1] > 1000
+
+
+@pytest.mark.parametrize(("name", "compress"), [(b"lz4", lz4.frame.compress), (b"zstd", zstandard.compress)])
+def test_of_a_chunk_no_more_is_unpacked_than_it_states(name: bytes, compress: Callable[[bytes], bytes]) -> None:
+    packed = compress(bytes(1 << 20))
+    content = pack("<QQQII", 0, 0, 10, 0, len(name)) + name + pack("<Q", len(packed)) + packed
+    assert inflate(memoryview(content)) == (bytes(10), "")
 
 
 @pytest.mark.parametrize("name", PACKED)

@@ -7,7 +7,6 @@ import ast
 import copy
 import importlib
 import inspect
-import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
@@ -22,26 +21,11 @@ import pytest
 import palpate
 from palpate.viewer.live import LivePage, StreamFigures
 from tests.support.resets import SCENES, Scene
-from tests.support.state import differences, parts
+from tests.support.state import ROOM, parts, remembered
 
 SOURCE = Path(palpate.__file__).parent
-FOLLOW = ("FusedLocator.", "Cylinder.")  # from settings alone, as do
-CACHES = (  # and what numbers of earlier blocks mean, and inputs that are all written
-    *(f"Compensation.{name}" for name in ("_means", "_placement", "_constant", "_vibration", "revision")),
-    *("LoadCellArray._placement", "LoadCellArray._turned", "LoadCellArray.revision"),
-    *("Vibration.covariances", "Vibration._first", "Compensation.live_inputs", "LoadCellArray.live_inputs"),
-)
-ROOM = (  # to work in: what it holds is not read before it is written, or it would be noticed when it is spoilt
-    *("TaxelFrames._unfiltered", "TaxelEstimator._one", "FusedEstimator._rows", "RingEstimator._scratch"),
-    *("MarkerTracker._out", "MarkerTracker._sample", "MotionBank._rate", "MotionBank._value"),
-    *(f"AlignController.{name}" for name in ("_feedback", "_felt", "_foremost", "_motion", "_moved", "_spent")),
-    *("AlignController._stance", "AlignController._upright"),
-    *(f"Follow.{name}" for name in ("_axes", "_origin", "_readings", "_right", "_sums", "_variances")),
-    *(f"Sensed.{name}" for name in ("force", "place", "rotation", "time", "tip", "variance")),
-    *(f"ServoModel.{name}" for name in ("_gain", "_sent", "_slopes", "_targets", "_trial")),
-)
 NEEDLESS = ("DriftTracker.reset: self._taken",)  # the sensor's count, which a reset does not change
-KNOWN = {*CACHES, *ROOM}
+STARTED = ("controller", "new controller", "motions")  # whose reset needs a first reading
 STARTS = ("AlignController", "Supervisor", "ServoModel", "MotionBank")  # what `start` begins anew
 
 
@@ -50,12 +34,6 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Short logs are thinned as long ones are."""
     monkeypatch.setattr("palpate.sensors.load_cells.array.KEPT", 20)
     monkeypatch.setattr("palpate.sensors.taxels.watch.KEPT", 16)
-
-
-def _left(used: Any, fresh: Any) -> list[str]:
-    """Where a used object differs from a new one, but for caches and room to work in."""
-    found = {re.sub(r"(?<=\w)(\[|order|length).*", "", each) for each in differences(used, fresh)}
-    return sorted(each for each in found if each not in KNOWN and not each.startswith(FOLLOW))
 
 
 def _spoil(made: Any) -> None:
@@ -84,14 +62,15 @@ def _copied(made: Any) -> Any:
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.name)
 def test_reset_is_a_new_object(scene: Scene) -> None:
     fresh = _copied(_made(scene, None))
+    assert scene.name in STARTED or not remembered(scene.make(), fresh)
     known = scene.answers(fresh)
     for use in scene.uses:
         used = _copied(_made(scene, use))
         scene.reset(used)
-        assert not _left(used, _made(scene, None))
+        assert not remembered(used, _made(scene, None))
         _spoil(used)
-        assert not _left(scene.answers(used), known)
-        assert not _left(used, fresh)
+        assert not remembered(scene.answers(used), known)
+        assert not remembered(used, fresh)
 
 
 def _resets() -> Iterator[tuple[type, str]]:
@@ -151,7 +130,9 @@ def _noticed(scene: Scene, use: Callable[[Any], object], kind: type, method: str
     used = _copied(_made(scene, use))
     with mock.patch.object(kind, method, mutant):
         scene.reset(used)
-    return bool(_left(used, _made(scene, None))) or (scene.name == "vibration" and used.notes() != scene.make().notes())
+    return bool(remembered(used, _made(scene, None))) or (
+        scene.name == "vibration" and used.notes() != scene.make().notes()
+    )
 
 
 @pytest.mark.parametrize(("kind", "method"), list(_resets()), ids=lambda value: getattr(value, "__name__", value))

@@ -13,7 +13,6 @@ import pytest
 from palpate.contact.contacts import Contacts
 from palpate.contact.touch_finder import TouchFinder
 from palpate.files.contacts.writing import open_contacts, read_contacts
-from palpate.files.logs.stuck import StuckWrenches
 from palpate.files.logs.wrench_means import WrenchMeans
 from palpate.live.losses import LossCount
 from palpate.live.netft import NetFt
@@ -30,7 +29,7 @@ from palpate.viewer.live import recent
 from tests.conformance.live import BESIDE, each_reading, readings_of
 from tests.support.felt import felt
 from tests.support.live_rings import sphere_ring
-from tests.support.state import differences
+from tests.support.state import IN_BLOCKS, differences, remembered
 from tests.support.streams import STREAMS, Stream, pieces, shaken
 
 TWICE = (Butterworth(8.0), Butterworth(8.0, zero_phase=True))
@@ -62,8 +61,8 @@ def test_a_log_has_the_same_bits_however_it_is_cut(stream: Stream) -> None:
         _same((Contacts.joined([found for _, found in pairs]), _said(made)), known)
 
 
-def _fed(stream: Stream, ways: Iterator[str]) -> tuple[np.ndarray, list[int], Any]:
-    """Rows and their number of each sample, by these ways to give samples, over and over."""
+def _fed(stream: Stream, ways: Iterator[str]) -> tuple[np.ndarray, list[int], Any, Any]:
+    """Rows and their number of each sample, by these ways to give samples, over and over; and what answered them."""
     made, log, done = stream.make(), stream.log, 0
     readings, single = readings_of(made, log), list(each_reading(made, log))
     rows, counts = list[np.ndarray](), list[int]()
@@ -88,7 +87,7 @@ def _fed(stream: Stream, ways: Iterator[str]) -> tuple[np.ndarray, list[int], An
             rows.append(out[: many.sum()])
             counts += many.tolist()
         done = len(counts)
-    return np.concatenate(rows), counts, _said(made)
+    return np.concatenate(rows), counts, _said(made), made
 
 
 @LIVE
@@ -99,6 +98,7 @@ def test_live_samples_have_the_same_bits_one_by_one_in_blocks_and_mixed(stream: 
         found = _fed(stream, itertools.cycle(ways))
         np.testing.assert_array_equal(found[0], whole[0])
         assert found[1] == whole[1]
+        assert not remembered(found[3], whole[3], *IN_BLOCKS)
     run = made.run(log)
     np.testing.assert_array_equal(np.bincount(run.sample), whole[1])
     assert run.rows().shape[0] == len(whole[0])
@@ -134,13 +134,6 @@ def _moving(source: str, blocks: list[Recording]) -> Any:
     return _channels(made.stream(felt)), made.notes()
 
 
-def _stuck(blocks: list[Recording]) -> Any:
-    made, done = StuckWrenches(), list[np.ndarray]()
-    for block in blocks:
-        done.append(made.find(block.time, np.round(block.wrenches(), 1)))  # coarse: some repeat
-    return np.concatenate([*done, made.find(np.zeros(0), np.zeros((0, 6)), complete=True)]), made.notes()
-
-
 def _posed(made: PoseTrack, blocks: list[Recording]) -> Any:
     for block in blocks:
         made.add(block.time, block.channels[ORIENTATION], block.channels[POSITION])
@@ -161,7 +154,6 @@ SPLIT: dict[str, Callable[[list[Recording]], Any]] = {
     **{f"{each!r}": partial(_filtered, each) for each in (Kalman(1e-3, 2e-3), *TWICE)},
     "vibration": _vibrating,
     **{f"motion, {source}": partial(_moving, source) for source in ("none", "poses", "imu")},
-    "stuck": _stuck,
     "poses": lambda blocks: _posed(PoseTrack(), blocks),
     "live poses": lambda blocks: _posed(LiveTrack(), blocks),
     "held poses": lambda blocks: _posed(LiveTrack(hold=True), blocks),
@@ -271,22 +263,6 @@ def test_poses_of_a_clock_that_goes_back_are_those_of_a_new_track(size: int, hol
             asked = part.time[-1] + np.array([-0.03, 0.0, 0.02, 0.2])
             _same((used.at(asked), used.lag(asked), used.stamps), (fresh.at(asked), fresh.lag(asked), fresh.stamps))
     assert (used.restarts, fresh.restarts) == (1, 0)
-
-
-@pytest.mark.parametrize("made", [Kalman(1e-3, 2e-3), *TWICE], ids=repr)
-def test_samples_of_a_clock_that_goes_back_are_filtered_as_by_a_new_filter(made: Filter) -> None:
-    log = shaken().picked(slice(0, 200, 20))
-    log = Recording(np.arange(10) / 25.0, log.channels)
-    twice = [log, _back(log, 5.0)]
-    alone = [_filtered(made, [each]) for each in twice]
-    for sizes in ((20,), (1,), (7, 0)):
-        joined = Recording(
-            np.concatenate([each.time for each in twice]),
-            {name: np.concatenate([values] * 2) for name, values in log.channels.items()},
-        )
-        _same(
-            _filtered(made, list(pieces(joined, *sizes))), [np.concatenate(each) for each in zip(*alone, strict=True)]
-        )
 
 
 def test_a_page_shows_a_clock_that_went_back_as_a_new_stream() -> None:

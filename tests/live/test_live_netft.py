@@ -448,6 +448,7 @@ def test_a_device_that_falls_silent_is_asked_again_and_what_it_lost_is_said(
         wire.put(sample(12, 12))
         assert received(source, 1).lost.tolist() == [10]
         said_until(source, "samples come again after", "10 missing")
+        said_until(source, "no samples for 0.", "requesting them again")
 
 
 def test_another_calibration_is_noticed_when_the_device_comes_back(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,7 +58,7 @@ def test_a_frame_waits_for_wrenches(
 ) -> None:
     """On a clock that stands still, so that a busy machine does not make it late."""
     frames, _, pair = devices
-    clock = SimpleNamespace(monotonic=lambda: 0.0, sleep=time.sleep, time_ns=time.time_ns)
+    clock = SimpleNamespace(monotonic=lambda: 1e9, sleep=time.sleep, time_ns=time.time_ns)
     monkeypatch.setattr("palpate.live.waiting_source.time", clock)
     frames.give(np.array([10 * MS]), np.ones((1, 2, 3)))
     assert pair.receive(Batch(pair.shape), 0.0) == 0

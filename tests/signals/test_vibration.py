@@ -1,5 +1,6 @@
 """What an arm's vibration adds to a free wrench is its covariance, in motion only, and touches add hardly anything."""
 
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from palpate.signals import Butterworth
 from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE, VIBRATION, Recording
 from palpate.signals.vibration import Vibration
+from tests.support.streams import pieces, shaken
 
 NOISE = np.repeat([0.02, 0.001], 3)  # N, N m
 ALONG = np.array([1.0, -2.0, 2.0, 0.05, 0.1, 0.0]) / 3.0  # N, N m: of a vibration of 1 N
@@ -79,3 +81,12 @@ def test_samples_that_cannot_be_used_take_no_part() -> None:
     assert 0.3 < made[3000, 2, 2] / vibration(whole)[3000, 2, 2] < 3.0
     lost = {**whole.channels, ORIENTATION: np.full((6000, 4), np.nan), POSITION: np.full((6000, 3), np.nan)}
     assert not vibration(replace(whole, channels=lost)).any()
+
+
+def test_blocks_that_are_answered_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.signals.vibration.ENOUGH", 200)
+    given, held = list[weakref.ref[Recording]](), list[int]()
+    blocks = (given.append(weakref.ref(block)) or block for block in pieces(shaken(9000), 100))
+    for _ in Vibration(np.eye(6)).stream(blocks, Recording.wrenches):
+        held.append(sum(each() is not None for each in given))
+    assert max(held) < 30

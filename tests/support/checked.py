@@ -15,6 +15,7 @@ from unittest import mock
 import jaxtyping
 import jaxtyping._decorator as decorator
 import jaxtyping._import_hook as hook
+import numpy as np
 from jaxtyping import AbstractArray
 
 CALLS = 1  # of a function in a test: with 20, the checks were a quarter of the time of all tests
@@ -38,8 +39,26 @@ def cache_apart() -> None:
 
     def exec_module(self: Any, module: ModuleType) -> None:
         exec(self.get_code(module.__name__), vars(module))
+        if vars(module).get("np") is np:
+            vars(module)["np"] = _NUMPY
 
     loader.get_code, loader.exec_module = get_code, exec_module
+
+
+def _spoilt(make: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
+    """Arrays that hold no answer until one is written: not that of an array which had their memory before."""
+
+    def made(*args: Any, **options: Any) -> np.ndarray:
+        array = make(*args, **options)
+        if array.dtype.kind in "fciu":
+            array.fill(np.nan if array.dtype.kind in "fc" else 77)
+        return array
+
+    return made
+
+
+_NUMPY = ModuleType("numpy")  # as checked modules know it
+vars(_NUMPY).update(vars(np) | {name: _spoilt(getattr(np, name)) for name in ("empty", "empty_like")})
 
 
 def start_counting() -> None:

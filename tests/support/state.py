@@ -1,5 +1,6 @@
 """What an object remembers: all that two objects differ in, to the last bit, wherever it lies."""
 
+import re
 import types
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor, Future
@@ -16,6 +17,24 @@ from palpate.surfaces._jit import FixedEntry, Kernel
 _PLAIN = (str, bytes, int, float, complex, bool, type(None), Enum, np.generic, PurePath, range, slice)
 _FIXED = (type, types.FunctionType, types.MethodType, types.BuiltinFunctionType, types.ModuleType, Executor, Future)
 _FIXED += (FixedEntry, Kernel, Dispatcher, LiveLoop)  # its arrays are those of others, where they are seen
+
+FOLLOW = ("FusedLocator.", "Cylinder.")  # from settings alone, as do
+CACHES = (  # and what numbers of earlier blocks mean, and inputs that are all written
+    *(f"Compensation.{name}" for name in ("_means", "_placement", "_constant", "_vibration", "revision")),
+    *("LoadCellArray._placement", "LoadCellArray._turned", "LoadCellArray.revision"),
+    *("Vibration.covariances", "Vibration._first", "Compensation.live_inputs", "LoadCellArray.live_inputs"),
+)
+ROOM = (  # to work in: what it holds is not read before it is written, or it would be noticed when it is spoilt
+    *("TaxelFrames._unfiltered", "TaxelEstimator._one", "FusedEstimator._rows", "RingEstimator._scratch"),
+    *("MarkerTracker._out", "MarkerTracker._sample", "MotionBank._rate", "MotionBank._value"),
+    *(f"AlignController.{name}" for name in ("_feedback", "_felt", "_foremost", "_motion", "_moved", "_spent")),
+    *("AlignController._stance", "AlignController._upright"),
+    *(f"Follow.{name}" for name in ("_axes", "_origin", "_readings", "_right", "_sums", "_variances")),
+    *(f"Sensed.{name}" for name in ("force", "place", "rotation", "time", "tip", "variance")),
+    *(f"ServoModel.{name}" for name in ("_gain", "_sent", "_slopes", "_targets", "_trial")),
+)
+IN_BLOCKS = "DriftTracker._parts", "DriftTracker._times", "LoadCellArray._held", "LoadCellArray._kept"  # as they came
+IN_BLOCKS += "LoadCellArray._seen", "TaxelEstimator._samples", "TaxelWatch."  # and what a skin knows of whole frames
 
 
 def _fields(value: Any) -> dict[str, Any]:
@@ -56,6 +75,12 @@ def _differences(one: Any, two: Any, at: str, seen: set[tuple[int, int]]) -> Ite
                 yield from _differences(first[name], second[name], f"{owner}{name}", seen)
             else:
                 yield f"{owner}{name}"
+
+
+def remembered(one: Any, two: Any, *but: str) -> list[str]:
+    """Where one object differs from another, but for caches, room to work in, and what begins so."""
+    found = {re.sub(r"(?<=\w)(\[|order|length).*", "", each) for each in differences(one, two)}
+    return sorted(each for each in found if each not in (*CACHES, *ROOM) and not each.startswith((*FOLLOW, *but)))
 
 
 def parts(value: Any, seen: set[int] | None = None) -> Iterator[Any]:

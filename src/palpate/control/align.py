@@ -88,7 +88,6 @@ class AlignController:
         self.servo = Servo() if servo is None else servo
         self.limits = Limits() if limits is None else limits
         self.law: MotionLaw = Follow(face, self.force) if law is None else law
-        self.law.delay = self.servo.total_delay
         self.supervisor = Supervisor(self.limits, self.force, float(within))
         self.model = ServoModel(self.servo, len(arm.names))
         mount = estimator.mount

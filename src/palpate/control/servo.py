@@ -23,6 +23,7 @@ LESS = 0.1  # of it that remains without a lost command; until the servo is LEAR
 CORRECTION = 0.1  # s: time constant by which feedback corrects the offset
 YIELD = 1e-4  # rad or m per N: by which joints yield to a force on the robot's tip
 WANDER = 2e-4  # s per square root of a second, of delay and lag
+NONSENSE = 1e16  # chi-square per joint from which feedback is no joint's, and would spoil the model by rounding
 SOUND = 2.0  # chi-square per joint up to which another servo explains feedback that is odd
 LEARNT = 5e-4  # s: standard deviation of delay and lag
 WIDENED = 2e-3  # s, by which delay and lag may be other than was learnt, where feedback is odd
@@ -167,7 +168,7 @@ class ServoModel:
         if joints.shape != self.offset.shape:
             raise InputError(f"feedback must have {len(self.offset)} joints, not shape {joints.shape}.", where="joints")
         size, *learnt = self._explained(time, joints)
-        if not 0.0 <= size < np.inf:
+        if not 0.0 <= size < NONSENSE:
             return Feedback.ODD
         found, lost, widened = Feedback.AGREES, -1, 0.0
         if size > ODD:

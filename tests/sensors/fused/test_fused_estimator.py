@@ -16,9 +16,9 @@ from palpate.sensors.fused.estimator import FusedEstimator
 from palpate.setup import load_rig
 from palpate.setup.pipeline import open_log
 from palpate.signals.drift import Drift
-from palpate.signals.recording import AVERAGED, CELLS, FORCE, ORIENTATION, TORQUE, Recording
+from palpate.signals.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
 from palpate.signals.zero_filter import ZeroStatus
-from palpate.spatial.pose import Pose, rotation_from_quaternion
+from palpate.spatial.pose import Pose
 from palpate_lab.simulation.skin_bench import Rolled
 from palpate_lab.simulation.touched.files import write_forearm
 from palpate_lab.simulation.touched.run import ForearmRun, simulate_forearm
@@ -211,22 +211,6 @@ def test_on_logs_the_zero_beside_a_skin_is_smoothed_from_both_sides(estimator: F
         assert held.sum() > 10
         off[name] = float(np.sqrt(np.mean(error[held] ** 2)))
     assert off["both"] < 0.6 * off["forward"]
-
-
-def test_sample_by_sample_the_zero_is_followed_as_in_blocks(estimator: FusedEstimator, log: Recording) -> None:
-    drift = Drift([0.05] * 3 + [1e-4] * 3)
-    parts = deepcopy((estimator.taxels, estimator.sensor, estimator.fused, estimator.mount))  # their zero is followed
-    made = FusedEstimator(*parts, drift=drift)
-    readings = np.hstack([np.reshape(log.channels[name], (len(log), -1)) for name in (CELLS, FORCE, TORQUE, AVERAGED)])
-    rotations = rotation_from_quaternion(log.channels[ORIENTATION])
-    made.run(log)
-    blocks = made.zero_history()
-    made.reset()
-    for time, reading, turn in zip(log.time.tolist(), readings, rotations, strict=True):
-        made.update(time, reading, turn)
-    samples = made.zero_history()
-    np.testing.assert_array_equal(samples.status, blocks.status)
-    np.testing.assert_allclose(samples.zero, blocks.zero, atol=1e-9)
 
 
 def test_what_the_skin_does_not_feel_is_found_too(

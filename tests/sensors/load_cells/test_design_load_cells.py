@@ -42,7 +42,7 @@ def test_a_rig_becomes_a_page_with_maps(tmp_path: Path, capsys: pytest.CaptureFi
     said, text = capsys.readouterr().out, page.read_text(encoding="utf-8")
     assert re.search(r"smallest force +\d+(\.\d+)? mN for 2 mm", said)
     assert text.count("<svg") == 5  # place, smallest force, torque, largest force; and over the force
-    for words in ("What rig.toml can resolve", "cell 2 dead", "25 % nearer together", "half the noise"):
+    for words in ("What rig.toml can resolve", "cell 2 dead", "The same everywhere: ", "25 % nearer", "half the noise"):
         assert words in text
     assert "://" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", text)
 

@@ -421,7 +421,8 @@ def test_known_distances_pull_as_their_squares_fall() -> None:
         pairs = {tuple(sorted((i, j))) for i in range(16) for j in np.argsort(far[i])[1:3].tolist()}
         return 0.5 * sum(((far[i, j] - 5e-3) / 5e-4) ** 2 for i, j in pairs)
 
-    _, right = tied(single(places, None), priors)
+    square, right = tied(single(places, None), priors)
+    assert np.trace(square) >= 16 * 2 / 5e-4**2  # two of each, and no pair twice
     step = 1e-8 * np.eye(48)
     slope = [(cost(places + d.reshape(16, 3)) - cost(places - d.reshape(16, 3))) / 2e-8 for d in step]
     np.testing.assert_allclose(right, -np.array(slope), rtol=1e-4, atol=1e-1)
@@ -432,6 +433,7 @@ def test_what_is_smooth_is_left_alone_and_a_surface_needs_no_ties() -> None:
     assert not np.any(tied(single(grid, None), Priors(smooth=5e-4))[1])
     raised = grid.copy()
     raised[12, 2] = 1e-3
-    right = tied(single(raised, None), Priors(smooth=5e-4))[1].reshape(-1, 3)
-    assert right[12, 2] < 0  # is pulled back
+    square, right = tied(single(raised, None), Priors(smooth=5e-4))
+    assert right[38] < 0  # is pulled back, as others are about it
+    assert square[38, 38] > 1 / 5e-4**2
     assert not np.any(tied(single(grid, Cylinder(0.03, 0.1)), Priors(smooth=5e-4))[0])

@@ -193,7 +193,7 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     make: Callable[[int, int, int], ThreeAxisSkin], sums: bool
 ) -> None:
     skin = make(4, 4, 1)
-    loads = three_axis_touches(skin.positions, np.random.default_rng(2), 60)
+    loads = three_axis_touches(skin.positions, np.random.default_rng(2), 44)
     cells, truth = skin.readings(loads, 3)
     body = TaxelBody.anywhere(skin.positions, skin.normals, along=(1.0, 0.0, 0.0))
     recording = Recording(np.arange(len(cells)) / RATE, {CELLS: cells})

@@ -124,7 +124,7 @@ def test_evaluate_says_errors_and_writes_a_page(folder: Path, capsys: pytest.Cap
 
 
 def test_inspect_says_what_each_file_is(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    told = {"skin.toml": "places of taxels", "cad.txt": "84", "truth.csv": "84", "rig.toml": "pokes"}
+    told = {"skin.toml": "once one rigid motion is taken off", "cad.txt": "84", "truth.csv": "84", "rig.toml": "pokes"}
     for name, said in told.items():
         assert main(["inspect", f"{folder}/{name}"]) == 0
         assert said in capsys.readouterr().out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
 from math import sqrt
@@ -34,7 +34,7 @@ _ALIKE = 1e-2  # weight of the mean gains in those of a taxel
 FADES = 2e-3  # share of a reading that a kelvin takes away, before it is learned
 _INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
 FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), np.geomspace(1e-4, 0.3, 24).tolist()
-UNUSUAL = [0.0, *np.geomspace(1e-3, 1.0, 15).tolist()]
+UNUSUAL = np.array([0.0, *np.geomspace(1e-3, 1.0, 15)])
 UNLIKE = np.array([0.4, 0.3, 0.3])  # pitches and shares of the force by which medians of errors are off: no response
 CHI2 = (3.841458820694124, CHI2_95, 7.814727903251179)  # 95 % points with one, two and three degrees of freedom
 
@@ -146,7 +146,7 @@ def _fitted(
             coupled = ways @ coupling
             felt += coupled
         if turn > 1:
-            patch = _patches(felt, spread, shares)
+            patch = _patches(felt, *both, replace(guess, shares=frozen(shares)))
             terms = spread(patch)
         terms = terms.reshape(count, taxels, AXES, -1)
         shares = _ridged(weight[..., None] * terms, weight * felt).reshape(shares.shape)
@@ -249,14 +249,14 @@ def _solved(square: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 def _patches(
-    felt: Float[np.ndarray, "n k 3"], spread: Callable[[np.ndarray], np.ndarray], shares: np.ndarray
+    felt: Float[np.ndarray, "n k 3"], offset: np.ndarray, force: np.ndarray, spread: TaxelResponse
 ) -> Float[np.ndarray, " n"]:
     """Return the variance of each frame's patch: the least misfit on a grid, and a parabola through its neighbours."""
     peak, misfit = np.abs(felt).max(axis=(1, 2))[:, None, None], 0.02
     cost = np.empty((len(PATCHES), len(felt)))
     for i, patch in enumerate(PATCHES.tolist()):
-        terms = spread(np.full(len(felt), patch))
-        left: np.ndarray = (felt - terms.reshape(*felt.shape, -1) @ shares.ravel()) / (misfit * peak)
+        loads = spread.spread_of(offset, force, np.full(len(offset), patch)).reshape(felt.shape)
+        left: np.ndarray = (felt - loads) / (misfit * peak)
         cost[i] = (left**2).sum(axis=(1, 2)) + (patch / _LOOSE) ** 2
     best, each = np.clip(cost.argmin(axis=0), 1, len(PATCHES) - 2), np.arange(len(felt))
     before, here, after = (PATCHES[best + step] for step in (-1, 0, 1))
@@ -373,10 +373,12 @@ def _widening(
     along: np.ndarray = np.einsum("nda,nd->na", ways, error) ** 2
     flat, wide = size[:, None] ** 2, (size * shape)[:, None] ** 2
     unlikely, best = np.inf, (1.0, 0.0, 0.0)
-    for each in product(FACTORS, BESIDES, UNUSUAL):
-        variance: np.ndarray = each[0] ** 2 * values + each[1] ** 2 * flat + each[2] ** 2 * wide
-        cost = float(np.mean(along / variance + np.log(variance)))
-        unlikely, best = (cost, each) if cost < unlikely else (unlikely, best)
+    for factor, beside in product(FACTORS, BESIDES):
+        variance: np.ndarray = factor**2 * values + beside**2 * flat + UNUSUAL[:, None, None] ** 2 * wide
+        cost = np.mean(along / variance + np.log(variance), axis=(1, 2))
+        k = int(cost.argmin())
+        if cost[k] < unlikely:
+            unlikely, best = float(cost[k]), (factor, beside, float(UNUSUAL[k]))
     more = best[1] ** 2 * flat + best[2] ** 2 * wide
     excess = _excess(error, best[0] ** 2 * covariance + more[:, None] * np.eye(len(error.T)))
     return [excess * each for each in best]

@@ -17,6 +17,7 @@ from palpate.spatial.arguments import frozen_value
 __all__ = ["AXES", "TaxelResponse"]
 
 AXES = 3
+_WIDTHS = np.array(_loads.WIDTHS)
 FAR = 60.0  # K from the temperature of the calibration, which no skin is in use
 _GUESS, _ROUGH = 0.6, 0.1  # pitches that a force reaches, and the share by which that is off, where nothing is known
 
@@ -157,26 +158,36 @@ class TaxelResponse(Value):
         Raises:
             InputError: arrays of other shapes.
         """
-        return np.einsum("napb,pb->na", response_terms(offset, force, patch), self.shares)
+        value, ratio, wide = _smeared(offset, patch)
+        even, odd, own, turned, pushed = self.shares
+        narrow, along, press = ratio * value, (offset * force[:, :2]).sum(axis=1), force[:, 2]
+        inwards = (value @ even) * press + (narrow @ (odd / _WIDTHS)) * along
+        away = (narrow / wide) @ turned * along + narrow @ (pushed / _WIDTHS) * press
+        across = (value @ own + (value - narrow) @ turned)[:, None] * force[:, :2] + away[:, None] * offset
+        return np.column_stack([across, inwards])
+
+
+def _smeared(offset: np.ndarray, patch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the Gaussians (n, 4) at offsets, smeared by a patch, by how much they fall, and their variances."""
+    wide = _WIDTHS**2 + patch[:, None]
+    ratio = _WIDTHS**2 / wide
+    return ratio * np.exp(-0.5 * (offset**2).sum(axis=1)[:, None] / wide), ratio, wide
 
 
 def response_terms(
     offset: Float[np.ndarray, "n 2"], force: Float[np.ndarray, "n 3"], patch: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3 5 4"]:
     """Return the loads (n, 3, 5, 4) of which `TaxelResponse.shares` makes the sum; arguments as of `spread_of`."""
-    widths = np.array(_loads.WIDTHS)
-    wide = widths**2 + patch[:, None]
-    ratio = widths**2 / wide
-    value = ratio * np.exp(-0.5 * (offset**2).sum(axis=1)[:, None] / wide)
+    value, ratio, wide = _smeared(offset, patch)
     along = (offset * force[:, :2]).sum(axis=1)
-    terms = np.zeros((len(offset), AXES, 5, len(widths)))
-    terms[:, 2, 0], terms[:, 2, 1] = value * force[:, 2:], ratio * value / widths * along[:, None]
+    terms = np.zeros((len(offset), AXES, 5, len(_WIDTHS)))
+    terms[:, 2, 0], terms[:, 2, 1] = value * force[:, 2:], ratio * value / _WIDTHS * along[:, None]
     for c in range(2):
         own = force[:, c : c + 1]
         terms[:, c, 2] = value * own
         turned = (offset[:, c] * along)[:, None]
         terms[:, c, 3] = ratio * value / wide * turned + (1.0 - ratio) * value * own
-        terms[:, c, 4] = ratio * value / widths * (offset[:, c] * force[:, 2])[:, None]
+        terms[:, c, 4] = ratio * value / _WIDTHS * (offset[:, c] * force[:, 2])[:, None]
     return terms
 
 
