@@ -107,7 +107,7 @@ class TaxelResponse(Value):
         Raises:
             InputError: readings of another shape.
         """
-        full = self._full(readings)
+        full = self.full(readings)
         found = np.einsum("kab,nkb->nak", self.gains, np.where(full, np.nan, readings) if full.any() else readings)
         return np.ascontiguousarray(found[:, 2]), found[:, :2].reshape(len(found), 2 * readings.shape[1])
 
@@ -131,7 +131,7 @@ class TaxelResponse(Value):
             what = f"the temperature is {np.nanmedian(kelvin):.4g}, and was {self.temperature:.4g} in the calibration."
             raise InputError(what, where=source, hint="Name a temperature of the same sensor, in the same unit.")
         usual = readings + (self.fade * readings - self.thermal) * warmer[:, None, None]
-        return frozen(np.where(self._full(readings), readings, usual))
+        return frozen(np.where(self.full(readings), readings, usual))
 
     def full(self, readings: Float[np.ndarray, "n k 3"]) -> Bool[np.ndarray, "n k 3"]:
         """Return which readings are at `limits`.
@@ -139,9 +139,6 @@ class TaxelResponse(Value):
         Raises:
             InputError: readings of another shape.
         """
-        return self._full(readings)
-
-    def _full(self, readings: np.ndarray) -> np.ndarray:
         return (readings <= self.limits[0]) | (readings >= self.limits[1])
 
     def numbers(self) -> Float[np.ndarray, " m"]:

@@ -5,20 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from palpate.console.calibration import Calibration, CalibrationResult
 from palpate.console.options import FileOption, Log, Output, RigFile
 from palpate.contact.ground_truth import TrueSamples
 from palpate.errors import InputError
 from palpate.files.contacts import read_contacts
 from palpate.files.ground_truth import read_ground_truth
-from palpate.files.logs import open_log
+from palpate.files.logs import read_recording
 from palpate.files.tables.table import read_table
 from palpate.sensors.taxels.calibrate_response import identify_response
 from palpate.sensors.taxels.files import of_response
 from palpate.sensors.taxels.section import SKIN, SkinSection
-from palpate.signals.recording import CELLS, TEMPERATURE, Recording
 
 
 @dataclass(frozen=True)
@@ -57,19 +54,12 @@ class CalibrateResponse(Calibration):
         if body.response is None:
             hint = 'Write axes = ["x", "y", "z"] in [skin]; for one axis there is palpate calibrate intensity.'
             raise InputError("the rig's taxels have one axis.", where="skin.axes", hint=hint)
-        log = open_log(self.log, SKIN.layout(setup))
-        blocks = list(log.blocks())
-        channels = {
-            name: np.concatenate([block.channels[name] for block in blocks])
-            for name in (CELLS, TEMPERATURE)
-            if name in blocks[0].channels
-        }
-        recording = Recording(np.concatenate([block.time for block in blocks]), channels, source=str(self.log))
+        recording = read_recording(self.log, SKIN.layout(setup))
         found = identify_response(replace(body, response=None), recording, _known(self.truth), provenance=self.record())
         return CalibrationResult(
             of_response(found),
             found,
-            notes=[*log.notes(), *found.notes],
+            notes=[*recording.notes, *found.notes],
             next=[f'name it in the rig: response = "{self.output.name}" under [skin]'],
         )
 

@@ -103,10 +103,9 @@ class RigSkin:
             raise ValueError(f'order must be "rows" or "columns", not {self.order!r}')
         if self.axes is not None and [axis[-1:].lower() for axis in self.axes] != ["x", "y", "z"]:
             raise ValueError('axes must be three names that end in x, y and z, in this order, such as ["x", "y", "z"]')
-        if self.axes is None and self.response is not None:
-            raise ValueError("a response is for taxels with three axes, whose names axes states")
-        if self.axes is None and self.temperature is not None:
-            raise ValueError("a temperature is for taxels with three axes, whose names axes states")
+        for name in ("response", "temperature") if self.axes is None else ():
+            if getattr(self, name) is not None:
+                raise ValueError(f"a {name} is for taxels with three axes, whose names axes states")
         if self.axes is not None and self.intensity is not None:
             raise ValueError(
                 "intensity is for taxels with one axis: palpate calibrate response is for those with three"
@@ -225,29 +224,21 @@ class SkinSection(SensorSection):
             InputError: as by `map` and `taxels`, the places are no body, or a masked cell does not exist.
             GeometryError: as by `taxels`.
         """
-        counts = self.table.unit is None or self.table.electric  # a force or a pressure has no bits
-        options: dict[str, Any] = {"bits": self.table.bits if counts and self.table.bits else None}
-        options["masked"] = self.table.masked
-        if self.table.axes is not None:
-            return self._with_axes(options)
-        if self.table.sheet:
-            return TaxelBody.sheet(self.map, **options)
-        places = self.taxels
-        body = TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, **options)
-        return replace(body, notes=(*body.notes, *places.notes))
-
-    def _with_axes(self, options: dict[str, Any]) -> TaxelBody:
-        """Return a body of taxels with three axes: the first along the columns of a sheet, or the link's x."""
-        options["bits"] = None  # loads are floats
-        table, places = self.table, None if self.table.sheet else self.taxels
-        if places is None:
-            sheet = TaxelBody.sheet(self.map, **options)
-            body = TaxelBody.anywhere(sheet.positions, sheet.normals, sheet.areas, along=sheet.ways())
-            body = replace(body, usable=sheet.usable, notes=sheet.notes)
+        table, three = self.table, self.table.axes is not None
+        counts = (table.unit is None or table.electric) and not three  # a force, a pressure or a load has no bits
+        options: dict[str, Any] = {"bits": table.bits if counts and table.bits else None, "masked": table.masked}
+        if table.sheet:
+            body = TaxelBody.sheet(self.map, **options)
+            if three:  # the first axis is along the columns of a sheet, or the link's x
+                flat = TaxelBody.anywhere(body.positions, body.normals, body.areas, along=body.ways())
+                body = replace(flat, usable=body.usable, notes=body.notes)
         else:
-            options |= {"covariance": places.covariance, "along": _X}
+            places = self.taxels
+            options |= {"covariance": places.covariance, "along": _X if three else None}
             body = TaxelBody.placed(places.positions, places.normals, **options)
             body = replace(body, notes=(*body.notes, *places.notes))
+        if not three:
+            return body
         if table.response is not None:
             return replace(body, response=read_model(self.link.folder / table.response, TaxelResponse))
         said = "there is no response, so a count is taken for 1 N on each axis: palpate calibrate response makes one"
