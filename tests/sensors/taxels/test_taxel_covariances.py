@@ -109,7 +109,7 @@ def test_what_a_fit_knows_is_the_covariance_of_what_moves_it(count: int) -> None
     def pulled(loads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         normal, pull = np.empty((size, size)), np.empty(size)
         _loads._normal((offsets, loads, weights), touches, count, model, work, normal, pull)
-        return normal, pull
+        return np.tril(normal) + np.tril(normal, -1).T, pull
 
     shown, profiles, slopes = np.zeros((3, 12)), np.empty((6, 3)), np.empty((3, 7))
     for touch in touches:

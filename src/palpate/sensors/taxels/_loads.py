@@ -27,6 +27,7 @@ LEAST_PATCH = -0.8 * WIDTHS[0] ** 2  # of the patch's variance, which counts fro
 PITCH, MISFIT, PATCH, LOOSE, CURVE, WIDENING, INEXACT, UNUSUAL = 20, 21, 23, 25, 26, 31, 34, 37
 SUMS, LATE, MODEL = 40, 41, 44
 UNKNOWN = 7  # of a touch: place (2) [pitches], patch, force along both tangents and inwards [N], torque [N pitches]
+_POWERS = (1.0, 2.0, 1.0, 3.0, 2.0, 2.0)  # of a Gaussian's variance, with which each profile falls as a patch grows
 _PLACE = 0.7  # pitches: deviation of a touch from the taxel where it is looked for
 _TWIST = 0.15  # pitches: deviation of the torque, over the normal force
 _STEPS, _DONE = 25, 1e-3
@@ -40,24 +41,20 @@ _FAINT, _AROUND = 4.0, 5.0  # misfits that a load must exceed to be a touch, and
 @uncounted
 def _profiles(square, patch, model, out):
     """Write the profiles at a squared distance into out (6, 3), with derivatives by it and by the patch."""
-    out[:] = 0.0
-    for b in range(len(WIDTHS)):
+    out[:], many = 0.0, len(WIDTHS)
+    for b in range(many):
         wide = WIDTHS[b] * WIDTHS[b] + patch
         narrow, ratio = 0.5 / wide, WIDTHS[b] * WIDTHS[b] / wide
         value = ratio * np.exp(-narrow * square)
         grows = square * narrow / wide
+        c, g = model[2 * many + b], model[3 * many + b]
+        tilt, lean = model[many + b] * ratio / WIDTHS[b], model[4 * many + b] * ratio / WIDTHS[b]
+        shares = (model[b], tilt, c, g * ratio / wide, lean, 0.5 * (c + g) / wide)
         for p in range(PROFILES):
-            share, power = model[p * len(WIDTHS) + b] if p < 5 else 0.0, 1.0
-            if p == 1 or p == 4:
-                share, power = share * ratio / WIDTHS[b], 2.0
-            elif p == 3:
-                share, power = share * ratio / wide, 3.0
-            elif p == 5:
-                share, power = 0.5 * (model[2 * len(WIDTHS) + b] + model[3 * len(WIDTHS) + b]) / wide, 2.0
-            out[p, 0] += share * value
-            out[p, 1] -= share * value * narrow
-            out[p, 2] += share * value * (grows - power / wide)
-        bulk = model[3 * len(WIDTHS) + b] * value  # what smearing moves from G to C
+            out[p, 0] += shares[p] * value
+            out[p, 1] -= shares[p] * value * narrow
+            out[p, 2] += shares[p] * value * (grows - _POWERS[p] / wide)
+        bulk = g * value  # what smearing moves from G to C
         out[2, 0] += bulk * (1.0 - ratio)
         out[2, 1] -= bulk * (1.0 - ratio) * narrow
         out[2, 2] += bulk * (ratio / wide + (1.0 - ratio) * (grows - 1.0 / wide))
@@ -91,7 +88,7 @@ def _load(x, y, touch, model, profiles, load, slopes):
 
 @inner
 def _normal(taxels, touches, count, model, work, normal, pull):
-    """Write the normal equations about `touches` (c, 7) into `normal` and `pull`, and return the sum of squares.
+    """Write the normal equations about `touches` (c, 7), the lower triangle, and return the sum of squares.
 
     Of `taxels` the first are the offsets of each from the taxel of every touch, (c, 2, m), then their loads and
     weights, (3, m) each.
@@ -119,9 +116,6 @@ def _normal(taxels, touches, count, model, work, normal, pull):
                     normal[r, s] += slope * slopes[a, s]
     for p in range(count):
         cost += _prior(touches[p], UNKNOWN * p, model, normal, pull)
-    for r in range(size):
-        for s in range(r):
-            normal[s, r] = normal[r, s]
     return cost
 
 
@@ -251,11 +245,8 @@ def feels(k, out, place, model, reach=_AROUND):
 @inner
 def _offset(some, origin, place, numbers, model, out):
     """Write the offsets [pitches] of cells from one of them, in the tangent plane there, to out (2, m)."""
-    at = numbers[AT:]
-    chart(some, len(some), origin, place, at)
-    size = place[1][1, origin] / model[PITCH]
-    for i in range(len(some)):
-        out[0, i], out[1, i] = size * at[0, some[i]], size * at[1, some[i]]
+    chart(some, len(some), origin, place, numbers[AT:])
+    out[:] = place[1][1, origin] / model[PITCH] * numbers[AT : AT + 2][:, some]
 
 
 @inner

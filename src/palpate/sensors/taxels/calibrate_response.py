@@ -35,6 +35,9 @@ _INNER = 0.6  # of the skin's half width, within which all of a force is on the 
 FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), np.geomspace(1e-4, 0.3, 24).tolist()
 UNUSUAL = [0.0, *np.geomspace(1e-3, 1.0, 15).tolist()]
 UNLIKE = np.array([0.4, 0.3, 0.3])  # pitches and shares of the force by which medians of errors are off: no response
+_Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Error of a place [pitches] along both tangents and its covariance; the force found, its covariance, and the true one,
+along both tangents and into the body; and the feature `shape`."""
 CHI2 = (3.841458820694124, CHI2_95, 7.814727903251179)  # 95 % points with one, two and three degrees of freedom
 
 
@@ -61,13 +64,13 @@ def identify_response(
         _left_out(presses, [names[i::count] for i in range(count)], sums)
         for count, sums in ((PARTS, False), (FOLDS, True))
     ]
-    found = [_corrected(np.concatenate([_alone(*each) for each in parts])) for parts in alike]
+    found = [_corrected([row for each in parts for row in _alone(*each)]) for parts in alike]
     sums = int(np.argmin([off.sum() for _, _, off in found]))
     curve, parts = found[sums][0], alike[sums]
     if not sums:  # taxels that bear all of a force know no tips
         parts = _left_out(presses, np.array_split(names, PARTS), False)
     rows, misfits = zip(*(_in_turn(recording, *each) for each in parts), strict=True)
-    in_turn = np.concatenate(rows)
+    in_turn = [row for part in rows for row in part]
     _, wide, off = _corrected(in_turn, curve)
     left_out = (
         f"{len(in_turn)} frames, a part at a time predicted from the rest: {1e3 * first.pitch * off[0]:.2g} mm, "
@@ -132,8 +135,7 @@ def _fitted(presses: Presses, sums: bool) -> tuple[TaxelResponse, Float[np.ndarr
         gains = gains if sums else _gains(weight * (loads - coupled), weight * readings, alike)
         felt: np.ndarray = np.einsum("kab,nkb->nka", gains, readings)
         if not sums:
-            ways = np.matmul(felt[:, body.neighbours].reshape(count, taxels, 1, -1), between)
-            ways = ways.reshape(count, taxels, AXES, -1)
+            ways = (felt[:, body.neighbours].reshape(count, taxels, 1, -1) @ between).reshape(count, taxels, AXES, -1)
             coupling = _ridged(weight[..., None] * ways, weight * (loads - felt))
             coupled = ways @ coupling
             felt += coupled
@@ -218,10 +220,8 @@ def _gains(
     return np.linalg.inv(reads)
 
 
-def _ridged(
-    ways: Float[np.ndarray, "*batch q"], wanted: Float[np.ndarray, "*batch"], share: float = 1e-6
-) -> np.ndarray:
-    """Return the least-squares solution (q,), small where it is free: by a share of the mean square of the ways."""
+def _ridged(ways: np.ndarray, wanted: np.ndarray, share: float = 1e-6) -> np.ndarray:
+    """Return the least-squares solution (q,) of ways (..., q), small where it is free, by a share of their square."""
     design = ways.reshape(-1, ways.shape[-1])
     square: np.ndarray = design.T @ design
     ridge = share * np.trace(square) / len(square) * np.eye(len(square))
@@ -230,7 +230,7 @@ def _ridged(
 
 def _least(ways: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Return the least-squares solution."""
-    return np.asarray(np.linalg.lstsq(ways, wanted, rcond=None)[0])
+    return np.asarray(np.linalg.lstsq(ways, wanted)[0])
 
 
 def _solved(square: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -258,24 +258,22 @@ def _patches(
     return np.maximum(found - np.median(found), LEAST_PATCH)
 
 
-def _alone(presses: Presses, response: TaxelResponse) -> Float[np.ndarray, "n 21"]:
+def _alone(presses: Presses, response: TaxelResponse) -> list[_Row]:
     """Return the errors on presses, frame by frame less the rest."""
     body = replace(presses.body, response=response, bits=None)
     noise = np.sqrt(np.einsum("kab,kb->ka", response.gains**2, presses.noise**2)).T
     zero, bad = np.zeros(len(body)), np.zeros(len(body), dtype=bool)
     health = Health(zero, noise[2], bad, bad, sideways=np.stack([np.zeros((2, len(body))), noise[:2]]))
     estimator = TaxelEstimator(body, health=health)
-    rows = list[np.ndarray]()
+    rows = list[_Row]()
     for i in range(0, len(presses.press), EVERY):
         estimator.reset()
         found = estimator.run(Recording(np.zeros(1), {CELLS: presses.readings[i : i + 1]}))
-        rows.append(_errors(found, 0, presses, i))
-    return np.concatenate(rows)
+        rows += _errors(found, 0, presses, i)
+    return rows
 
 
-def _in_turn(
-    recording: Recording, presses: Presses, response: TaxelResponse
-) -> tuple[Float[np.ndarray, "n 21"], float]:
+def _in_turn(recording: Recording, presses: Presses, response: TaxelResponse) -> tuple[list[_Row], float]:
     """Return the errors on presses in the recording as it ran, where what earlier presses left behind counts.
 
     And the mean square of their misfits.
@@ -283,30 +281,25 @@ def _in_turn(
     estimator = TaxelEstimator(replace(presses.body, response=response, bits=None))
     found = estimator.run(recording)
     rows = [_errors(found, frame, presses, i) for i, frame in enumerate(presses.frame.tolist())]
-    return np.concatenate(rows), estimator.misfit
+    return [row for frame in rows for row in frame], estimator.misfit
 
 
-def _errors(found: Contacts, sample: int, presses: Presses, i: int) -> Float[np.ndarray, "_ 21"]:
-    """Return a row on the hardest contact of a sample, a frame of presses; none if there is none.
-
-    It is the error of the place [pitches] along both tangents (2), its covariance (3), the force (3), its covariance
-    (3, 3) and the true force (3), along both tangents and into the body, and the feature `shape`.
-    """
+def _errors(found: Contacts, sample: int, presses: Presses, i: int) -> list[_Row]:
+    """Return a row on the hardest contact of a sample, a frame of presses; none if there is none."""
     there, pitch = np.flatnonzero((found.sample == sample) & found.located), presses.guess.pitch
     if not len(there):
-        return np.zeros((0, 21))
+        return []
     best = there[int(np.argmax(np.linalg.norm(found.force[there], axis=1)))]
     turn = axes_at(presses.body, presses.point[i : i + 1], pitch)[0]
     error = turn[:2] @ (found.point[best] - presses.point[i]) / pitch
     place = turn[:2] @ found.covariance[best] @ turn[:2].T / pitch**2
     six = np.array([found.features[name][best] for name in SIX])
     spread = turn @ six[SQUARE].reshape(3, 3) @ turn.T
-    own = [*error, place[0, 0], place[0, 1], place[1, 1], *(turn @ found.force[best]), *spread.ravel()]
-    return np.array([[*own, *presses.force[i], found.features["shape"][best]]])
+    return [(error, place, turn @ found.force[best], spread, presses.force[i], found.features["shape"][best])]
 
 
 def _corrected(
-    rows: Float[np.ndarray, "n 21"], curve: Float[np.ndarray, "5"] | None = None
+    rows: list[_Row], curve: Float[np.ndarray, "5"] | None = None
 ) -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
     """Return `TaxelResponse.curve`; `.widening`, `.inexact` and `.unusual` as columns; medians; of rows of `_errors`.
 
@@ -317,7 +310,7 @@ def _corrected(
     """
     if len(rows) < FEWEST // 2:
         raise _unrelated()
-    place, fitted, force, shape = rows[:, :2], rows[:, 5:8], rows[:, 17:20], rows[:, 20]
+    place, flat, fitted, spread, force, shape = (np.array(each) for each in zip(*rows, strict=True))
     weight = 1.0 / (np.linalg.norm(force, axis=1) + PRESSED * np.abs(force).max())
     normal, square = fitted[:, 2], (fitted[:, :2] ** 2).sum(axis=1)
     ways = weight[:, None] * np.column_stack([normal, normal**2, square])
@@ -327,7 +320,6 @@ def _corrected(
     first, second = (first, second) if curve is None else (curve[:3], curve[3:])
     along = fitted[:, :2] * (second[0] + second[1] * normal)[:, None]
     press: np.ndarray = np.column_stack([normal, normal**2, square]) @ first
-    spread, flat = rows[:, 8:17].reshape(-1, 3, 3), rows[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
     off, size = np.column_stack([along, press]) - force, np.linalg.norm(force, axis=1)
     slope = np.array([second[0], second[0], first[0]])
     spread = slope[:, None] * spread * slope

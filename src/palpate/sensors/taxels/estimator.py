@@ -110,7 +110,9 @@ class TaxelEstimator(ContactEstimator):
         self._falling = load_direction(intensity, falling)
         self._frames = TaxelFrames(body, intensity, self.settings, forward, self._falling, filtered=filter is not None)
         self._watch = TaxelWatch(body)
-        self._one = _room_for_one(body)
+        room, none = np.zeros((1, *body.one)), frozen(np.zeros((1, 0)))
+        shape, loads = (body.shape, (room, none)) if body.response is None else ((), None)  # made anew for each frame
+        self._one: _One = np.zeros(1), room, np.zeros(1, dtype=np.int64), shape, loads
         if health is not None:
             self._know(health)
         time, raw, counts, *_ = self._one
@@ -296,11 +298,3 @@ class TaxelEstimator(ContactEstimator):
         if self.health is None:
             hint = "Give health=examine(...), or call tare with a recording in which nothing touches."
             raise InputError("the readings of the cells at rest are not known.", hint=hint)
-
-
-def _room_for_one(body: TaxelBody) -> _One:
-    """Return what one frame needs; of taxels with three axes shape and loads are made anew for each frame."""
-    time, raw, counts = np.zeros(1), np.zeros((1, *body.one)), np.zeros(1, dtype=np.int64)
-    if body.response is not None:
-        return time, raw, counts, (), None
-    return time, raw, counts, body.shape, (raw, frozen(np.zeros((1, 0))))

@@ -81,7 +81,8 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples) -> 
     size = np.linalg.norm(truth.force, axis=1)[row] * (np.abs(truth.time[row] - time) <= 0.5 * step)
     pressed = size > PRESSED * size.max(initial=0.0)
     free = ~(pressed | np.append(pressed[1:], False) | np.append(False, pressed[:-1])) & sound
-    press = np.cumsum(np.append(pressed[0], pressed[1:] & ~pressed[:-1])) - 1
+    starts = np.flatnonzero(pressed & ~np.append(False, pressed[:-1]))
+    press = np.searchsorted(starts, np.arange(len(pressed)), side="right") - 1
     if not free.any() or not pressed.any():
         raise NotIdentifiable("there must be frames with a force, and frames with none.", rank=0, missing=("rest",))
     thermal = _thermal(warmer[free], raw[free])
@@ -91,9 +92,7 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples) -> 
     moved: np.ndarray = np.abs(raw - rest).max(axis=(1, 2))
     _require_rest(moved, free, recording.source)
     drift = _drift(step, raw / noise, rest / noise, free)
-    count = int(press.max()) + 1
-    largest = np.zeros(count)
-    np.maximum.at(largest, press[pressed], size[pressed])
+    count, largest = len(starts), np.maximum.reduceat(size * pressed, starts)
     full = np.flatnonzero(pressed & (size >= FULL * largest[press]) & sound)
     order = np.arange(len(full)) - np.searchsorted(press[full], press[full])  # within its press
     many = np.bincount(press[full], minlength=count)[press[full]]

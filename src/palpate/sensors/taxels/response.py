@@ -79,9 +79,7 @@ class TaxelResponse(Value):
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        deviations = "misfit", "widening", "inexact", "unusual"
-        for name in ("gains", "shares", "coupling", "patch", "curve", *deviations, "late", "limits", "thermal"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+        vars(self).update({name: frozen(each) for name, each in vars(self).items() if hasattr(each, "flags")})
         if not (self.pitch > 0 and np.isfinite(self.gains).all()):
             raise InputError("gains must be finite, and the pitch positive.", where="response")
 
@@ -168,12 +166,10 @@ def response_terms(
     along = (offset * force[:, :2]).sum(axis=1)
     terms = np.zeros((len(offset), AXES, 5, len(widths)))
     terms[:, 2, 0], terms[:, 2, 1] = value * force[:, 2:], ratio * value / widths * along[:, None]
-    for c in range(2):
-        own = force[:, c : c + 1]
-        terms[:, c, 2] = value * own
-        turned = (offset[:, c] * along)[:, None]
-        terms[:, c, 3] = ratio * value / wide * turned + (1.0 - ratio) * value * own
-        terms[:, c, 4] = ratio * value / widths * (offset[:, c] * force[:, 2])[:, None]
+    own, turned = force[:, :2, None], (offset * along[:, None])[..., None]
+    terms[:, :2, 2] = value[:, None] * own
+    terms[:, :2, 3] = (ratio * value / wide)[:, None] * turned + ((1.0 - ratio) * value)[:, None] * own
+    terms[:, :2, 4] = (ratio * value / widths)[:, None] * (offset * force[:, 2:])[..., None]
     return terms
 
 
