@@ -201,8 +201,6 @@ class LoadCells(Value):
         Raises:
             InputError: covariance has another shape.
         """
-        if len(self.axes) != 1:
-            return covariance
         unknown, along = unmeasured(self.axes, self.positions), AXES.index(self.axes[0])
         return covariance + covariance[along, along] * unknown @ unknown.T
 

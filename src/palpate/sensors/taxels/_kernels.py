@@ -108,9 +108,14 @@ def _wraps(raw, rest, noise, neighbours, turn, last, turns, wrapped):
 
 
 @uncounted
-def _take(raw, rest, neighbours, turn, numbers, whole, value):
-    """Write unwrapped readings to `value`, the last ones for those not finite; return False if over 1/4 of them is."""
+def _take(raw, sideways, rest, neighbours, turn, numbers, whole, value, aside):
+    """Write unwrapped readings to `value`, the last ones for those not finite; return False if over 1/4 of them is.
+
+    Write tangential readings to `aside` (2 k,), the baseline for those not finite; `rest` (3, k): normal, tangential.
+    """
     last, held, good, turns = numbers[LAST], numbers[HELD], whole[GOOD], whole[TURNS]
+    for k in range(len(aside)):
+        aside[k] = sideways[k] if np.isfinite(sideways[k]) else rest[1 + k // len(raw), k % len(raw)]
     missing, count = 0, 0
     for k in range(len(raw)):
         count += good[k]
@@ -118,7 +123,7 @@ def _take(raw, rest, neighbours, turn, numbers, whole, value):
     if 4 * missing > count:
         return False
     if turn > 0.0:
-        _wraps(raw, rest, numbers[NOISE], neighbours, turn, last, turns, whole[WRAPPED])
+        _wraps(raw, rest[0], numbers[NOISE], neighbours, turn, last, turns, whole[WRAPPED])
     for k in range(len(raw)):
         last[k] = raw[k]
         value[k] = raw[k] + turns[k] * turn
@@ -126,14 +131,6 @@ def _take(raw, rest, neighbours, turn, numbers, whole, value):
             value[k] = held[k]
         held[k] = value[k]
     return True
-
-
-@uncounted
-def _take_sideways(sideways, i, rest, value):
-    """Write the tangential readings of a frame to `value` (2 k,), the baseline `rest` (2, k) for those not finite."""
-    cells = len(value) // 2
-    for k in range(len(value)):
-        value[k] = sideways[i, k] if np.isfinite(sideways[i, k]) else rest[k // cells, k % cells]
 
 
 @uncounted
@@ -678,8 +675,8 @@ def _all(time, raw, sideways, model, values, status, left, place, table, curves,
         if len(left) > 0:
             scale = np.sqrt(left[i] + resting)
         else:
-            status[0] = -1 if _take(raw[i], numbers[BASELINE], table[0], turn, numbers, whole, value) else INVALID
-            _take_sideways(sideways, i, numbers[SIDEWAYS:ROUGH], aside)
+            known = numbers[BASELINE:ROUGH], table[0], turn, numbers, whole
+            status[0] = -1 if _take(raw[i], sideways[i], *known, value, aside) else INVALID
             if len(shares) > 0:
                 smooth(time[i : i + 1], status, values, sections, start, gains, gap, since, state, age)
                 scale = np.sqrt(shares[min(max(age[0], 0), len(shares) - 1)] + resting)
@@ -718,9 +715,8 @@ def _all(time, raw, sideways, model, values, status, left, place, table, curves,
 def prepare(raw, sideways, rest, neighbours, turn, numbers, whole, values, status):
     """Prepare frames for a filter of zero phase: write `values`, normal and tangential, to filter, and status (n,)."""
     for i in range(len(raw)):
-        value = values[i, : raw.shape[1]]
-        status[i] = -1 if _take(raw[i], rest[0], neighbours, turn, numbers, whole, value) else INVALID
-        _take_sideways(sideways, i, rest[1:], values[i, raw.shape[1] :])
+        into = values[i, : raw.shape[1]], values[i, raw.shape[1] :]
+        status[i] = -1 if _take(raw[i], sideways[i], rest, neighbours, turn, numbers, whole, *into) else INVALID
 
 
 @released(

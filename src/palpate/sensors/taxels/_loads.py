@@ -390,9 +390,7 @@ def _sum_spread(cells, end, offset, shares, scale, numbers, whole, model, touch,
         for a in range(3):
             mixed = (1.0 - shares[i]) * shares[i] * numbers[LOAD + a, k]
             variance = shares[i] ** 2 * _variance(k, a, scale, numbers, model) + mixed * mixed
-            for r in range(UNKNOWN):
-                for c in range(UNKNOWN):
-                    spread[r, c] += slopes[a, r] * variance * slopes[a, c]
+            spread += np.outer(slopes[a] * variance, slopes[a])
     spread[2, 2] = loose
 
 

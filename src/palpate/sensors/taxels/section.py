@@ -107,9 +107,8 @@ class RigSkin:
             if getattr(self, name) is not None:
                 raise ValueError(f"a {name} is for taxels with three axes, whose names axes states")
         if self.axes is not None and self.intensity is not None:
-            raise ValueError(
-                "intensity is for taxels with one axis: palpate calibrate response is for those with three"
-            )
+            what = "intensity is for taxels with one axis: palpate calibrate response is for those with three"
+            raise ValueError(what)
         if self.pitch is not None and not (self.rows and self.columns):
             raise ValueError("a pitch needs rows and columns, the numbers of the flat sheet's rows and columns")
         if self.unit is not None and not known_unit(self.unit, {**CELL_UNITS, **ELECTRIC_UNITS}):
