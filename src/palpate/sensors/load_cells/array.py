@@ -401,9 +401,8 @@ class LoadCellArray:
     def _voltages(self, recording: Recording) -> Float[np.ndarray, "n m"]:
         found = recording.channels.get(VOLTAGE)
         if found is None:
-            raise InputError(
-                "the log has no voltages.", where=recording.source, hint="Name their columns or topic in [load_cells]."
-            )
+            hint = "Name their columns or topic in [load_cells]."
+            raise InputError("the log has no voltages.", where=recording.source, hint=hint)
         if found.shape[1:] != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, found.shape[1:]), where=recording.source)
         return np.array(found, dtype=np.float64, order="C")

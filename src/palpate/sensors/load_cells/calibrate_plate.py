@@ -169,15 +169,9 @@ def identify_plate(
     covariance = left.widening * gains.covariance + own
     cells = _divided(plate_cells(positions, gains.gains, noise, axis, limits), stood, gains)
     odd = _odd(gains)
-    changed = with_changes(
-        with_gains(cells, covariance),
-        bias=np.mean([rest.voltage for rest in found], axis=0),
-        drift=_drift(found, noise),
-        correlation=correlation,
-        samples=len(log.time),
-        provenance=provenance,
-        notes=(*_said(gains, odd, len(positions)), *left.notes),
-    )
+    bias, notes = np.mean([rest.voltage for rest in found], axis=0), (*_said(gains, odd, len(positions)), *left.notes)
+    known = {"bias": bias, "drift": _drift(found, noise), "correlation": correlation, "samples": len(log.time)}
+    changed = with_changes(with_gains(cells, covariance), provenance=provenance, notes=notes, **known)
     return PlateCalibration(changed, stood, gains, left, odd)
 
 

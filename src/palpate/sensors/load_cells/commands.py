@@ -71,22 +71,17 @@ class CalibrateLoadCells(Calibration):
             figures = _plate_figures(found)
         else:
             reference, cells = recording.channels[REFERENCE], table.count()
-            found = identify_load_cells(
-                recording.time,
-                recording.channels[VOLTAGE],
-                reference[:, :3],
-                reference[:, 3:],
-                setup.link.surface(),
-                indentation=table.indentation,
-                options=CalibrationOptions(
-                    ball=table.ball / 2.0,
-                    positions=table.positions,
-                    limits=table.limits(cells),
-                    noise=None if table.noise is None else np.full(3 * cells, table.noise),
-                    names=table.names(cells),
-                    provenance=self.record(indentation=table.indentation),
-                ),
+            options = CalibrationOptions(
+                ball=table.ball / 2.0,
+                positions=table.positions,
+                limits=table.limits(cells),
+                noise=None if table.noise is None else np.full(3 * cells, table.noise),
+                names=table.names(cells),
+                provenance=self.record(indentation=table.indentation),
             )
+            given = recording.time, recording.channels[VOLTAGE], reference[:, :3], reference[:, 3:]
+            surface = setup.link.surface()
+            found = identify_load_cells(*given, surface, indentation=table.indentation, options=options)
             figures = _figures(found)
         hint = f'name it in the rig: model = "{self.output.name}" under [load_cells]'
         return CalibrationResult(figures, found.cells, notes=recording.notes, warnings=found.cells.notes, next=[hint])
@@ -96,16 +91,9 @@ class CalibrateLoadCells(Calibration):
             raise InputError("is missing: [x, y, z] in m of each cell.", where="load_cells.positions")
         reference = recording.channels[REFERENCE]
         places = reference[:, 1:] if reference.shape[1] > 1 else np.full((len(reference), 2), np.nan)
-        return identify_plate(
-            recording.time,
-            recording.channels[VOLTAGE],
-            reference[:, 0],
-            places,
-            np.array(table.positions),
-            axis=table.axes[0],
-            limits=table.limits(table.count()),
-            provenance=self.record(axes=table.axes[0]),
-        )
+        given = recording.time, recording.channels[VOLTAGE], reference[:, 0], places, np.array(table.positions)
+        limits, record = table.limits(table.count()), self.record(axes=table.axes[0])
+        return identify_plate(*given, axis=table.axes[0], limits=limits, provenance=record)
 
 
 def _plate_figures(found: PlateCalibration) -> list[tuple[str, str]]:

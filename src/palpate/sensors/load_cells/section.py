@@ -173,15 +173,11 @@ class LoadCellSection(SensorSection):
             what = f"are {', '.join(table.axes)}, but {path.name} is of cells that measure {', '.join(model.axes)}."
             raise InputError(what, where="load_cells.axes")
         if table.columns and len(table.columns) != len(model.matrix):
-            raise InputError(
-                f"names {len(table.columns)} columns, but {path.name} has {model.cells} cells, with a column for each "
-                f"of {', '.join(model.axes)}.",
-                where="load_cells.columns",
-            )
+            known = f"{path.name} has {model.cells} cells, with a column for each of {', '.join(model.axes)}"
+            raise InputError(f"names {len(table.columns)} columns, but {known}.", where="load_cells.columns")
         if unknown := [cell for cell in table.without if not 1 <= cell <= model.cells]:
-            raise InputError(
-                f"cell {unknown[0]} does not exist: cells are 1 to {model.cells}.", where="load_cells.without"
-            )
+            what = f"cell {unknown[0]} does not exist: cells are 1 to {model.cells}."
+            raise InputError(what, where="load_cells.without")
         noise = float(np.sqrt(np.median(np.diag(model.noise))))
         stated = {
             "limits": table.limits(model.cells),

@@ -9,7 +9,7 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95
@@ -35,9 +35,9 @@ _INNER = 0.6  # of the skin's half width, within which all of a force is on the 
 FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), np.geomspace(1e-4, 0.3, 24).tolist()
 UNUSUAL = [0.0, *np.geomspace(1e-3, 1.0, 15).tolist()]
 UNLIKE = np.array([0.4, 0.3, 0.3])  # pitches and shares of the force by which medians of errors are off: no response
+# error of a place [pitches] along both tangents and its covariance; the force found, its covariance, and the true one,
+# along both tangents and into the body; and the feature `shape`
 _Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Error of a place [pitches] along both tangents and its covariance; the force found, its covariance, and the true one,
-along both tangents and into the body; and the feature `shape`."""
 CHI2 = (3.841458820694124, CHI2_95, 7.814727903251179)  # 95 % points with one, two and three degrees of freedom
 
 
@@ -59,7 +59,9 @@ def identify_response(
     """
     presses = known_presses(body, recording, truth)
     first, unusual = _fitted(presses, False)
-    presses, names = presses.unfaded(first.fade), _by_patch(presses, unusual)
+    presses = presses.unfaded(first.fade)
+    names, number = np.unique(presses.press, return_inverse=True)
+    names = names[np.argsort(np.bincount(number, unusual) / np.bincount(number))]  # of tips of all sizes in each part
     alike = [
         _left_out(presses, [names[i::count] for i in range(count)], sums)
         for count, sums in ((PARTS, False), (FOLDS, True))
@@ -85,12 +87,6 @@ def identify_response(
     if TEMPERATURE in recording.channels and not len(response.thermal):
         notes.append(f"the temperature changes by less than {WARMS:g} K: what it does is not learned")
     return replace(response, **kept, usual_misfit=float(np.mean(misfits)), provenance=record, notes=tuple(notes))
-
-
-def _by_patch(presses: Presses, unusual: Float[np.ndarray, " n"]) -> Int[np.ndarray, " p"]:
-    """Return the presses by the size of their patch, so that parts of them are pressed by other tips."""
-    names, number = np.unique(presses.press, return_inverse=True)
-    return names[np.argsort(np.bincount(number, unusual) / np.bincount(number))]
 
 
 def _left_out(presses: Presses, parts: list[np.ndarray], sums: bool) -> list[tuple[Presses, TaxelResponse]]:

@@ -249,12 +249,8 @@ class CalibrateResponse(Calibration):
             raise InputError("the rig's taxels have one axis.", where="skin.axes", hint=hint)
         recording = read_recording(self.log, SKIN.layout(setup))
         found = identify_response(replace(body, response=None), recording, _known(self.truth), provenance=self.record())
-        return CalibrationResult(
-            of_response(found),
-            found,
-            notes=[*recording.notes, *found.notes],
-            next=[f'name it in the rig: response = "{self.output.name}" under [skin]'],
-        )
+        hint = f'name it in the rig: response = "{self.output.name}" under [skin]'
+        return CalibrationResult(of_response(found), found, notes=[*recording.notes, *found.notes], next=[hint])
 
 
 def _known(path: Path) -> TrueSamples:

@@ -20,7 +20,7 @@ from palpate.sensors.taxels.frames import TaxelFrames
 from palpate.sensors.taxels.health import FEWEST, Health, examine, tared
 from palpate.sensors.taxels.intensity import Intensity, load_direction
 from palpate.sensors.taxels.model import TaxelBody
-from palpate.sensors.taxels.plausibility import unbelievable_touches
+from palpate.sensors.taxels.plausibility import unbelievable_touches, unlike_calibration
 from palpate.sensors.taxels.watch import TaxelWatch
 from palpate.signals.filters import Filter
 from palpate.signals.recording import CELLS, LARGEST, Recording
@@ -40,8 +40,6 @@ SHEAR = ("slip", "slip_sd", "torque_sd", *SIX, "shape")
 [N^2], and the shape, with which deviations grow: by how much the variance of the patch exceeds a usual one [squared
 pitches], or the root of the sum of squared loads over the force, if that is their sum; of taxels with three axes."""
 SQUARE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # where the nine numbers of a covariance are among its six
-_One = tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...], tuple[np.ndarray, np.ndarray] | None]
-"""Time, readings and number of rows of one frame, which are written; its usual shape; views of its loads."""
 HEAD = 2048  # frames from which rest, noise and faults are taken
 _ROWS = 1024  # of a piece of answers
 
@@ -110,12 +108,13 @@ class TaxelEstimator(ContactEstimator):
         self._falling = load_direction(intensity, falling)
         self._frames = TaxelFrames(body, intensity, self.settings, forward, self._falling, filtered=filter is not None)
         self._watch = TaxelWatch(body)
-        room, none = np.zeros((1, *body.one)), frozen(np.zeros((1, 0)))
-        shape, loads = (body.shape, (room, none)) if body.response is None else ((), None)  # made anew for each frame
-        self._one: _One = np.zeros(1), room, np.zeros(1, dtype=np.int64), shape, loads
+        # time, readings and number of rows of one frame, which are written; its usual shape; views of its loads
+        time, raw, counts = np.zeros(1), np.zeros((1, *body.one)), np.zeros(1, dtype=np.int64)
+        plain = body.shape, (raw, frozen(np.zeros((1, 0))))
+        shape, loads = plain if body.response is None else ((), None)  # made anew for each frame of three axes
+        self._one = time, raw, counts, shape, loads
         if health is not None:
             self._know(health)
-        time, raw, counts, *_ = self._one
         if self._ahead:
             self._frames.prepare(*body.split(raw.copy()))  # compiles, before anything is in a hurry
         self._frames.run(time, *body.split(raw.copy()), self.empty(1), counts, self._frames.no_forces)  # compiles
@@ -227,7 +226,9 @@ class TaxelEstimator(ContactEstimator):
     def unbelievable(self) -> str:
         """Return the sentence that no touch of a log can be believed; "" if some can."""
         known, health = (self._watch.loads, self._watch.free, self._frames.touches, self.body), self.health
-        return "" if health is None else unbelievable_touches(*known, health, self.misfit)
+        return (
+            "" if health is None else unlike_calibration(self.body, self.misfit) or unbelievable_touches(*known, health)
+        )
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()

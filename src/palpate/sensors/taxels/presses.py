@@ -85,7 +85,8 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples) -> 
     press = np.searchsorted(starts, np.arange(len(pressed)), side="right") - 1
     if not free.any() or not pressed.any():
         raise NotIdentifiable("there must be frames with a force, and frames with none.", rank=0, missing=("rest",))
-    thermal = _thermal(warmer[free], raw[free])
+    warms = warmer[free] - warmer[free].mean()  # the slope of readings at rest over the temperature
+    thermal = np.tensordot(warms, raw[free], 1) / max(float(warms @ warms), 1e-300)
     raw = raw - thermal * warmer[:, None, None]
     late, raw = _late(time, raw, free)
     rest, noise = _rests(time, raw, free)
@@ -117,12 +118,6 @@ def _warmth(recording: Recording) -> tuple[float, Float[np.ndarray, " n"]]:
         return 0.0, np.zeros(len(kelvin))
     usual = float(np.nanmean(kelvin))
     return usual, kelvin - usual
-
-
-def _thermal(warmer: Float[np.ndarray, " n"], rest: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "k 3"]:
-    """Return the slope of readings at rest over the temperature; 0 where it does not change."""
-    off = warmer - warmer.mean()
-    return np.tensordot(off, rest, 1) / max(float(off @ off), 1e-300)
 
 
 def _require_rest(moved: Float[np.ndarray, " n"], free: Bool[np.ndarray, " n"], source: str) -> None:

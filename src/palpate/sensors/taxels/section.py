@@ -157,11 +157,9 @@ class SkinSection(SensorSection):
         found = read_skin_map(path)
         rows, columns = self.table.rows or found.rows, self.table.columns or found.columns
         if (rows, columns) != (found.rows, found.columns):
-            raise InputError(
-                f"maps {found.rows} x {found.columns} cells, but the rig's [skin] states {rows} x {columns}.",
-                where=str(path),
-                hint="Make the map for this sheet with palpate map skin --sheet.",
-            )
+            what = f"maps {found.rows} x {found.columns} cells, but the rig's [skin] states {rows} x {columns}."
+            hint = "Make the map for this sheet with palpate map skin --sheet."
+            raise InputError(what, where=str(path), hint=hint)
         return found
 
     @cached_property
@@ -179,11 +177,9 @@ class SkinSection(SensorSection):
         """
         table, link = self.table, self.link
         if table.taxels is None:
-            raise InputError(
-                "the rig's [skin] states the number of taxels, but not their places.",
-                where="skin.taxels",
-                hint="Run `palpate calibrate taxels` on a log of pokes, then name its file: taxels = FILE.",
-            )
+            what = "the rig's [skin] states the number of taxels, but not their places."
+            hint = "Run `palpate calibrate taxels` on a log of pokes, then name its file: taxels = FILE."
+            raise InputError(what, where="skin.taxels", hint=hint)
         path, places = link.folder / table.taxels, self._read
         if table.count not in (None, len(places)):
             raise InputError(f"has {len(places)} taxels, but count = {table.count} in [skin].", where=str(path))
@@ -330,9 +326,8 @@ def _unknown(table: RigSkin, response: TaxelResponse, live: bool) -> str:
         why = "the response does not know what the temperature does: calibrate while it changes, with the same key"
         return why if table.temperature is not None else ""
     known = f"the response corrects readings to a temperature of {response.temperature:.3g}"
-    if live:
-        return f"{known}, but live sources have none: they are taken as they are"
-    return "" if table.temperature is not None else f"{known}, but [skin] names none: they are taken as they are"
+    lacks = "live sources have none" if live else "" if table.temperature is not None else "[skin] names none"
+    return f"{known}, but {lacks}: they are taken as they are" if lacks else ""
 
 
 def skin_tare(setup: Setup) -> float | None:
