@@ -37,7 +37,7 @@ UNUSUAL = [0.0, *np.geomspace(1e-3, 1.0, 15).tolist()]
 UNLIKE = np.array([0.4, 0.3, 0.3])  # pitches and shares of the force by which medians of errors are off: no response
 # error of a place [pitches] along both tangents and its covariance; the force found, its covariance, and the true one,
 # along both tangents and into the body; and the feature `shape`
-_Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+_Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]
 CHI2 = (3.841458820694124, CHI2_95, 7.814727903251179)  # 95 % points with one, two and three degrees of freedom
 
 
@@ -291,7 +291,7 @@ def _errors(found: Contacts, sample: int, presses: Presses, i: int) -> list[_Row
     place = turn[:2] @ found.covariance[best] @ turn[:2].T / pitch**2
     six = np.array([found.features[name][best] for name in SIX])
     spread = turn @ six[SQUARE].reshape(3, 3) @ turn.T
-    return [(error, place, turn @ found.force[best], spread, presses.force[i], found.features["shape"][best])]
+    return [(error, place, turn @ found.force[best], spread, presses.force[i], float(found.features["shape"][best]))]
 
 
 def _corrected(
