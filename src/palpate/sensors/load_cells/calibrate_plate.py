@@ -305,8 +305,7 @@ def _drift(found: Sequence[UnloadedStretch], noise: Float[np.ndarray, "k k"]) ->
 def _odd(found: Gains) -> dict[int, float]:
     """Return the cell whose gain contradicts those of the others most, and by what share; {}: none does.
 
-    Gains differ by `TOLERANCE` [1 standard deviation] and by the errors of the estimate. The bound is that of the
-    largest of k differences [Bonferroni], which sound plates exceed in `NAMED` of all cases.
+    Gains differ by `TOLERANCE` [1 standard deviation] and by the errors of the estimate.
     """
     count = len(found.gains)
     ways = (np.full((count, count), 1.0) - count * np.eye(count)) / (count - 1)  # mean of the others less the own
@@ -314,8 +313,12 @@ def _odd(found: Gains) -> dict[int, float]:
     spread = TOLERANCE**2 * np.sum(ways**2, axis=1) + np.diag(ways @ found.covariance @ ways.T) / usual**2
     off = (usual / found.gains - 1.0) / np.sqrt(spread)
     cell = int(np.argmax(np.abs(off)))
-    bound = -NormalDist().inv_cdf(0.5 * NAMED / count)
-    return {cell: float(usual[cell] / found.gains[cell] - 1.0)} if abs(off[cell]) > bound else {}
+    return {cell: float(usual[cell] / found.gains[cell] - 1.0)} if abs(off[cell]) > named_beyond(count) else {}
+
+
+def named_beyond(count: int) -> float:
+    """Return the bound of the largest of `count` differences [Bonferroni]: `NAMED` of sound plates exceed it."""
+    return -NormalDist().inv_cdf(0.5 * NAMED / count)
 
 
 def _said(found: Gains, odd: Mapping[int, float], count: int) -> list[str]:
