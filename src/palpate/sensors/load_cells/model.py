@@ -139,11 +139,7 @@ class LoadCells(Value):
 
     @property
     def errors(self) -> Float[np.ndarray, "36 36"]:
-        """Covariance (36, 36) of E by the calibration, and by shear and torque that cells of one axis do not measure.
-
-        A force F a at the point p with a shear e F t has the moment of p x e F t too. In the cells' plane, where the
-        others measure M, its part along a is -e t . M; above that plane, shear displaces the measured point.
-        """
+        """Covariance (36, 36) of E by the calibration, and by what cells of one axis do not measure: see `unmeasured`."""
         out, along = np.zeros((36, 36)), AXES.index(self.axes[0])
         for wrench in self.shear * unmeasured(self.axes, self.positions).T:
             slope = np.zeros((6, 6))
@@ -297,7 +293,9 @@ def measured(axes: tuple[str, ...]) -> Float[np.ndarray, "6 d"]:
 def unmeasured(axes: tuple[str, ...], positions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "6 e"]:
     """Return the wrenches (6, e) that cells do not measure: shear of 1 N in their plane, and 0.01 N m about the axis.
 
-    They are the null space of C. Cells of three axes have none.
+    They are the null space of C. Cells of three axes have none. A force F a at the point p with a shear e F t has the
+    moment of p x e F t too. In the cells' plane, where the others measure M, its part along a is -e t . M; above that
+    plane, shear displaces the measured point.
     """
     if len(axes) != 1:
         return np.zeros((6, 0))
