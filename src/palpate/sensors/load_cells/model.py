@@ -139,7 +139,7 @@ class LoadCells(Value):
 
     @property
     def errors(self) -> Float[np.ndarray, "36 36"]:
-        """Covariance (36, 36) of E by the calibration, and by what cells of one axis do not measure: see `unmeasured`."""
+        """Covariance (36, 36) of E by the calibration, and by what cells of one axis miss, see `unmeasured`."""
         out, along = np.zeros((36, 36)), AXES.index(self.axes[0])
         for wrench in self.shear * unmeasured(self.axes, self.positions).T:
             slope = np.zeros((6, 6))
