@@ -108,11 +108,9 @@ class TaxelEstimator(ContactEstimator):
         self._falling = load_direction(intensity, falling)
         self._frames = TaxelFrames(body, intensity, self.settings, forward, self._falling, filtered=filter is not None)
         self._watch = TaxelWatch(body)
-        # time, readings and number of rows of one frame, which are written; its usual shape; views of its loads
         time, raw, counts = np.zeros(1), np.zeros((1, *body.one)), np.zeros(1, dtype=np.int64)
-        plain = body.shape, (raw, frozen(np.zeros((1, 0))))
-        shape, loads = plain if body.response is None else ((), None)  # made anew for each frame of three axes
-        self._one = time, raw, counts, shape, loads
+        shape, loads = (body.shape, (raw, frozen(np.zeros((1, 0))))) if body.response is None else ((), None)
+        self._one = time, raw, counts, shape, loads  # of one frame, written; of three axes its loads are made anew
         if health is not None:
             self._know(health)
         if self._ahead:
@@ -153,9 +151,8 @@ class TaxelEstimator(ContactEstimator):
         Raises:
             InputError: too few frames, no readings of these taxels, no usable cell, or cells that do not keep still.
         """
-        rest, self._tared = tared(
-            recording, self.body, self.health, pressed=3.0 * self.settings.on, falling=self._frames.falling
-        )
+        pressed, falling = 3.0 * self.settings.on, self._frames.falling
+        rest, self._tared = tared(recording, self.body, self.health, pressed=pressed, falling=falling)
         self._know(rest)
         return self._tared
 
@@ -214,8 +211,7 @@ class TaxelEstimator(ContactEstimator):
             said.append("there is no intensity model, so readings are N: palpate calibrate intensity makes one")
         if self.health is None:
             return tuple(said)
-        said += [*self.health.notes, *([self._tared.note] if self._tared.note else [])]
-        return (*said, *self._frames.notes(self.health))
+        return (*said, *self.health.notes, *filter(None, [self._tared.note]), *self._frames.notes(self.health))
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings of dead or stuck cells, a tare that looks like a touch, or a zero that moved."""
@@ -226,9 +222,8 @@ class TaxelEstimator(ContactEstimator):
     def unbelievable(self) -> str:
         """Return the sentence that no touch of a log can be believed; "" if some can."""
         known, health = (self._watch.loads, self._watch.free, self._frames.touches, self.body), self.health
-        return (
-            "" if health is None else unlike_calibration(self.body, self.misfit) or unbelievable_touches(*known, health)
-        )
+        unlike = unlike_calibration(self.body, self.misfit)
+        return "" if health is None else unlike or unbelievable_touches(*known, health)
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()
