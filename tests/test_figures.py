@@ -15,7 +15,6 @@ FREE = {
     ("docs/drift.md", "8 %"): "arithmetic: 14 % over the root of three",
     ("docs/how_to/clocks.md", "1.7 degrees"): "arithmetic: 1 rad/s times 30 ms",
     ("docs/how_to/mounting.md", "85 mm"): "arithmetic: 1.5 mm over one degree",
-    ("docs/marker_ring.md", "15 degrees"): "advice",
     ("docs/measured.md", "81.7 %"): "its script is not kept, which the page states by a dagger",
     ("docs/skin_contacts.md", "40 s"): "arithmetic: two thirds of a minute",
     ("docs/taxel_poking.md", "2 mm"): "SHIFTED of sensors/taxels/poking/segmentation.py",

@@ -15,7 +15,7 @@ import palpate
 from claims.evidence.covariance import CHI2_95, squared_distance
 from claims.row import Row
 from palpate.sensors.load_cells.array import LoadCellArray
-from palpate.sensors.load_cells.calibrate_plate import NAMED, PLACED, PlateCalibration, identify_plate
+from palpate.sensors.load_cells.calibrate_plate import NAMED, PLACED, PlateCalibration, identify_plate, named_beyond
 from palpate.sensors.load_cells.model import VOLTAGE, with_changes
 from palpate.sensors.load_cells.plate import TOLERANCE
 from palpate.sensors.load_cells.zero import Zero
@@ -118,9 +118,9 @@ def _named(count: int) -> Iterator[Row]:
     sound = [trial(4, True, number, (1.0, 15.0)) for number in range(count)]
     before = [trial(4, True, number, spoiled=(OFF, 1.0)) for number in range(count)]
     after = [trial(4, True, number, (1.0, 15.0), spoiled=(1.0, OFF)) for number in range(count)]
-    cells, usual = 4, NormalDist()
-    bound = -usual.inv_cdf(0.5 * NAMED / cells)  # of the largest of as many differences, each with the others' mean
-    possible = usual.cdf((OFF - 1.0) / (TOLERANCE * np.sqrt(cells / (cells - 1))) - bound)
+    cells = 4
+    apart = (OFF - 1.0) / (TOLERANCE * np.sqrt(cells / (cells - 1)))  # from the mean of the others
+    possible = NormalDist().cdf(apart - named_beyond(cells))
     limit = f"; {possible:.0%} can be, where one of {1 / NAMED:.0f} sound plates is named and cells differ by 1 %"
     shares = (
         ("when it is calibrated", [set(each.found.odd) == {1} for each in before], limit),

@@ -30,7 +30,7 @@ HELD = {
     "sensors/fused/test_fused.py": "Fused.covariance FusedFrames.spread within_cones",
     "sensors/load_cells/test_cell_covariances.py": "LoadCellArray.place LoadCellArray.as_wrench with_gains "
     "LoadCellArray.window_noise Explanations.covariances LoadCells.wrenches LoadCells.calibration_covariance "
-    "LoadCells.inverse LoadCells.complete unmeasured_covariance Gains.covariance Weights.spread",
+    "LoadCells.inverse LoadCells.complete Gains.covariance Weights.spread",
     "sensors/load_cells/test_load_cells_calibration.py": "LoadCells.covariance",
     "sensors/taxels/test_taxel_covariances.py": "Curve.covariance",
     "sensors/taxels/test_intensity.py": "identify_resistive",

@@ -76,11 +76,7 @@ _CALIBRATIONS = {  # name -> module, class, and the first paragraph of its docst
         "CalibrateRegistration",
         "Find the surface's pose among places of taxels.",
     ),
-    "response": (
-        "palpate.sensors.taxels.response_command",
-        "CalibrateResponse",
-        "Fit what taxels with three axes read under known forces.",
-    ),
+    "response": (_TAXELS, "CalibrateResponse", "Fit what taxels with three axes read under known forces."),
     "servo": (".calibrate_servo", "CalibrateServo", "Find the delay and lag with which a robot follows commands."),
     "taxels": (_POKING, "CalibrateTaxels", "Find where each taxel sits, from the wrenches of pokes."),
 }

@@ -268,8 +268,8 @@ def test_what_a_temperature_does_is_learned_and_taken_off() -> None:
     body = TaxelBody.anywhere(skin.positions, skin.normals, along=(1.0, 0.0, 0.0))
     recording = Recording(np.arange(len(warm)) / RATE, {CELLS: warm, TEMPERATURE: 25.0 + warmer[:, None]})
     known = TrueSamples(truth.frame / RATE, truth.place, force=truth.force)
-    presses = known_presses(body, recording, known, skin.pitch)
-    found = _fitted(body, presses, skin.pitch, True)[0]
+    presses = known_presses(body, recording, known)
+    found = _fitted(presses, True)[0]
     assert found.temperature == pytest.approx(25.0 + warmer.mean())
     np.testing.assert_allclose(found.thermal, CREEPS, rtol=0.03)
     assert 0.0 < found.fade < 2.0 * FADES  # 60 presses leave the gains free to take some of it
@@ -286,7 +286,7 @@ def test_what_a_temperature_does_is_learned_and_taken_off() -> None:
     with pytest.raises(InputError, match=r"temperature is 298, and was 2\d.* in the calibration\..*in the same unit"):
         found.corrected(warm[:2], np.array([298.0, 298.0]))
     steady = replace(recording, channels={CELLS: warm, TEMPERATURE: 25.0 + 0.1 * warmer[:, None]})
-    assert not len(_fitted(body, known_presses(body, steady, known, skin.pitch), skin.pitch, True)[0].thermal)
+    assert not len(_fitted(known_presses(body, steady, known), True)[0].thermal)
 
 
 @pytest.mark.parametrize("known", [(1.5, 0.002, 0.0), (0.5, 0.03, 0.0), (0.7, 0.001, 0.3)])

@@ -89,7 +89,7 @@ def test_a_place_is_as_sure_along_both_axes_as_the_fit() -> None:
     more = {"inexact": np.array([0.1, 0.0, 0.0]), "unusual": np.array([3.0, 0.0, 0.0])}  # of a patch of 0.1
     model = response(widening=np.array([2.0, 1.0, 1.0]), **more).numbers()
     spread, fit, out = mixed(np.array([0.05, 0.03, 0.02, 0.05, 0.08, 0.1, 0.03]), 3), np.zeros(5), np.zeros(30)
-    _kernels._place(TOUCH, spread, model, 0.5 * PITCH, fit)
+    _loads._place(TOUCH, spread, model, 0.5 * PITCH, fit)
     _kernels._write(HERE, 0.5 * ALONG, np.array([0.3, 0.2, 0.1]), fit[2:], out, 22)
     own = 4.0 * spread[:2, :2] + (0.01 + 0.09) * np.eye(2)
     np.testing.assert_allclose(fit[:2], 2.0 * TOUCH[:2])
@@ -109,7 +109,7 @@ def test_what_a_fit_knows_is_the_covariance_of_what_moves_it(count: int) -> None
     def pulled(loads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         normal, pull = np.empty((size, size)), np.empty(size)
         _loads._normal((offsets, loads, weights), touches, count, model, work, normal, pull)
-        return normal, pull
+        return np.tril(normal) + np.tril(normal, -1).T, pull
 
     shown, profiles, slopes = np.zeros((3, 12)), np.empty((6, 3)), np.empty((3, 7))
     for touch in touches:

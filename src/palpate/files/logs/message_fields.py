@@ -106,11 +106,8 @@ def field_of(topic: Topic, path: str, axes: tuple[str, ...] = ()) -> FieldPath |
     With axes, the path may be that of a list of messages ("taxels[]"), each with a number of every axis.
     """
     generic, known = re.sub(r"\[\d+\]", "[0]", path.removesuffix("[]")), paths_of(topic)
-    each = tuple(f"{generic}[].{axis}" for axis in axes)
-    if each and set(each) <= set(known):
-        return FieldPath(topic, path.removesuffix("[]"), axes)
-    found = generic in known
-    return FieldPath(topic, path.removesuffix("[]")) if found else None
+    listed = bool(axes) and {f"{generic}[].{axis}" for axis in axes} <= {*known}
+    return FieldPath(topic, path.removesuffix("[]"), axes if listed else ()) if listed or generic in known else None
 
 
 class FieldPath:

@@ -194,7 +194,7 @@ def array_columns(array: ArrayChannel, shapes: Shapes, names: Sequence[str], pat
     plain = [name for name in names if name in shapes]
     name = _array(array, made, path)
     if name is not None:
-        return _array_names(array, name, made[name], path)
+        return [f"{name}[{k}]" for k in arranged(array, made[name], f"array {name!r} holds n x", path)]
     if made and not plain:
         wanted = array.columns if isinstance(array.columns, str) else "frames" if array.name == CELLS else array.name
         raise InputError(f"has no array {wanted!r}.", where=str(path), hint=near(wanted, made))
@@ -212,11 +212,6 @@ def _array(array: ArrayChannel, made: Shapes, path: Path) -> str | None:
     if usual is None and len(fitting) > 1:
         raise _several(array, fitting, path)
     return usual or next(iter(fitting), None)
-
-
-def _array_names(array: ArrayChannel, name: str, shape: tuple[int, ...], path: Path) -> Sequence[str]:
-    """Return the names of an array's numbers; raise InputError if the array has another shape than the channel."""
-    return [f"{name}[{k}]" for k in arranged(array, shape, f"array {name!r} holds n x", path)]
 
 
 def arranged(array: ArrayChannel, shape: tuple[int, ...], called: str, path: Path) -> Sequence[int]:

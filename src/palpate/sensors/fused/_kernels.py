@@ -67,7 +67,6 @@ def _first(contacts, settings, frames, mean, variance, second):
     for i in range(len(contacts)):
         _frame(contacts[i, 3:6], frames[i])
         force = contacts[i, 6]
-        mean[3 * i], mean[3 * i + 1], mean[3 * i + 2] = force, 0.0, 0.0
         variance[i] = contacts[i, 7] ** 2 + (settings[1] * force) ** 2 + settings[2] ** 2
         across = settings[0] ** 2 * (force * force + variance[i])
         share, along, aside = _sheared(contacts[i], frames[i], across)
@@ -76,8 +75,8 @@ def _first(contacts, settings, frames, mean, variance, second):
             for q in range(3):
                 second[i, r, q] = (force * force + variance[i] - across) * frames[i, 0, r] * frames[i, 0, q]
             second[i, r, r] += across
+        mean[3 * i], mean[3 * i + 1], mean[3 * i + 2] = force, share * along, share * aside
         if share > 0.0:
-            mean[3 * i + 1], mean[3 * i + 2] = share * along, share * aside
             for r in range(3):
                 for q in range(3):
                     one, other = frames[i, 0], share * (along * frames[i, 1] + aside * frames[i, 2])
@@ -103,9 +102,8 @@ def _prior(contacts, settings, frames, level, variance, root, before):
         root[3 * i] = np.sqrt(square)
         root[3 * i + 1] = root[3 * i + 2] = settings[0] * np.sqrt(level[i] ** 2 + variance[i])
         share, along, aside = _sheared(contacts[i], frames[i], root[3 * i + 1] ** 2)
-        if share > 0.0:
-            root[3 * i + 1] = root[3 * i + 2] = root[3 * i + 1] * np.sqrt(1.0 - share)
-            before[3 * i + 1], before[3 * i + 2] = share * along, share * aside
+        root[3 * i + 1] = root[3 * i + 2] = root[3 * i + 1] * np.sqrt(1.0 - share)
+        before[3 * i + 1], before[3 * i + 2] = share * along, share * aside
 
 
 @inner

@@ -19,7 +19,7 @@ from palpate.errors import InputError
 from palpate.sensors.fused.agreement import Agreement
 from palpate.sensors.fused.lasting_unseen import LastingUnseen, fuse_with_unseen
 from palpate.sensors.fused.locator import FusedFrames, FusedLocator
-from palpate.sensors.taxels.estimator import SQUARE, TaxelEstimator
+from palpate.sensors.taxels.estimator import SIX, SQUARE, TaxelEstimator
 from palpate.signals.drift import Drift
 from palpate.signals.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
 from palpate.signals.smoothing import require_forward
@@ -29,18 +29,7 @@ from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
-FEATURES = (
-    "share",
-    "bound",
-    "unexplained",
-    "belief",
-    "force_xx",
-    "force_xy",
-    "force_xz",
-    "force_yy",
-    "force_yz",
-    "force_zz",
-)
+FEATURES = ("share", "bound", "unexplained", "belief", *SIX)
 SHARE, BOUND, UNEXPLAINED, BELIEF = range(4)  # their columns after the skin's
 
 

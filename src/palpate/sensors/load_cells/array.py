@@ -327,7 +327,7 @@ class LoadCellArray:
 
     def reset(self) -> None:
         """Forget the samples so far, with the warnings of them; the zero is kept."""
-        self._doubted, self._kept = list[str](), list[np.ndarray]()
+        self._doubted, self._kept = list[str](), [np.empty((0, 1 + len(self.live_inputs)))]
         self._held, self._seen, self._stride, self._live = 0, 0, 1, 0
         self._start_anew()
 
@@ -369,8 +369,10 @@ class LoadCellArray:
 
     @property
     def _all_kept(self) -> Float[np.ndarray, "n _"]:
-        """Times and voltages less the zero of a part of the readings so far."""
-        return np.concatenate(self._kept) if self._kept else np.empty((0, 1 + len(self.live_inputs)))
+        """Times and voltages less the zero of a part of the readings so far, joined once."""
+        if len(self._kept) > 1:
+            self._kept = [np.concatenate(self._kept)]
+        return self._kept[0]
 
     def _seen_from(self, placement: Placement) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
         """Return the noise's covariances in the surface's frame and the map to that of E w."""
@@ -399,9 +401,8 @@ class LoadCellArray:
     def _voltages(self, recording: Recording) -> Float[np.ndarray, "n m"]:
         found = recording.channels.get(VOLTAGE)
         if found is None:
-            raise InputError(
-                "the log has no voltages.", where=recording.source, hint="Name their columns or topic in [load_cells]."
-            )
+            hint = "Name their columns or topic in [load_cells]."
+            raise InputError("the log has no voltages.", where=recording.source, hint=hint)
         if found.shape[1:] != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, found.shape[1:]), where=recording.source)
         return np.array(found, dtype=np.float64, order="C")

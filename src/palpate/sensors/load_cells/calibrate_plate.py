@@ -12,7 +12,7 @@ cells, the others are taken as equal to `TOLERANCE`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import NormalDist
 
@@ -47,19 +47,19 @@ class Weights:
         weight: (n,) [N].
         place: (n, 2) [m] along the plate; NaN where not known.
         spread: (n, k, k) [V^2] covariance of `readings`.
-        cells: (k, 2) [m] places of the cells along the plate.
+        arms: (3, k) 1 and the place [m] along the plate of each cell.
     """
 
     readings: Float[np.ndarray, "n k"]
     weight: Float[np.ndarray, " n"]
     place: Float[np.ndarray, "n 2"]
     spread: Float[np.ndarray, "n k k"]
-    cells: Float[np.ndarray, "k 2"]
+    arms: Float[np.ndarray, "3 k"]
 
     @cached_property
     def known(self) -> Bool[np.ndarray, " e"]:
         """Mask (3 n,) of the equations of known quantities: W, W x and W y of each weight."""
-        return np.isfinite(np.column_stack([self.weight, self.place])).ravel()
+        return np.isfinite(self.values)
 
     @cached_property
     def values(self) -> Float[np.ndarray, " e"]:
@@ -69,14 +69,13 @@ class Weights:
     @cached_property
     def slopes(self) -> Float[np.ndarray, "e k"]:
         """Left sides (3 n, k) of the equations, of the gains."""
-        arms = np.column_stack([np.ones(len(self.cells)), self.cells])
-        return (arms.T[None] * self.readings[:, None]).reshape(-1, len(self.cells))
+        return (self.arms * self.readings[:, None]).reshape(-1, len(self.arms.T))
 
     def whitened(
         self, gains: Float[np.ndarray, " k"], error: float
     ) -> tuple[Float[np.ndarray, "e k"], Float[np.ndarray, " e"]]:
         """Return left and right sides of unit variance, if each cell errs by a share of its load; 0 where not known."""
-        arms = np.column_stack([np.ones(len(self.cells)), self.cells]).T * gains
+        arms = self.arms * gains
         loads = self.spread + error**2 * self.readings[:, :, None] ** 2 * np.eye(len(gains))
         placed = (PLACED * self.weight)[:, None, None] ** 2 * np.diag([0.0, 1.0, 1.0])
         known = self.known.reshape(-1, 3)
@@ -170,15 +169,9 @@ def identify_plate(
     covariance = left.widening * gains.covariance + own
     cells = _divided(plate_cells(positions, gains.gains, noise, axis, limits), stood, gains)
     odd = _odd(gains)
-    changed = with_changes(
-        with_gains(cells, covariance),
-        bias=np.mean([rest.voltage for rest in found], axis=0),
-        drift=_drift(found, noise),
-        correlation=correlation,
-        samples=len(log.time),
-        provenance=provenance,
-        notes=(*_said(gains, odd, len(positions)), *left.notes),
-    )
+    bias, notes = np.mean([rest.voltage for rest in found], axis=0), (*_said(gains, odd, len(positions)), *left.notes)
+    known = {"bias": bias, "drift": _drift(found, noise), "correlation": correlation, "samples": len(log.time)}
+    changed = with_changes(with_gains(cells, covariance), provenance=provenance, notes=notes, **known)
     return PlateCalibration(changed, stood, gains, left, odd)
 
 
@@ -187,22 +180,18 @@ def _bench(
 ) -> tuple[BenchLog, Float[np.ndarray, "n 3"]]:
     """Return the complete rows as a `BenchLog`, and weight and place (n, 3) of each."""
     whole = np.isfinite(np.column_stack([time, voltages, weights])).all(axis=1)
-    if not np.any(weights[whole] > 0):
-        raise InputError(
-            "no weight stands on the plate.", where="reference", hint="Write each weight in N, unloaded 0."
-        )
-    if np.any(weights[whole] < 0):
-        raise InputError(
-            "a weight is negative.", where="reference", hint="Write what presses on the plate as positive."
-        )
-    still = np.ptp(voltages[whole], axis=0) == 0
+    loaded, voltages = np.column_stack([weights, places])[whole], voltages[whole]
+    if not np.any(loaded[:, 0] > 0):
+        hint = "Write each weight in N, unloaded 0."
+        raise InputError("no weight stands on the plate.", where="reference", hint=hint)
+    if np.any(loaded[:, 0] < 0):
+        hint = "Write what presses on the plate as positive."
+        raise InputError("a weight is negative.", where="reference", hint=hint)
+    still = np.ptp(voltages, axis=0) == 0
     if still.any():
         raise InputError(f"cell {int(np.argmax(still)) + 1} never changes: it is dead, or not connected.")
-    count = int(np.count_nonzero(whole))
-    forces = np.zeros((count, 3))
-    forces[:, 2] = -weights[whole]
-    log = BenchLog(time[whole], voltages[whole], forces, np.zeros((count, 3)), np.zeros(count))
-    return log, np.column_stack([weights, places])[whole]
+    forces = np.outer(loaded[:, 0], [0.0, 0.0, -1.0])
+    return BenchLog(time[whole], voltages, forces, np.zeros_like(forces), np.zeros(len(forces))), loaded
 
 
 def _weights(
@@ -213,27 +202,22 @@ def _weights(
     cells: Float[np.ndarray, "k 2"],
 ) -> Weights:
     """Return the means of the stretches in which one weight stands in one place, each without beginning and end."""
-    changes = np.any(np.nan_to_num(np.diff(loaded, axis=0), nan=0.0) != 0.0, axis=1)
-    changes |= np.any(np.isnan(loaded[1:]) != np.isnan(loaded[:-1]), axis=1)
-    edges = np.concatenate([[0], np.flatnonzero(changes) + 1, [len(loaded)]])
+    stated = np.where(np.isnan(loaded), np.inf, loaded)
+    edges = np.flatnonzero(np.append(True, np.any(stated[1:] != stated[:-1], axis=1)))
+    length = np.diff(edges, append=len(loaded))
+    begin = edges + np.rint(SETTLES * length).astype(int)
+    count = edges + length - np.rint(ENDS * length).astype(int) - begin
+    stands = (loaded[edges, 0] > 0) & (count >= FEWEST)
+    begin, count, what = begin[stands], count[stands], loaded[edges[stands]]
+    if len(what) < 3:
+        few = f"only {len(what)} weights stand still on the plate, and 3 are needed: put one near each cell in turn."
+        raise NotIdentifiable(few, rank=len(what), missing=("gains",))
     free = log.voltages - zeros(log, list(found))[:, :-3]
-    rows = [
-        slice(a + round(SETTLES * (b - a)), b - round(ENDS * (b - a)))
-        for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
-        if loaded[a, 0] > 0
-    ]
-    rows = [part for part in rows if part.stop - part.start >= FEWEST]
-    if len(rows) < 3:
-        raise NotIdentifiable(
-            f"only {len(rows)} weights stand still on the plate, and 3 are needed: put one near each cell in turn.",
-            rank=len(rows),
-            missing=("gains",),
-        )
     rested = 1.0 / np.mean([rest.rows.stop - rest.rows.start for rest in found])
-    readings = np.array([free[part].mean(axis=0) for part in rows])
-    what = np.array([loaded[part.start] for part in rows])
-    spread = np.array([noise * (1.0 / (part.stop - part.start) + rested) for part in rows])
-    return Weights(readings, what[:, 0], what[:, 1:], spread, cells)
+    readings = np.array([free[a : a + n].mean(axis=0) for a, n in zip(begin.tolist(), count.tolist(), strict=True)])
+    spread = noise * (1.0 / count + rested)[:, None, None]
+    arms = np.column_stack([np.ones(len(cells)), cells]).T
+    return Weights(readings, what[:, 0], what[:, 1:], spread, arms)
 
 
 def fit_gains(weights: Weights) -> Gains:
@@ -259,12 +243,9 @@ def fit_gains(weights: Weights) -> Gains:
         gains = usual * (1.0 + covariance @ ((left * usual).T @ (right - left @ np.full(len(gains), usual))))
         error = _error(weights, gains, int(np.count_nonzero(weights.known)) - shown)
     if error >= WORST:
-        raise InputError(
-            "the cells do not carry these weights: no gains explain more than "
-            f"{100 * (1 - WORST):.0f} % of their readings.",
-            where="reference",
-            hint="Check the order of columns and positions, weights in N and places in m.",
-        )
+        what = f"no gains explain more than {100 * (1 - WORST):.0f} % of their readings."
+        hint = "Check the order of columns and positions, weights in N and places in m."
+        raise InputError(f"the cells do not carry these weights: {what}", where="reference", hint=hint)
     return Gains(gains, usual**2 * covariance, error, shown)
 
 
@@ -281,23 +262,20 @@ def _error(weights: Weights, gains: np.ndarray, freedom: int) -> float:
 
 def _validated(weights: Weights, found: Gains) -> Validation:
     """Return the `Validation` of weights that are predicted by gains from the others."""
-    each = np.arange(len(weights.weight))
+    count = len(weights.weight)
 
     def predict(omitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        some = [_picked(weights, part) for part in (~omitted, omitted)]
-        gains = fit_gains(some[0])
-        left, right = some[1].whitened(found.gains, found.error)
-        rows = some[1].known
-        left, right = left[rows], right[rows]
+        rest, part = (_picked(weights, rows) for rows in (~omitted, omitted))
+        gains = fit_gains(rest)
+        left, right = (side[part.known] for side in part.whitened(found.gains, found.error))
         return right - left @ gains.gains, np.eye(len(left)) + left @ gains.covariance @ left.T
 
-    return cross_validate(len(each), predict, parts=min(8, len(each)))
+    return cross_validate(count, predict, parts=min(8, count))
 
 
 def _picked(weights: Weights, rows: np.ndarray) -> Weights:
-    return Weights(
-        weights.readings[rows], weights.weight[rows], weights.place[rows], weights.spread[rows], weights.cells
-    )
+    names = "readings", "weight", "place", "spread"
+    return replace(weights, **{name: getattr(weights, name)[rows] for name in names})
 
 
 def _divided(cells: LoadCells, weights: Weights, found: Gains) -> LoadCells:
@@ -327,8 +305,7 @@ def _drift(found: Sequence[UnloadedStretch], noise: Float[np.ndarray, "k k"]) ->
 def _odd(found: Gains) -> dict[int, float]:
     """Return the cell whose gain contradicts those of the others most, and by what share; {}: none does.
 
-    Gains differ by `TOLERANCE` [1 standard deviation] and by the errors of the estimate. The bound is that of the
-    largest of k differences [Bonferroni], which sound plates exceed in `NAMED` of all cases.
+    Gains differ by `TOLERANCE` [1 standard deviation] and by the errors of the estimate.
     """
     count = len(found.gains)
     ways = (np.full((count, count), 1.0) - count * np.eye(count)) / (count - 1)  # mean of the others less the own
@@ -336,8 +313,12 @@ def _odd(found: Gains) -> dict[int, float]:
     spread = TOLERANCE**2 * np.sum(ways**2, axis=1) + np.diag(ways @ found.covariance @ ways.T) / usual**2
     off = (usual / found.gains - 1.0) / np.sqrt(spread)
     cell = int(np.argmax(np.abs(off)))
-    bound = -NormalDist().inv_cdf(0.5 * NAMED / count)
-    return {cell: float(usual[cell] / found.gains[cell] - 1.0)} if abs(off[cell]) > bound else {}
+    return {cell: float(usual[cell] / found.gains[cell] - 1.0)} if abs(off[cell]) > named_beyond(count) else {}
+
+
+def named_beyond(count: int) -> float:
+    """Return the bound of the largest of `count` differences [Bonferroni]: `NAMED` of sound plates exceed it."""
+    return -NormalDist().inv_cdf(0.5 * NAMED / count)
 
 
 def _said(found: Gains, odd: Mapping[int, float], count: int) -> list[str]:

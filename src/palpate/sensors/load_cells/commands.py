@@ -67,69 +67,43 @@ class CalibrateLoadCells(Calibration):
         table = setup.of(LoadCellSection).table
         recording = read_recording(self.log, load_cells_layout(setup, bench=True))
         if len(table.axes) == 1:
-            return self._plate(table, recording)
-        reference, voltages = recording.channels[REFERENCE], recording.channels[VOLTAGE]
-        cells = table.count()
-        found = identify_load_cells(
-            recording.time,
-            voltages,
-            reference[:, :3],
-            reference[:, 3:],
-            setup.link.surface(),
-            indentation=table.indentation,
-            options=CalibrationOptions(
+            found = self._plate(table, recording)
+            figures = _plate_figures(found)
+        else:
+            reference, cells = recording.channels[REFERENCE], table.count()
+            options = CalibrationOptions(
                 ball=table.ball / 2.0,
                 positions=table.positions,
                 limits=table.limits(cells),
                 noise=None if table.noise is None else np.full(3 * cells, table.noise),
                 names=table.names(cells),
                 provenance=self.record(indentation=table.indentation),
-            ),
-        )
-        return CalibrationResult(
-            _figures(found),
-            found.cells,
-            notes=recording.notes,
-            warnings=found.cells.notes,
-            next=[self._named],
-        )
+            )
+            given = recording.time, recording.channels[VOLTAGE], reference[:, :3], reference[:, 3:]
+            surface = setup.link.surface()
+            found = identify_load_cells(*given, surface, indentation=table.indentation, options=options)
+            figures = _figures(found)
+        hint = f'name it in the rig: model = "{self.output.name}" under [load_cells]'
+        return CalibrationResult(figures, found.cells, notes=recording.notes, warnings=found.cells.notes, next=[hint])
 
-    @property
-    def _named(self) -> str:
-        return f'name it in the rig: model = "{self.output.name}" under [load_cells]'
-
-    def _plate(self, table: RigLoadCells, recording: Recording) -> CalibrationResult:
+    def _plate(self, table: RigLoadCells, recording: Recording) -> PlateCalibration:
         if not table.positions:
             raise InputError("is missing: [x, y, z] in m of each cell.", where="load_cells.positions")
         reference = recording.channels[REFERENCE]
         places = reference[:, 1:] if reference.shape[1] > 1 else np.full((len(reference), 2), np.nan)
-        found = identify_plate(
-            recording.time,
-            recording.channels[VOLTAGE],
-            reference[:, 0],
-            places,
-            np.array(table.positions),
-            axis=table.axes[0],
-            limits=table.limits(table.count()),
-            provenance=self.record(axes=table.axes[0]),
-        )
-        notes = found.cells.notes
-        return CalibrationResult(
-            _plate_figures(found), found.cells, notes=recording.notes, warnings=notes, next=[self._named]
-        )
+        given = recording.time, recording.channels[VOLTAGE], reference[:, 0], places, np.array(table.positions)
+        limits, record = table.limits(table.count()), self.record(axes=table.axes[0])
+        return identify_plate(*given, axis=table.axes[0], limits=limits, provenance=record)
 
 
 def _plate_figures(found: PlateCalibration) -> list[tuple[str, str]]:
-    (weight, place), gains = found.rms, found.found
+    (weight, place), gains, weights = found.rms, found.found, found.weights.weight
     deviation = 100.0 * np.sqrt(np.diag(gains.covariance)) / np.abs(gains.gains)
     each = ", ".join(f"{value:.5g}" for value in gains.gains)
     placed = "no place was known" if np.isnan(place) else f"{1e3 * place:.2g} mm of the place"
     return [
         ("cells", f"{found.cells.cells}, gains {each} N/V, known to {deviation.min():.2g} to {deviation.max():.2g} %"),
-        (
-            "weights",
-            f"{len(found.weights.weight)}, {found.weights.weight.min():.3g} to {found.weights.weight.max():.3g} N",
-        ),
+        ("weights", f"{len(weights)}, {weights.min():.3g} to {weights.max():.3g} N"),
         ("residual", f"{100 * weight:.2g} % of the weight, {placed} (rms)"),
         ("left out", str(found.validation)),
         ("a cell's error", f"{100 * gains.error:.2g} % of its load"),

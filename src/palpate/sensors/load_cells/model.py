@@ -139,8 +139,13 @@ class LoadCells(Value):
 
     @property
     def errors(self) -> Float[np.ndarray, "36 36"]:
-        """Covariance (36, 36) of E by the calibration, and by what cells of one axis do not measure."""
-        return self.covariance + unmeasured_covariance(self.axes, self.positions, self.shear)
+        """Covariance (36, 36) of E by the calibration, and by what cells of one axis miss, see `unmeasured`."""
+        out, along = np.zeros((36, 36)), AXES.index(self.axes[0])
+        for wrench in self.shear * unmeasured(self.axes, self.positions).T:
+            slope = np.zeros((6, 6))
+            slope[:, along], slope[3 + along, 3:] = wrench, -wrench[:3]
+            out += np.outer(slope, slope)
+        return self.covariance + out
 
     def label(self, channel: int) -> str:
         """Return the name of a channel, from 0, for messages, such as "channel x of cell 1", or "cell 1"."""
@@ -192,8 +197,6 @@ class LoadCells(Value):
         Raises:
             InputError: covariance has another shape.
         """
-        if len(self.axes) != 1:
-            return covariance
         unknown, along = unmeasured(self.axes, self.positions), AXES.index(self.axes[0])
         return covariance + covariance[along, along] * unknown @ unknown.T
 
@@ -290,32 +293,17 @@ def measured(axes: tuple[str, ...]) -> Float[np.ndarray, "6 d"]:
 def unmeasured(axes: tuple[str, ...], positions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "6 e"]:
     """Return the wrenches (6, e) that cells do not measure: shear of 1 N in their plane, and 0.01 N m about the axis.
 
-    They are the null space of C. Cells of three axes have none.
+    They are the null space of C. Cells of three axes have none. A force F a at the point p with a shear e F t has the
+    moment of p x e F t too. In the cells' plane, where the others measure M, its part along a is -e t . M; above that
+    plane, shear displaces the measured point.
     """
     if len(axes) != 1:
         return np.zeros((6, 0))
-    along = AXES.index(axes[0])
-    axis, out = np.eye(3)[along], np.zeros((6, 3))
-    for column, across in enumerate(((along + 1) % 3, (along + 2) % 3)):
-        shear = np.eye(3)[across]
-        out[:, column] = np.concatenate([shear, float(positions[:, along].mean()) * np.cross(axis, shear)])
+    along, out = AXES.index(axes[0]), np.zeros((6, 3))
+    shear = np.eye(3)[[(along + 1) % 3, (along + 2) % 3]]
+    out[:3, :2] = shear.T
+    out[3:, :2] = float(positions[:, along].mean()) * np.cross(np.eye(3)[along], shear).T
     out[3 + along, 2] = LENGTH
-    return out
-
-
-def unmeasured_covariance(
-    axes: tuple[str, ...], positions: Float[np.ndarray, "k 3"], shear: float
-) -> Float[np.ndarray, "36 36"]:
-    """Return the covariance (36, 36) of E, see `LoadCells`, by the shear and torque that cells do not measure.
-
-    A force F a at the point p with a shear e F t has the moment of p x e F t too. In the cells' plane, where the others
-    measure M, its part along a is -e t . M; above that plane, shear displaces the measured point.
-    """
-    out, along = np.zeros((36, 36)), AXES.index(axes[0])
-    for wrench in shear * unmeasured(axes, positions).T:
-        slope = np.zeros((6, 6))
-        slope[:, along], slope[3 + along, 3:] = wrench, -wrench[:3]
-        out += np.outer(slope, slope)
     return out
 
 

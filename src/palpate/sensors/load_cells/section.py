@@ -106,9 +106,8 @@ class RigLoadCells:
             per = "three" if each > 1 else "one"
             raise ValueError(f"columns must be {per} for each of at least three cells, not {len(self.columns)}")
         if self.reference and len(self.reference) not in ((6,) if each > 1 else (1, 3)):
-            raise ValueError(
-                f"reference must be {'six columns' if each > 1 else 'a weight, or a weight and its place'}"
-            )
+            wanted = "six columns" if each > 1 else "a weight, or a weight and its place"
+            raise ValueError(f"reference must be {wanted}")
         if twice := [name for name in self.columns if self.columns.count(name) > 1]:
             raise ValueError(f"column {twice[0]!r} is named twice")
         if not isinstance(self.units, str) and len(self.units) != len(self.columns):
@@ -171,20 +170,14 @@ class LoadCellSection(SensorSection):
         path = self.link.folder / table.model
         model = read_model(path, LoadCells)
         if table.axes != model.axes:
-            raise InputError(
-                f"are {', '.join(table.axes)}, but {path.name} is of cells that measure {', '.join(model.axes)}.",
-                where="load_cells.axes",
-            )
+            what = f"are {', '.join(table.axes)}, but {path.name} is of cells that measure {', '.join(model.axes)}."
+            raise InputError(what, where="load_cells.axes")
         if table.columns and len(table.columns) != len(model.matrix):
-            raise InputError(
-                f"names {len(table.columns)} columns, but {path.name} has {model.cells} cells, with a column for each "
-                f"of {', '.join(model.axes)}.",
-                where="load_cells.columns",
-            )
+            known = f"{path.name} has {model.cells} cells, with a column for each of {', '.join(model.axes)}"
+            raise InputError(f"names {len(table.columns)} columns, but {known}.", where="load_cells.columns")
         if unknown := [cell for cell in table.without if not 1 <= cell <= model.cells]:
-            raise InputError(
-                f"cell {unknown[0]} does not exist: cells are 1 to {model.cells}.", where="load_cells.without"
-            )
+            what = f"cell {unknown[0]} does not exist: cells are 1 to {model.cells}."
+            raise InputError(what, where="load_cells.without")
         noise = float(np.sqrt(np.median(np.diag(model.noise))))
         stated = {
             "limits": table.limits(model.cells),
@@ -268,48 +261,34 @@ def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
     above = surface.centre + np.array([0.0, 0.0, surface.size])
     points, normals, _ = surface.project(above[None])
     least = float(resolution(cells, points, normals).smallest(accuracy)[0])
+    within = f"is located within {1e3 * accuracy:g} mm"
     if least == np.inf:
-        return (
-            f"no touch is located within {1e3 * accuracy:g} mm: calibration or unmeasured shear is not known that well"
-        )
-    return f"a touch of {least:.2g} N or more on the middle of the surface is located within {1e3 * accuracy:g} mm"
+        return f"no touch {within}: calibration or unmeasured shear is not known that well"
+    return f"a touch of {least:.2g} N or more on the middle of the surface {within}"
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
     if contents.topics:
         return _guess_topic(log, contents)
     there = list(contents.names)
-    if _FEW[0] <= len(plate := [match for name in there if (match := _SINGLE.match(name))]) <= _FEW[1]:
-        return _guess_plate(log, there, plate)
-    names, time = _voltage_columns(there), time_column(there)
-    if names is None or time is None or wrench_columns(there) is not None:
+    plate, time = [match for name in there if (match := _SINGLE.match(name))], time_column(there)
+    single = _FEW[0] <= len(plate) <= _FEW[1]
+    names = tuple(match[0] for match in plate) if single else _voltage_columns(there)
+    if names is None or time is None or (wrench_columns(there) is not None and not single):
         return None
+    named, ends = f"columns = {guess.quoted(names)}", f"columns {names[0]} to {names[-1]} look like"
+    if single:
+        stated = known_unit(plate[0]["unit"] or "", PLATE_UNITS) or "V"
+        text, order = _PLATE.format(where=named, unit=guess.quoted(stated)), "positions of the cells must be filled in"
+        why = f"{ends} the {len(names)} single-axis cells of a plate"
+    else:
+        text, order = _TEXT.format(where=named), _ORDER
+        why = f"{len(names)} {ends} three voltages for each of {len(names) // 3} cells"
     unit, doubts = guess.time_unit(log, time)
-    text = guess.time_table(time, unit) + _TEXT.format(where=f"columns = {guess.quoted(names)}")
-    orientation, remarks = guess.orientation_table(named_pose(there))
-    why = f"{len(names)} columns {names[0]} to {names[-1]} look like three voltages for each of {len(names) // 3} cells"
-    layout = LogLayout(
-        time=time,
-        time_unit=unit,
-        wrench=None,
-        arrays=(ArrayChannel(VOLTAGE, (len(names),), names, table="load_cells"),),
-    )
-    return Guess(why, layout, text + orientation, (*doubts, *remarks, _ORDER))
-
-
-def _guess_plate(log: Path, there: list[str], found: list[re.Match[str]]) -> Guess | None:
-    time, names = time_column(there), tuple(match[0] for match in found)
-    if time is None:
-        return None
-    stated = known_unit(found[0]["unit"] or "", PLATE_UNITS) or "V"
-    unit, doubts = guess.time_unit(log, time)
-    text = guess.time_table(time, unit)
-    text += _PLATE.format(where=f"columns = {guess.quoted(names)}", unit=guess.quoted(stated))
     orientation, remarks = guess.orientation_table(named_pose(there))
     array = ArrayChannel(VOLTAGE, (len(names),), names, table="load_cells")
     layout = LogLayout(time=time, time_unit=unit, wrench=None, arrays=(array,))
-    why = f"columns {names[0]} to {names[-1]} look like the {len(names)} single-axis cells of a plate"
-    return Guess(why, layout, text + orientation, (*doubts, *remarks, "positions of the cells must be filled in"))
+    return Guess(why, layout, guess.time_table(time, unit) + text + orientation, (*doubts, *remarks, order))
 
 
 def _guess_topic(log: Path, contents: LogContents) -> Guess | None:

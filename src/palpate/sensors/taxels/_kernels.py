@@ -10,22 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._track import follow
+from palpate.sensors.taxels import _loads
 from palpate.sensors.taxels._fit import chart, fit_touches, lift
-from palpate.sensors.taxels._loads import (
-    DISTANCE,
-    LATE,
-    PITCH,
-    UNEXPLAINED,
-    UNKNOWN,
-    WIDENING,
-    add_force,
-    feels,
-    fit_forces,
-    is_faint,
-    share_loads,
-    unexplained,
-    write_force,
-)
 from palpate.sensors.taxels._rest import (
     AT,
     BASELINE,
@@ -122,9 +108,14 @@ def _wraps(raw, rest, noise, neighbours, turn, last, turns, wrapped):
 
 
 @uncounted
-def _take(raw, rest, neighbours, turn, numbers, whole, value):
-    """Write unwrapped readings to `value`, the last ones for those not finite; return False if over 1/4 of them is."""
+def _take(raw, sideways, rest, neighbours, turn, numbers, whole, value, aside):
+    """Write unwrapped readings to `value`, the last ones for those not finite; return False if over 1/4 of them is.
+
+    Write tangential readings to `aside` (2 k,), the baseline for those not finite; `rest` (3, k): normal, tangential.
+    """
     last, held, good, turns = numbers[LAST], numbers[HELD], whole[GOOD], whole[TURNS]
+    for k in range(len(aside)):
+        aside[k] = sideways[k] if np.isfinite(sideways[k]) else rest[1 + k // len(raw), k % len(raw)]
     missing, count = 0, 0
     for k in range(len(raw)):
         count += good[k]
@@ -132,7 +123,7 @@ def _take(raw, rest, neighbours, turn, numbers, whole, value):
     if 4 * missing > count:
         return False
     if turn > 0.0:
-        _wraps(raw, rest, numbers[NOISE], neighbours, turn, last, turns, whole[WRAPPED])
+        _wraps(raw, rest[0], numbers[NOISE], neighbours, turn, last, turns, whole[WRAPPED])
     for k in range(len(raw)):
         last[k] = raw[k]
         value[k] = raw[k] + turns[k] * turn
@@ -140,16 +131,6 @@ def _take(raw, rest, neighbours, turn, numbers, whole, value):
             value[k] = held[k]
         held[k] = value[k]
     return True
-
-
-@uncounted
-def _take_sideways(sideways, i, rest, value):
-    """Write the tangential readings of a frame to `value` (2 k,), the baseline `rest` (2, k) for those not finite."""
-    cells = len(value) // 2
-    for k in range(len(value)):
-        value[k] = sideways[i, k]
-        if not np.isfinite(value[k]):
-            value[k] = rest[k // cells, k % cells]
 
 
 @uncounted
@@ -243,7 +224,7 @@ def _split(cells, count, name, force, spread, neighbours, between, sure, share, 
 
 
 @uncounted
-def _charts(cells, count, end, origin, place, at, parent, parts, charts):
+def _charts(cells, count, end, origin, place, at, parent, origins, charts):
     """Find the peaks of an area's basins, and write the places of its cells in `charts`; return how many there are.
 
     One chart serves a sheet, and an area with one peak. On a curved body each peak has its own, as a chart is true
@@ -253,13 +234,13 @@ def _charts(cells, count, end, origin, place, at, parent, parts, charts):
     for i in range(count):
         k = cells[i]
         if parent[k] == k and number < PARTS:
-            parts[number, 4] = k
+            origins[number] = k
             number += 1
     own = len(place[2]) == 0
     many = number if own else 1
     for q in range(many):
         if own:
-            chart(cells, end, int(parts[q, 4]) if number > 1 else origin, place, at)
+            chart(cells, end, origins[q] if number > 1 else origin, place, at)
         if number > 1 or own:
             for i in range(end):
                 charts[q, 0, i], charts[q, 1, i] = at[0, cells[i]], at[1, cells[i]]
@@ -267,8 +248,8 @@ def _charts(cells, count, end, origin, place, at, parent, parts, charts):
 
 
 @inner
-def _mixture(cells, count, end, force, charts, many, parent, parts, number, shares):
-    """Fit round Gaussians to an area's force; write parts (p, 5): place, variance, weight, peak; and shares (p, end).
+def _mixture(cells, count, end, force, charts, many, parent, parts, origins, number, shares):
+    """Fit round Gaussians to an area's force; write parts (p, 4): place, variance, weight; and shares (p, end).
 
     Each part's place is in its own chart, if there are so many.
     """
@@ -278,7 +259,7 @@ def _mixture(cells, count, end, force, charts, many, parent, parts, number, shar
     for i in range(count):
         k = cells[i]
         for p in range(number):
-            if parts[p, 4] == k:
+            if origins[p] == k:
                 q = min(p, many - 1)
                 parts[p, 0], parts[p, 1], parts[p, 2], parts[p, 3] = charts[q, 0, i], charts[q, 1, i], 0.5, force[k]
     sums = np.empty((PARTS, 4))
@@ -289,7 +270,7 @@ def _mixture(cells, count, end, force, charts, many, parent, parts, number, shar
             weight = max(force[k], 0.0)
             if step == 0:  # begin with the basins
                 for p in range(number):
-                    shares[p, i] = 1.0 if parent[k] == int(parts[p, 4]) else 0.0
+                    shares[p, i] = 1.0 if parent[k] == origins[p] else 0.0
             else:
                 _shares(charts, many, i, parts, number, shares)
             for p in range(number):
@@ -475,15 +456,6 @@ def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
         error[k] = np.sqrt(spread[k] ** 2 + gain**2) if i < count else left * spread[k]
 
 
-@uncounted
-def _place(touch, spread, model, spacing, out):
-    """Write the place of a touch that `fit_forces` found, and its variances and covariance, in spacings to out (5,)."""
-    size = model[PITCH] / spacing
-    square, more = (size * model[WIDENING]) ** 2, size * size * unexplained(0, touch, model)
-    out[0], out[1] = size * touch[0], size * touch[1]
-    out[2], out[3], out[4] = square * spread[0, 0] + more, square * spread[1, 1] + more, square * spread[0, 1]
-
-
 @inner
 def _measure(cells, count, end, shares, fit, raw, value, numbers, sign, place, origin, model, touch, spread, out):
     """Write one contact of an area: sums over its share of each cell, with the centroid over the sum of forces."""
@@ -537,14 +509,14 @@ def _measure(cells, count, end, shares, fit, raw, value, numbers, sign, place, o
     out[first], out[first + 1], out[first + 2], out[first + 3] = covered, total, peak, pressed / covered
     out[first + 7] = held
     if len(model) > 0:
-        write_force(touch, spread, model, here, ways, out, first + 8)
+        _loads.write_force(touch, spread, model, here, ways, out, first + 8)
     return True
 
 
 @uncounted
 def _catch_up(raw, value, sideways, model, passed, sign, numbers, whole):
     """Take off readings what follows late of the loads before, and let these follow."""
-    share, pace, cells = model[LATE + 1], 1.0 - np.exp(-passed / model[LATE]), len(raw)
+    share, pace, cells = model[_loads.LATE + 1], 1.0 - np.exp(-passed / model[_loads.LATE]), len(raw)
     for k in range(cells):
         if whole[GOOD, k] != 0 and np.isfinite(raw[k]):
             value[k] -= sign * share * numbers[SLOW + 2, k]
@@ -558,18 +530,16 @@ def _catch_up(raw, value, sideways, model, passed, sign, numbers, whole):
 @uncounted
 def _couple(neighbours, coupling, numbers, live):
     """Add to the loads of each taxel what `coupling` makes of those that its neighbours read."""
-    added = numbers[ERROR : ERROR + 3]
+    added, loads = numbers[ERROR : ERROR + 3], numbers[LOAD : LOAD + 3]
+    added[:] = 0.0
     for k in range(len(live)):
-        added[:, k] = 0.0
         for m in range(neighbours.shape[1] if live[k] else 0):
             j = neighbours[k, m]
             if j >= 0 and live[j]:
                 for a in range(3):
                     for b in range(3):
-                        added[a, k] += coupling[k, m, a, b] * numbers[LOAD + b if b < 2 else FORCE, j]
-    for k in range(len(live)):
-        for a in range(3):
-            numbers[LOAD + a if a < 2 else FORCE, k] += added[a, k]
+                        added[a, k] += coupling[k, m, a, b] * loads[b, j]
+    loads += added
 
 
 @uncounted
@@ -587,23 +557,12 @@ def _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours
         z[k] = above / _deviation(noise[k] * scale, variance[k])
         force[k] = _force(above, tables[which[k]], gaps[which[k]])
         label[k] = 0
-    for k in range(len(sideways)):
-        a, j = k // len(raw), k % len(raw)
-        numbers[LOAD + a, j] = sideways[k] - numbers[SIDEWAYS + a, j] if live[j] else 0.0
+        for a in range(2 if len(sideways) > 0 else 0):
+            numbers[LOAD + a, k] = sideways[a * len(raw) + k] - numbers[SIDEWAYS + a, k] if live[k] else 0.0
     if len(coupling) > 0:
         _couple(neighbours, coupling, numbers, live)
     if lacking:
         _fill(z, force, live, neighbours, between)
-
-
-@uncounted
-def _follow_three(drift, value, rows, place, model, numbers, whole):
-    """Let baselines of three axes follow the readings of taxels that feel none of the contacts in `rows`."""
-    for k in range(len(value)):
-        if whole[LABEL, k] == 0 and whole[LIVE, k] and not feels(k, rows, place, model):
-            numbers[BASELINE, k] += drift * (value[k] - numbers[BASELINE, k])
-            for a in range(2):
-                numbers[SIDEWAYS + a, k] += drift * numbers[LOAD + a, k]
 
 
 @uncounted
@@ -618,11 +577,11 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
     baseline, z, force, spread = numbers[BASELINE], numbers[Z], numbers[FORCE], numbers[SPREAD]
     label, live, cells, parent = whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
     at = numbers[AT:]
-    peak = numbers[PEAK]
-    if len(model) > 0:
+    peak, three = numbers[PEAK], len(model) > 0
+    if three:
         _catch_up(raw, value, sideways, model, passed, sign, numbers, whole)
     _sense(raw, value, sideways, scale, curves, sign, numbers, whole, neighbours, between, coupling)
-    moving = moves(z, live, on, off, value, len(model) > 0, numbers, clock)
+    moving = moves(z, live, on, off, value, three, numbers, clock)
     if moving or clock[STILL] > 0.0:
         settle(time, moving, value, sideways, zeros, numbers, whole, clock)
         return -1
@@ -639,57 +598,49 @@ def _contacts(time, raw, value, sideways, model, scale, passed, drift, recovers,
         for i in range(count):
             k = cells[i]
             origin = k if force[k] > force[origin] else origin
-        known = len(model) > 0 and feels(origin, out[:found], place, model, DISTANCE)  # with an added touch
-        if known or (len(model) > 0 and is_faint(origin, place, force, model)):
+        if three and _loads.is_known(origin, out[:found], place, force, model):
             continue
         end = _rim(name, count, live, neighbours, steps, label, at, cells)
         _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
         _split(cells, count, name, force, spread, neighbours, between, sure, share, label, parent)
-        number, many = _charts(cells, count, end, origin, place, at, parent, parts, charts)
-        if len(model) > 0:
-            for part in range(number):
-                origins[part] = int(parts[part, 4])
+        number, many = _charts(cells, count, end, origin, place, at, parent, origins, charts)
+        if three:
             fitted = (scale, place, numbers, whole, model, touches, unsure)
-            cost = fit_forces(cells, end, origins, number, *fitted)
+            cost = _loads.fit_forces(cells, end, origins, number, *fitted)
             if z[origin] > _HARD * on:
                 clock[HARD] += 1.0
                 clock[MISFITS] += np.log(cost / (3 * end) + 1e-9)
-            if number == 1 and cost > UNEXPLAINED:
+            if number == 1 and cost > _loads.UNEXPLAINED:
                 far = _rim(name, end, live, neighbours, steps, label, at, cells)
                 _errors(cells, count, far, scale, curves, settings, value, numbers, whole)
-                if add_force(cells, far, origins, out[:found], *fitted):
+                if _loads.add_force(cells, far, origins, out[:found], *fitted):
                     number, end = 2, far
-                else:
-                    for i in range(end, far):
-                        label[cells[i]] = 0
-                    _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
+                for i in range(end, far):
+                    label[cells[i]] = 0
+                _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
             for i in range(end):
                 numbers[USED, cells[i]] = max(numbers[USED, cells[i]], 0.0)  # a touch may pull at some
-            share_loads(cells, end, origins, number, scale, place, numbers, whole, model, touches, unsure, shares)
-            for part in range(number):
-                _place(touches[part], unsure[part], model, place[1][1, origins[part]], fits[part])
+            _loads.share_loads(cells, end, origins, number, *fitted, shares, fits)
         else:
-            _mixture(cells, count, end, force, charts, many, parent, parts, number, shares)
-        if len(place[2]) == 0 and len(model) == 0:
+            _mixture(cells, count, end, force, charts, many, parent, parts, origins, number, shares)
+        if len(place[2]) == 0 and not three:
             given = (force, numbers[USED], spread, numbers[ERROR])
             fit_touches(cells, count, end, shares[:number], given, charts, fits)
         for part in range(number):
-            if len(model) > 0:
-                origin = origins[part]
+            origin = origins[part] if three or many > 1 else origin
+            if three:
                 chart(cells, end, origin, place, at)
             elif many > 1:
-                origin = int(parts[part, 4])
                 for i in range(end):
                     at[0, cells[i]], at[1, cells[i]] = charts[part, 0, i], charts[part, 1, i]
             if found < most and _measure(cells, count, end, shares[part], fits[part], raw, value, numbers, sign,
                                          place, origin, model, touches[part], unsure[part], out[found]):  # fmt: skip
                 found += 1
-    if len(model) > 0:
-        _follow_three(drift, value, out[:found], place, model, numbers, whole)
-    else:
-        for k in range(len(raw)):
-            if label[k] == 0 and live[k]:
-                baseline[k] += drift * (value[k] - baseline[k])
+    for k in range(len(raw)):
+        if label[k] == 0 and live[k] and not (three and _loads.feels(k, out[:found], place, model)):
+            baseline[k] += drift * (value[k] - baseline[k])
+            for a in range(2 if three else 0):
+                numbers[SIDEWAYS + a, k] += drift * numbers[LOAD + a, k]
     if name > 0 or clock[FADING] > 0.0:
         recover(passed, off, recovers, value, sideways, numbers, whole, clock)
     clock[TOUCHES] += found > 0
@@ -724,8 +675,8 @@ def _all(time, raw, sideways, model, values, status, left, place, table, curves,
         if len(left) > 0:
             scale = np.sqrt(left[i] + resting)
         else:
-            status[0] = -1 if _take(raw[i], numbers[BASELINE], table[0], turn, numbers, whole, value) else INVALID
-            _take_sideways(sideways, i, numbers[SIDEWAYS:ROUGH], aside)
+            known = numbers[BASELINE:ROUGH], table[0], turn, numbers, whole
+            status[0] = -1 if _take(raw[i], sideways[i], *known, value, aside) else INVALID
             if len(shares) > 0:
                 smooth(time[i : i + 1], status, values, sections, start, gains, gap, since, state, age)
                 scale = np.sqrt(shares[min(max(age[0], 0), len(shares) - 1)] + resting)
@@ -764,9 +715,8 @@ def _all(time, raw, sideways, model, values, status, left, place, table, curves,
 def prepare(raw, sideways, rest, neighbours, turn, numbers, whole, values, status):
     """Prepare frames for a filter of zero phase: write `values`, normal and tangential, to filter, and status (n,)."""
     for i in range(len(raw)):
-        value = values[i, : raw.shape[1]]
-        status[i] = -1 if _take(raw[i], rest[0], neighbours, turn, numbers, whole, value) else INVALID
-        _take_sideways(sideways, i, rest[1:], values[i, raw.shape[1] :])
+        into = values[i, : raw.shape[1]], values[i, raw.shape[1] :]
+        status[i] = -1 if _take(raw[i], sideways[i], rest, neighbours, turn, numbers, whole, *into) else INVALID
 
 
 @released(
@@ -806,8 +756,9 @@ def frames(time, raw, sideways, model, values, status, left, place, table, curve
     forces: (n, k) [N] of each cell; (0, k): not requested.
     """
     cells = numbers.shape[1]
-    touches = np.empty((PARTS, UNKNOWN)), np.empty((PARTS, UNKNOWN, UNKNOWN)), np.empty(PARTS, dtype=np.int64)
-    parts = np.empty((PARTS, 5)), np.empty((PARTS, cells)), np.empty((PARTS, 2, cells)), np.empty((PARTS, 5))
+    size, origins = _loads.UNKNOWN, np.empty(PARTS, dtype=np.int64)
+    touches = np.empty((PARTS, size)), np.empty((PARTS, size, size)), origins
+    parts = np.empty((PARTS, 4)), np.empty((PARTS, cells)), np.empty((PARTS, 2, cells)), np.empty((PARTS, 5))
     work = (*parts, *touches)
     names = np.empty(1, dtype=np.int64), np.empty(MOST, dtype=np.int64)
     return _all(time, raw, sideways, model, values, status, left, place, table, curves, settings, smoothing, clock,

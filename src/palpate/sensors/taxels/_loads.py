@@ -27,6 +27,7 @@ LEAST_PATCH = -0.8 * WIDTHS[0] ** 2  # of the patch's variance, which counts fro
 PITCH, MISFIT, PATCH, LOOSE, CURVE, WIDENING, INEXACT, UNUSUAL = 20, 21, 23, 25, 26, 31, 34, 37
 SUMS, LATE, MODEL = 40, 41, 44
 UNKNOWN = 7  # of a touch: place (2) [pitches], patch, force along both tangents and inwards [N], torque [N pitches]
+_POWERS = (1.0, 2.0, 1.0, 3.0, 2.0, 2.0)  # of a Gaussian's variance, with which each profile falls as a patch grows
 _PLACE = 0.7  # pitches: deviation of a touch from the taxel where it is looked for
 _TWIST = 0.15  # pitches: deviation of the torque, over the normal force
 _STEPS, _DONE = 25, 1e-3
@@ -40,25 +41,20 @@ _FAINT, _AROUND = 4.0, 5.0  # misfits that a load must exceed to be a touch, and
 @uncounted
 def _profiles(square, patch, model, out):
     """Write the profiles at a squared distance into out (6, 3), with derivatives by it and by the patch."""
-    for p in range(PROFILES):
-        out[p, 0], out[p, 1], out[p, 2] = 0.0, 0.0, 0.0
-    for b in range(len(WIDTHS)):
+    out[:], many = 0.0, len(WIDTHS)
+    for b in range(many):
         wide = WIDTHS[b] * WIDTHS[b] + patch
         narrow, ratio = 0.5 / wide, WIDTHS[b] * WIDTHS[b] / wide
         value = ratio * np.exp(-narrow * square)
         grows = square * narrow / wide
+        c, g = model[2 * many + b], model[3 * many + b]
+        tilt, lean = model[many + b] * ratio / WIDTHS[b], model[4 * many + b] * ratio / WIDTHS[b]
+        shares = (model[b], tilt, c, g * ratio / wide, lean, 0.5 * (c + g) / wide)
         for p in range(PROFILES):
-            share, power = model[p * len(WIDTHS) + b] if p < 5 else 0.0, 1.0
-            if p == 1 or p == 4:
-                share, power = share * ratio / WIDTHS[b], 2.0
-            elif p == 3:
-                share, power = share * ratio / wide, 3.0
-            elif p == 5:
-                share, power = 0.5 * (model[2 * len(WIDTHS) + b] + model[3 * len(WIDTHS) + b]) / wide, 2.0
-            out[p, 0] += share * value
-            out[p, 1] -= share * value * narrow
-            out[p, 2] += share * value * (grows - power / wide)
-        bulk = model[3 * len(WIDTHS) + b] * value  # what smearing moves from G to C
+            out[p, 0] += shares[p] * value
+            out[p, 1] -= shares[p] * value * narrow
+            out[p, 2] += shares[p] * value * (grows - _POWERS[p] / wide)
+        bulk = g * value  # what smearing moves from G to C
         out[2, 0] += bulk * (1.0 - ratio)
         out[2, 1] -= bulk * (1.0 - ratio) * narrow
         out[2, 2] += bulk * (ratio / wide + (1.0 - ratio) * (grows - 1.0 / wide))
@@ -71,16 +67,13 @@ def _load(x, y, touch, model, profiles, load, slopes):
     fx, fy, fz, twist = touch[3], touch[4], touch[5], touch[6]
     along = x * fx + y * fy
     a, b, c, g, h, t = profiles[0], profiles[1], profiles[2], profiles[3], profiles[4], profiles[5]
-    load[0] = c[0] * fx + (g[0] * along + h[0] * fz) * x - t[0] * y * twist
-    load[1] = c[0] * fy + (g[0] * along + h[0] * fz) * y + t[0] * x * twist
-    load[2] = b[0] * along + a[0] * fz
-    for way in range(1, 3):  # by the squared distance, and by the patch
+    for way in range(3):  # the load, and its derivatives by the squared distance and by the patch
         slopes[0, way] = c[way] * fx + (g[way] * along + h[way] * fz) * x - t[way] * y * twist
         slopes[1, way] = c[way] * fy + (g[way] * along + h[way] * fz) * y + t[way] * x * twist
         slopes[2, way] = b[way] * along + a[way] * fz
     even = g[0] * along + h[0] * fz
     for axis in range(3):
-        far = slopes[axis, 1]
+        load[axis], far = slopes[axis, 0], slopes[axis, 1]
         slopes[axis, 0], slopes[axis, 1] = -2.0 * x * far, -2.0 * y * far
     slopes[0, 0] -= even + g[0] * x * fx
     slopes[0, 1] -= g[0] * x * fy - t[0] * twist
@@ -95,7 +88,7 @@ def _load(x, y, touch, model, profiles, load, slopes):
 
 @inner
 def _normal(taxels, touches, count, model, work, normal, pull):
-    """Write the normal equations about `touches` (c, 7) into `normal` and `pull`, and return the sum of squares.
+    """Write the normal equations about `touches` (c, 7), the lower triangle, and return the sum of squares.
 
     Of `taxels` the first are the offsets of each from the taxel of every touch, (c, 2, m), then their loads and
     weights, (3, m) each.
@@ -123,9 +116,6 @@ def _normal(taxels, touches, count, model, work, normal, pull):
                     normal[r, s] += slope * slopes[a, s]
     for p in range(count):
         cost += _prior(touches[p], UNKNOWN * p, model, normal, pull)
-    for r in range(size):
-        for s in range(r):
-            normal[s, r] = normal[r, s]
     return cost
 
 
@@ -145,7 +135,7 @@ def _shape(touch, model):
 
 
 @uncounted
-def unexplained(quantity, touch, model):
+def _unexplained(quantity, touch, model):
     """Return the variance that the loads do not explain: of place (0), normal (1) or tangential force (2)."""
     unusual = model[UNUSUAL + quantity] * _shape(touch, model)
     return model[INEXACT + quantity] ** 2 + unusual * unusual
@@ -167,19 +157,20 @@ def _prior(touch, first, model, normal, pull):
 
 
 @inner
-def _settle(taxels, touches, count, model, normal, factor):
-    """Fit `count` touches from where they are; write the normal equations there, and return the sum of squares."""
+def _settle(taxels, touches, count, model, spread):
+    """Fit `count` touches from where they are, and write their covariances.
+
+    Return the sum of squares, and its mean, at least 1: what the model cannot explain widens all.
+    """
     size = UNKNOWN * count
     work = np.empty((PROFILES, 3)), np.empty(3), np.empty((3, size)), np.empty(3)
     pull, step, ahead, trial = np.empty(size), np.empty(size), np.empty(size), touches.copy()
-    other = np.empty_like(normal)
+    normal, other, factor = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
     cost, damping = _normal(taxels, touches, count, model, work, normal, pull), 1e-3
     for _ in range(_STEPS):
+        factor[:] = normal
         for r in range(size):
-            for s in range(size):
-                factor[r, s] = normal[r, s]
-            if r % UNKNOWN < 3:
-                factor[r, r] *= 1.0 + damping
+            factor[r, r] *= 1.0 + damping if r % UNKNOWN < 3 else 1.0
         if not solve_positive(factor, pull, size, step):
             break
         for p in range(count):
@@ -190,14 +181,16 @@ def _settle(taxels, touches, count, model, normal, factor):
         found = _normal(taxels, trial, count, model, work, other, ahead)
         if found < cost:
             settled, damping, cost = cost - found < _DONE, 0.2 * damping, found
-            touches[:count], normal[:size, :size], pull[:] = trial[:count], other[:size, :size], ahead
+            touches[:count], normal[:], pull[:] = trial[:count], other, ahead
             if settled:
                 break
         elif damping > 1e6:
             break
         else:
             damping *= 6.0
-    return cost
+    excess = max(1.0, cost / max(3 * taxels[1].shape[1] - size, 1))
+    _covariances(normal, factor, count, excess, spread)
+    return cost, excess
 
 
 @uncounted
@@ -210,56 +203,50 @@ def _variance(k, a, scale, numbers, model):
 @inner
 def _gather(cells, end, scale, numbers, whole, model):
     """Return the cells of an area that read, and their loads and weights, (3, m) each."""
-    live, some, count, peak = whole[LIVE], np.empty(end, np.int64), 0, 0.0
-    for i in range(end):
-        if live[cells[i]]:
-            some[count] = cells[i]
-            count += 1
-            peak = max(peak, abs(numbers[FORCE, cells[i]]))
-    some, loads, weights = some[:count], np.empty((3, count)), np.empty((3, count))
-    for i in range(count):
-        k = some[i]
-        for a in range(3):
-            loads[a, i] = numbers[LOAD + a, k] if a < 2 else numbers[FORCE, k]
-            weights[a, i] = _variance(k, a, scale, numbers, model) + (model[MISFIT] * peak) ** 2
+    some = cells[:end][whole[LIVE][cells[:end]] != 0]
+    loads, weights = numbers[LOAD : LOAD + 3][:, some], np.empty((3, len(some)))
+    peak = np.abs(loads[2]).max()
+    for i in range(len(some)):
         own = loads[0, i] ** 2 + loads[1, i] ** 2 + loads[2, i] ** 2
         for a in range(3):
-            weights[a, i] = 1.0 / (weights[a, i] + model[MISFIT + 1] ** 2 * own)
+            noise = _variance(some[i], a, scale, numbers, model) + (model[MISFIT] * peak) ** 2
+            weights[a, i] = 1.0 / (noise + model[MISFIT + 1] ** 2 * own)
     return some, loads, weights
 
 
 @uncounted
-def is_faint(origin, place, force, model):
-    """Return whether the load on a taxel is what a response does not explain of the hardest pressed one around it."""
+def _square(a, b):
+    """Return the squared distance of two points."""
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+
+
+@uncounted
+def is_known(origin, out, place, force, model):
+    """Return whether the load on a taxel is of a touch that was added before, a row of `out`.
+
+    Or it is what a response does not explain of the hardest pressed taxel around it.
+    """
     positions, strongest, reach = place[0][0], 0.0, _AROUND * model[PITCH]
     for k in range(len(force)):
-        if force[k] > strongest:
-            square = 0.0
-            for c in range(3):
-                square += (positions[k, c] - positions[origin, c]) ** 2
-            strongest = force[k] if square < reach * reach else strongest
-    return force[origin] < _FAINT * model[MISFIT] * strongest
+        if force[k] > strongest and _square(positions[k], positions[origin]) < reach * reach:
+            strongest = force[k]
+    return feels(origin, out, place, model, DISTANCE) or force[origin] < _FAINT * model[MISFIT] * strongest
 
 
 @uncounted
 def feels(k, out, place, model, reach=_AROUND):
     """Return whether a taxel with three axes lies around a contact: it may pull or shear without being pressed."""
+    near = False
     for row in range(len(out)):
-        square = 0.0
-        for c in range(3):
-            square += (place[0][0, k, c] - out[row, c]) ** 2
-        if square < (reach * model[PITCH]) ** 2:
-            return True
-    return False
+        near = near or _square(place[0][0, k], out[row]) < (reach * model[PITCH]) ** 2
+    return near
 
 
 @inner
-def _offset(some, origin, place, at, model, out):
+def _offset(some, origin, place, numbers, model, out):
     """Write the offsets [pitches] of cells from one of them, in the tangent plane there, to out (2, m)."""
-    chart(some, len(some), origin, place, at)
-    size = place[1][1, origin] / model[PITCH]
-    for i in range(len(some)):
-        out[0, i], out[1, i] = size * at[0, some[i]], size * at[1, some[i]]
+    chart(some, len(some), origin, place, numbers[AT:])
+    out[:] = place[1][1, origin] / model[PITCH] * numbers[AT : AT + 2][:, some]
 
 
 @inner
@@ -281,17 +268,11 @@ def fit_forces(cells, end, origins, count, scale, place, numbers, whole, model, 
     """
     some, loads, weights = _gather(cells, end, scale, numbers, whole, model)
     offsets = np.empty((count, 2, len(some)))
-    taxels, at = (offsets, loads, weights), numbers[AT:]
     touches[:] = 0.0
     for p in range(count):
-        _offset(some, origins[p], place, at, model, offsets[p])
+        _offset(some, origins[p], place, numbers, model, offsets[p])
         touches[p, 5] = max(numbers[FORCE, origins[p]], 0.0)
-    size = UNKNOWN * count
-    normal, factor = np.empty((size, size)), np.empty((size, size))
-    cost = _settle(taxels, touches, count, model, normal, factor)
-    # what the model cannot explain widens all
-    _covariances(normal, factor, count, max(1.0, cost / max(3 * len(some) - UNKNOWN * count, 1)), spread)
-    return cost
+    return _settle((offsets, loads, weights), touches, count, model, spread)[0]
 
 
 @inner
@@ -303,24 +284,21 @@ def add_force(cells, end, origins, out, scale, place, numbers, whole, model, tou
     both explain the loads much better than one.
     """
     some, loads, weights = _gather(cells, end, scale, numbers, whole, model)
-    offsets, both, size = np.empty((2, 2, len(some))), touches[:2].copy(), 2 * UNKNOWN
-    taxels, at = (offsets, loads, weights), numbers[AT:]
-    normal, factor = np.empty((size, size)), np.empty((size, size))
-    _offset(some, origins[0], place, at, model, offsets[0])
-    cost = _settle(taxels, both, 1, model, normal, factor)
+    offsets, both, unsure = np.empty((2, 2, len(some))), touches[:2].copy(), spread[:2].copy()
+    taxels = offsets, loads, weights
+    _offset(some, origins[0], place, numbers, model, offsets[0])
+    cost, _ = _settle(taxels, both, 1, model, unsure)
     k = _exceeding(offsets[0], loads[2], weights[2], both[0], model)
     if k < 0 or feels(some[k], out, place, model, DISTANCE):
         return False
     origins[1] = some[k]
-    _offset(some, origins[1], place, at, model, offsets[1])
+    _offset(some, origins[1], place, numbers, model, offsets[1])
     both[1, 5] = max(numbers[FORCE, origins[1]], 0.0)
-    found = _settle(taxels, both, 2, model, normal, factor)
-    more = max(1.0, found / max(3 * len(some) - size, 1))
+    found, excess = _settle(taxels, both, 2, model, unsure)
     x, y = offsets[0, 0, k] + both[1, 0] - both[0, 0], offsets[0, 1, k] + both[1, 1] - both[0, 1]
-    if cost - found < _BETTER * more or both[1, 5] <= 0.0 or np.sqrt(x * x + y * y) < DISTANCE:
+    if cost - found < _BETTER * excess or both[1, 5] <= 0.0 or np.sqrt(x * x + y * y) < DISTANCE:
         return False
-    touches[:2] = both
-    _covariances(normal, factor, 2, more, spread)
+    touches[:2], spread[:2] = both, unsure
     return True
 
 
@@ -339,31 +317,37 @@ def _exceeding(offsets, loads, weights, touch, model):
 
 
 @inner
-def share_loads(cells, end, origins, count, scale, place, numbers, whole, model, touches, spread, shares):
-    """Write the share (c, end) of each touch in the load on each cell of an area.
+def share_loads(cells, end, origins, count, scale, place, numbers, whole, model, touches, spread, shares, fits):
+    """Write the share (c, end) of each touch in the load on each cell of an area, and its place (5,) to `fits`.
 
     Where taxels bear all of a force among them, as pillars do, force, place and torque are the sums over the shares,
     and `spread` is theirs.
     """
     profiles, load, slopes = np.empty((PROFILES, 3)), np.empty(3), np.empty((3, UNKNOWN))
-    offset, at = np.empty((2, end)), numbers[AT:]
+    offset, total = np.empty((2, end)), np.zeros(end)
     for p in range(count):
-        _offset(cells[:end], origins[p], place, at, model, offset)
+        _offset(cells[:end], origins[p], place, numbers, model, offset)
         for i in range(end):
             x, y = offset[0, i] - touches[p, 0], offset[1, i] - touches[p, 1]
             _load(x, y, touches[p], model, profiles, load, slopes)
             shares[p, i] = max(load[2], 1e-12)
-    for i in range(end):
-        total = 0.0
-        for p in range(count):
-            total += shares[p, i]
-        for p in range(count):
-            shares[p, i] /= total
-    if model[SUMS] > 0.0:
-        for p in range(count):
-            _offset(cells[:end], origins[p], place, at, model, offset)
+            total[i] += shares[p, i]
+    for p in range(count):
+        shares[p, :end] /= total
+        if model[SUMS] > 0.0:
+            _offset(cells[:end], origins[p], place, numbers, model, offset)
             if _sum(cells, end, offset, shares[p], numbers, whole, touches[p]):
                 _sum_spread(cells, end, offset, shares[p], scale, numbers, whole, model, touches[p], spread[p])
+        _place(touches[p], spread[p], model, place[1][1, origins[p]], fits[p])
+
+
+@uncounted
+def _place(touch, spread, model, spacing, out):
+    """Write the place of a touch that `fit_forces` found, and its variances and covariance, in spacings to out (5,)."""
+    size = model[PITCH] / spacing
+    square, more = (size * model[WIDENING]) ** 2, size * size * _unexplained(0, touch, model)
+    out[0], out[1] = size * touch[0], size * touch[1]
+    out[2], out[3], out[4] = square * spread[0, 0] + more, square * spread[1, 1] + more, square * spread[0, 1]
 
 
 @uncounted
@@ -393,9 +377,8 @@ def _sum(cells, end, offset, shares, numbers, whole, touch):
 @inner
 def _sum_spread(cells, end, offset, shares, scale, numbers, whole, model, touch, spread):
     """Write the covariance of the sums of a touch, by the errors of the loads and of the shares."""
-    slopes = np.zeros((3, UNKNOWN))
-    slopes[0, 3], slopes[1, 4], slopes[2, 5] = 1.0, 1.0, 1.0
-    loose, spread[:] = spread[2, 2], 0.0
+    slopes, loose = np.eye(3, UNKNOWN, 3), spread[2, 2]
+    spread[:] = 0.0
     for i in range(end):
         k = cells[i]
         if not whole[LIVE, k]:
@@ -405,12 +388,9 @@ def _sum_spread(cells, end, offset, shares, scale, numbers, whole, model, touch,
         slopes[0, 6], slopes[1, 6] = -y, x
         slopes[2, 6] = (y * touch[3] - x * touch[4]) / touch[5]
         for a in range(3):
-            load = numbers[LOAD + a, k] if a < 2 else numbers[FORCE, k]
-            mixed = (1.0 - shares[i]) * shares[i] * load
+            mixed = (1.0 - shares[i]) * shares[i] * numbers[LOAD + a, k]
             variance = shares[i] ** 2 * _variance(k, a, scale, numbers, model) + mixed * mixed
-            for r in range(UNKNOWN):
-                for c in range(UNKNOWN):
-                    spread[r, c] += slopes[a, r] * variance * slopes[a, c]
+            spread += np.outer(slopes[a] * variance, slopes[a])
     spread[2, 2] = loose
 
 
@@ -427,41 +407,41 @@ def write_force(touch, spread, model, here, ways, out, first):
     force = np.array([aside * x, aside * y, (curve[0] + curve[1] * press) * press + curve[2] * (x * x + y * y)])
     slopes = np.array([[aside, 0.0, curve[4] * x], [0.0, aside, curve[4] * y],
                        [2.0 * curve[2] * x, 2.0 * curve[2] * y, curve[0] + 2.0 * curve[1] * press]])  # fmt: skip
-    local = np.zeros((3, 3))
+    local, fitted = np.empty((3, 3)), spread[3:6, 3:6]
     for a in range(3):
         for b in range(3):
-            for c in range(3):
-                for d in range(3):
-                    local[a, b] += slopes[a, c] * spread[3 + c, 3 + d] * slopes[b, d]
-            local[a, b] *= off[2 if a < 2 else 1] * off[2 if b < 2 else 1]
-        local[a, a] += unexplained(2 if a < 2 else 1, touch, model) * (force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
+            wide = off[2 if a < 2 else 1] * off[2 if b < 2 else 1]
+            local[a, b] = _form(slopes[a], fitted, slopes[b]) * wide
+        local[a, a] += _unexplained(2 if a < 2 else 1, touch, model) * (force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
     axes = np.empty((3, 3))  # of x, y and into the body
     for a in range(2):
-        size = np.sqrt(ways[a, 0] ** 2 + ways[a, 1] ** 2 + ways[a, 2] ** 2)
-        for c in range(3):
-            axes[a, c] = ways[a, c] / size
-    for c in range(3):
-        axes[2, c] = -here[3 + c]
-        out[6 + c] = force[0] * axes[0, c] + force[1] * axes[1, c] + force[2] * axes[2, c]
+        axes[a] = ways[a] / np.sqrt(ways[a, 0] ** 2 + ways[a, 1] ** 2 + ways[a, 2] ** 2)
+    axes[2] = -here[3:]
+    out[6:9] = force[0] * axes[0] + force[1] * axes[1] + force[2] * axes[2]
     out[9] = aside * touch[6] * model[PITCH]
     sideways = np.sqrt(force[0] ** 2 + force[1] ** 2)
     ratio = sideways / force[2] if force[2] > 0.0 else np.nan
     along = np.array([force[0] / sideways if sideways > 0.0 else 1.0, force[1] / sideways if sideways > 0.0 else 0.0,
                       -ratio])  # fmt: skip
-    variance, at = 0.0, first + 3
-    for a in range(3):
-        for b in range(3):
-            variance += along[a] * local[a, b] * along[b]
-    out[first], out[first + 1] = ratio, np.sqrt(variance) / force[2] if force[2] > 0.0 else np.nan
+    deviation = np.sqrt(_form(along, local, along))
+    out[first], out[first + 1] = ratio, deviation / force[2] if force[2] > 0.0 else np.nan
     out[first + 9] = _shape(touch, model)
     out[first + 2] = aside * np.sqrt(spread[6, 6]) * model[PITCH]
+    at = first + 3
     for a in range(3):
         for b in range(a, 3):
-            out[at] = 0.0
-            for c in range(3):
-                for d in range(3):
-                    out[at] += axes[c, a] * local[c, d] * axes[d, b]
+            out[at] = _form(axes[:, a], local, axes[:, b])
             at += 1
+
+
+@uncounted
+def _form(a, matrix, b):
+    """Return a' M b."""
+    total = 0.0
+    for c in range(3):
+        for d in range(3):
+            total += a[c] * matrix[c, d] * b[d]
+    return total
 
 
 @inner
@@ -470,11 +450,9 @@ def _covariances(normal, factor, count, scale, spread):
     size = UNKNOWN * count
     unit, column = np.zeros(size), np.empty(size)
     for r in range(size):
-        unit[:] = 0.0
+        unit[:], factor[:] = 0.0, normal
         unit[r] = scale
-        factor[:size, :size] = normal[:size, :size]
         if not solve_positive(factor, unit, size, column):
             column[:] = np.nan
         first = r - r % UNKNOWN
-        for c in range(UNKNOWN):
-            spread[r // UNKNOWN, r % UNKNOWN, c] = column[first + c]
+        spread[r // UNKNOWN, r % UNKNOWN] = column[first : first + UNKNOWN]

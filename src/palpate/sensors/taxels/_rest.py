@@ -8,11 +8,11 @@ import numpy as np
 from palpate.surfaces._jit import uncounted
 
 # numbers of a cell: constants, state after the last frame (baseline, reading, last finite one), and work space
-NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD = 0, 1, 2, 3, 4, 5, 6, 7
-ERROR, USED, OWN, VARIANCE, AT, PEAK, FADED = 8, 9, 10, 11, 12, 14, 15
-# of taxels with three axes, along both tangents: baseline, its noise, and the load; the normal one is FORCE; and the
-# loads of before, along the tangents and into the body, that readings follow late
-SIDEWAYS, ROUGH, LOAD, SLOW, NUMBERS = 16, 18, 20, 22, 25
+NOISE, LIMIT, LAST, HELD, Z, SPREAD = 0, 1, 2, 3, 4, 5
+ERROR, USED, OWN, VARIANCE, AT, PEAK, FADED = 6, 7, 8, 9, 10, 12, 13
+# of taxels with three axes, along both tangents: baseline (behind the normal one, which all have), its noise, and the
+# load (before the normal one); and the loads of before, along the tangents and into the body, that readings follow late
+BASELINE, SIDEWAYS, ROUGH, LOAD, FORCE, SLOW, NUMBERS = 14, 15, 17, 19, 21, 22, 25
 # and integers: the same; its present turns around the range, and the number of times it wrapped; the window in which
 # it was last touched
 GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, TOUCHED, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9

@@ -9,7 +9,7 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95
@@ -22,8 +22,7 @@ from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.presses import EACH, EVERY, FEWEST, PRESSED, WARMS, Presses, axes_at, known_presses
 from palpate.sensors.taxels.response import AXES, TaxelResponse, coupling_terms, response_terms
 from palpate.signals.recording import CELLS, TEMPERATURE, Recording
-from palpate.spatial._arrays import frozen
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import frozen, takes_arrays
 
 # of the presses, each left out in turn; where the taxels bear all of a force, nearly all train
 PARTS, FOLDS = 4, 12
@@ -36,6 +35,9 @@ _INNER = 0.6  # of the skin's half width, within which all of a force is on the 
 FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), np.geomspace(1e-4, 0.3, 24).tolist()
 UNUSUAL = np.array([0.0, *np.geomspace(1e-3, 1.0, 15)])
 UNLIKE = np.array([0.4, 0.3, 0.3])  # pitches and shares of the force by which medians of errors are off: no response
+# error of a place [pitches] along both tangents and its covariance; the force found, its covariance, and the true one,
+# along both tangents and into the body; and the feature `shape`
+_Row = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]
 CHI2 = (3.841458820694124, CHI2_95, 7.814727903251179)  # 95 % points with one, two and three degrees of freedom
 
 
@@ -55,55 +57,43 @@ def identify_response(
         InputError: no readings of this body, or a truth without forces.
         NotIdentifiable: too few presses, no frames at rest, no shear, or readings that do not follow the forces.
     """
-    pitch = float(np.median(body.spacing))
-    presses = known_presses(body, recording, truth, pitch)
-    first, patch = _fitted(body, presses, pitch, False)
-    presses, names = presses.unfaded(first.fade), _by_patch(presses, patch)
+    presses = known_presses(body, recording, truth)
+    first, unusual = _fitted(presses, False)
+    presses = presses.unfaded(first.fade)
+    names, number = np.unique(presses.press, return_inverse=True)
+    names = names[np.argsort(np.bincount(number, unusual) / np.bincount(number))]  # of tips of all sizes in each part
     alike = [
-        _left_out(body, presses, [names[i::count] for i in range(count)], pitch, sums)
+        _left_out(presses, [names[i::count] for i in range(count)], sums)
         for count, sums in ((PARTS, False), (FOLDS, True))
     ]
-    found = [_corrected(np.concatenate([_alone(body, *each) for each in parts])) for parts in alike]
+    found = [_corrected([row for each in parts for row in _alone(*each)]) for parts in alike]
     sums = int(np.argmin([off.sum() for _, _, off in found]))
     curve, parts = found[sums][0], alike[sums]
     if not sums:  # taxels that bear all of a force know no tips
-        parts = _left_out(body, presses, np.array_split(names, PARTS), pitch, False)
-    rows, misfits = zip(*(_in_turn(body, recording, *each) for each in parts), strict=True)
-    in_turn = np.concatenate(rows)
+        parts = _left_out(presses, np.array_split(names, PARTS), False)
+    rows, misfits = zip(*(_in_turn(recording, *each) for each in parts), strict=True)
+    in_turn = [row for part in rows for row in part]
     _, wide, off = _corrected(in_turn, curve)
+    left_out = (
+        f"{len(in_turn)} frames, a part at a time predicted from the rest: {1e3 * first.pitch * off[0]:.2g} mm, "
+        f"{off[1]:.1%} of the force along the normal, {off[2]:.1%} across, medians"
+    )
     if not (off <= UNLIKE).all():
-        raise _unrelated(f" ({_left_out_text(off, pitch, len(in_turn))})")
-    record = {"left_out": _left_out_text(off, pitch, len(in_turn)), **(provenance or {})}
-    kept = dict(zip(("widening", "inexact", "unusual"), wide.T, strict=True)) | {"curve": frozen(curve)}
-    kept["usual_misfit"] = float(np.mean(misfits))
-    response, _ = _fitted(body, presses, pitch, bool(sums))
+        raise _unrelated(f" ({left_out})")
+    record = {"left_out": left_out, **(provenance or {})}
+    kept = dict(zip(("widening", "inexact", "unusual"), wide.T, strict=True), curve=curve)
+    response, _ = _fitted(presses, bool(sums))
     notes = [f"{len(names)} presses"]
     if TEMPERATURE in recording.channels and not len(response.thermal):
         notes.append(f"the temperature changes by less than {WARMS:g} K: what it does is not learned")
-    return replace(response, **kept, provenance=record, notes=tuple(notes))
+    return replace(response, **kept, usual_misfit=float(np.mean(misfits)), provenance=record, notes=tuple(notes))
 
 
-def _by_patch(presses: Presses, patch: Float[np.ndarray, " n"]) -> Int[np.ndarray, " p"]:
-    """Return the presses by the size of their patch, so that parts of them are pressed by other tips."""
-    size = np.column_stack([np.ones(len(patch)), presses.force[:, 2].clip(min=0.0) ** (2 / 3)])
-    names, number = np.unique(presses.press, return_inverse=True)
-    return names[np.argsort(np.bincount(number, patch - size @ _least(size, patch)) / np.bincount(number))]
-
-
-def _left_out(
-    body: TaxelBody, presses: Presses, parts: list[np.ndarray], pitch: float, sums: bool
-) -> list[tuple[Presses, TaxelResponse]]:
+def _left_out(presses: Presses, parts: list[np.ndarray], sums: bool) -> list[tuple[Presses, TaxelResponse]]:
     """Return the presses of each part, which lists their numbers, with the fit to all others."""
     out = [np.isin(presses.press, part) for part in parts]
-    fits = [_fitted(body, presses.of(~each), pitch, sums)[0] for each in out]
+    fits = [_fitted(presses.of(~each), sums)[0] for each in out]
     return [(presses.of(each).unfaded(fit.fade), fit) for each, fit in zip(out, fits, strict=True)]
-
-
-def _left_out_text(off: Float[np.ndarray, "3"], pitch: float, count: int) -> str:
-    return (
-        f"{count} frames, a part at a time predicted from the rest: {1e3 * pitch * off[0]:.2g} mm, {off[1]:.1%} of "
-        f"the force along the normal, {off[2]:.1%} across, medians"
-    )
 
 
 def _unrelated(figures: str = "") -> NotIdentifiable:
@@ -115,40 +105,39 @@ def _unrelated(figures: str = "") -> NotIdentifiable:
     return NotIdentifiable(what, rank=0, missing=("gains", "shares"))
 
 
-def _fitted(
-    body: TaxelBody, presses: Presses, pitch: float, sums: bool
-) -> tuple[TaxelResponse, Float[np.ndarray, " n"]]:
-    """Fit gains, the spread of a force and the patch of each frame in turn, until they settle; return the patches."""
+def _fitted(presses: Presses, sums: bool) -> tuple[TaxelResponse, Float[np.ndarray, " n"]]:
+    """Fit gains, the spread of a force and the patch of each frame in turn, until they settle.
+
+    Return by how much the patches exceed usual ones, too.
+    """
+    body, guess = presses.body, presses.guess
     force, readings, offset = presses.force, presses.readings, presses.offset
     count, taxels = offset.shape[:2]
     weight = (1.0 / (np.linalg.norm(force, axis=1) + PRESSED * np.abs(force).max()))[:, None, None]
     both = offset.reshape(-1, 2), np.repeat(force, taxels, axis=0)
-    guess = TaxelResponse.guessed(taxels, pitch)
     shares, patch, inside = guess.shares, np.zeros(count), _inside(body, presses.point)
-    around = coupling_terms(body.steps * body.spacing[:, None, None] / pitch, body.neighbours)
+    around = coupling_terms(body.steps * body.spacing[:, None, None] / guess.pitch, body.neighbours)
     between = np.moveaxis(around, 3, 2).reshape(taxels, -1, AXES * shares.size)
     coupling, coupled = np.zeros(shares.size), np.zeros((count, taxels, AXES))
 
     def spread(patches: np.ndarray) -> np.ndarray:
-        return response_terms(*both, np.repeat(patches, taxels)).reshape(count, taxels, AXES, *shares.shape)
+        return response_terms(*both, np.repeat(patches, taxels)).reshape(count, taxels, AXES, -1)
 
     terms = spread(patch)
-    loads: np.ndarray = terms.reshape(count, taxels, AXES, -1) @ shares.ravel()
+    loads: np.ndarray = terms @ shares.ravel()
     gains = _summed_gains(presses, weight[:, 0, 0]) if sums else guess.gains
     for turn in range(ROUNDS):
         alike = 1.0 if turn == 0 else _ALIKE  # the spread is a guess
         gains = gains if sums else _gains(weight * (loads - coupled), weight * readings, alike)
         felt: np.ndarray = np.einsum("kab,nkb->nka", gains, readings)
         if not sums:
-            ways = np.matmul(felt[:, body.neighbours].reshape(count, taxels, 1, -1), between)
-            ways = ways.reshape(count, taxels, AXES, -1)
+            ways = (felt[:, body.neighbours].reshape(count, taxels, 1, -1) @ between).reshape(count, taxels, AXES, -1)
             coupling = _ridged(weight[..., None] * ways, weight * (loads - felt))
             coupled = ways @ coupling
             felt += coupled
         if turn > 1:
             patch = _patches(felt, *both, replace(guess, shares=frozen(shares)))
             terms = spread(patch)
-        terms = terms.reshape(count, taxels, AXES, -1)
         shares = _ridged(weight[..., None] * terms, weight * felt).reshape(shares.shape)
         loads = terms @ shares.ravel()
         total: np.ndarray = loads[inside, :, 2].sum(axis=1)
@@ -162,13 +151,12 @@ def _fitted(
     misfit = _misfit((felt - loads) / peak[:, None, None], felt / peak[:, None, None])
     size = np.column_stack([np.ones(count), force[:, 2].clip(min=0.0) ** (2 / 3)])
     line = _least(size, patch)
-    learned = np.array([*line, max(float(np.std(patch - size @ line)), 1e-3)])
-    found = {"gains": frozen(gains), "shares": frozen(shares), "patch": frozen(learned), "widening": np.ones(3)}
-    found |= {"coupling": frozen(coupling.reshape(shares.shape)), "misfit": frozen(misfit)}
-    found |= {"late": presses.late, "limits": presses.limits}
+    unusual = patch - size @ line
+    learned = np.array([*line, max(float(np.std(unusual)), 1e-3)])
+    found = {"gains": gains, "shares": shares, "patch": learned, "misfit": misfit}
     if presses.warmer.any():
         found |= _thermal(presses, felt.sum(axis=1), force if sums else loads.sum(axis=1))
-    return replace(guess, sums=sums, drift=presses.drift, **found), patch
+    return replace(guess, sums=sums, coupling=coupling.reshape(shares.shape), **found), unusual
 
 
 def _thermal(presses: Presses, felt: Float[np.ndarray, "n 3"], true: Float[np.ndarray, "n 3"]) -> dict[str, Any]:
@@ -176,8 +164,8 @@ def _thermal(presses: Presses, felt: Float[np.ndarray, "n 3"], true: Float[np.nd
     short = np.sum((true - felt) * true, axis=1) / np.sum(true**2, axis=1)
     warmer = presses.warmer - presses.warmer.mean()
     more = float(warmer @ short) / (float(warmer @ warmer) + EACH * float(np.var(short)) / FADES**2)
-    fade = presses.fade + more
-    return {"temperature": presses.temperature, "fade": fade, "thermal": presses.thermal + fade * presses.level}
+    fade = presses.guess.fade + more
+    return {"fade": fade, "thermal": presses.guess.thermal + fade * presses.level}
 
 
 def _misfit(left: Float[np.ndarray, "n k 3"], loads: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "2"]:
@@ -205,9 +193,7 @@ def _summed_gains(presses: Presses, weight: Float[np.ndarray, " n"]) -> Float[np
         wanted[:count] = weight * presses.force[:, axis]
         alike = ways.reshape(len(ways), taxels, AXES).sum(axis=1)
         usual = np.tile(_least(alike, wanted), taxels)
-        square: np.ndarray = ways.T @ ways
-        ridge = _ALIKE * np.trace(square) / len(square) * np.eye(len(square))
-        gains[:, axis] = (usual + _solved(square + ridge, ways.T @ (wanted - ways @ usual))).reshape(taxels, AXES)
+        gains[:, axis] = (usual + _ridged(ways, wanted - ways @ usual, _ALIKE)).reshape(taxels, AXES)
     return gains
 
 
@@ -230,17 +216,17 @@ def _gains(
     return np.linalg.inv(reads)
 
 
-def _ridged(ways: Float[np.ndarray, "n k 3 q"], wanted: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, " q"]:
-    """Return the least-squares solution (q,), small where it is free."""
+def _ridged(ways: np.ndarray, wanted: np.ndarray, share: float = 1e-6) -> np.ndarray:
+    """Return the least-squares solution (q,) of ways (..., q), small where it is free, by a share of their square."""
     design = ways.reshape(-1, ways.shape[-1])
     square: np.ndarray = design.T @ design
-    ridge = 1e-6 * np.trace(square) / len(square) * np.eye(len(square))
+    ridge = share * np.trace(square) / len(square) * np.eye(len(square))
     return _solved(square + ridge, design.T @ wanted.ravel())
 
 
 def _least(ways: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Return the least-squares solution."""
-    return np.asarray(np.linalg.lstsq(ways, wanted, rcond=None)[0])
+    return np.asarray(np.linalg.lstsq(ways, wanted)[0])
 
 
 def _solved(square: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -268,58 +254,48 @@ def _patches(
     return np.maximum(found - np.median(found), LEAST_PATCH)
 
 
-def _alone(body: TaxelBody, presses: Presses, response: TaxelResponse) -> Float[np.ndarray, "n 21"]:
+def _alone(presses: Presses, response: TaxelResponse) -> list[_Row]:
     """Return the errors on presses, frame by frame less the rest."""
+    body = replace(presses.body, response=response, bits=None)
     noise = np.sqrt(np.einsum("kab,kb->ka", response.gains**2, presses.noise**2)).T
     zero, bad = np.zeros(len(body)), np.zeros(len(body), dtype=bool)
     health = Health(zero, noise[2], bad, bad, sideways=np.stack([np.zeros((2, len(body))), noise[:2]]))
-    estimator = TaxelEstimator(replace(body, response=response, bits=None), health=health)
-    rows = list[np.ndarray]()
+    estimator = TaxelEstimator(body, health=health)
+    rows = list[_Row]()
     for i in range(0, len(presses.press), EVERY):
         estimator.reset()
         found = estimator.run(Recording(np.zeros(1), {CELLS: presses.readings[i : i + 1]}))
-        rows.append(_errors(body, found, np.flatnonzero(found.located), presses, i, response.pitch))
-    return np.concatenate(rows)
+        rows += _errors(found, 0, presses, i)
+    return rows
 
 
-def _in_turn(
-    body: TaxelBody, recording: Recording, presses: Presses, response: TaxelResponse
-) -> tuple[Float[np.ndarray, "n 21"], float]:
+def _in_turn(recording: Recording, presses: Presses, response: TaxelResponse) -> tuple[list[_Row], float]:
     """Return the errors on presses in the recording as it ran, where what earlier presses left behind counts.
 
     And the mean square of their misfits.
     """
-    estimator = TaxelEstimator(replace(body, response=response, bits=None))
+    estimator = TaxelEstimator(replace(presses.body, response=response, bits=None))
     found = estimator.run(recording)
-    rows = [
-        _errors(body, found, np.flatnonzero((found.sample == frame) & found.located), presses, i, response.pitch)
-        for i, frame in enumerate(presses.frame.tolist())
-    ]
-    return np.concatenate(rows), estimator.misfit
+    rows = [_errors(found, frame, presses, i) for i, frame in enumerate(presses.frame.tolist())]
+    return [row for frame in rows for row in frame], estimator.misfit
 
 
-def _errors(
-    body: TaxelBody, found: Contacts, there: Int[np.ndarray, " c"], presses: Presses, i: int, pitch: float
-) -> Float[np.ndarray, "_ 21"]:
-    """Return a row on the hardest of some contacts in a frame of presses; none if there are none.
-
-    It is the error of the place [pitches] along both tangents (2), its covariance (3), the force (3), its covariance
-    (3, 3) and the true force (3), along both tangents and into the body, and the feature `shape`.
-    """
+def _errors(found: Contacts, sample: int, presses: Presses, i: int) -> list[_Row]:
+    """Return a row on the hardest contact of a sample, a frame of presses; none if there is none."""
+    there, pitch = np.flatnonzero((found.sample == sample) & found.located), presses.guess.pitch
     if not len(there):
-        return np.zeros((0, 21))
+        return []
     best = there[int(np.argmax(np.linalg.norm(found.force[there], axis=1)))]
-    turn = axes_at(body, presses.point[i : i + 1], pitch)[0]
+    turn = axes_at(presses.body, presses.point[i : i + 1], pitch)[0]
     error = turn[:2] @ (found.point[best] - presses.point[i]) / pitch
     place = turn[:2] @ found.covariance[best] @ turn[:2].T / pitch**2
     six = np.array([found.features[name][best] for name in SIX])
     spread = turn @ six[SQUARE].reshape(3, 3) @ turn.T
-    own = [*error, place[0, 0], place[0, 1], place[1, 1], *(turn @ found.force[best]), *spread.ravel()]
-    return np.array([[*own, *presses.force[i], found.features["shape"][best]]])
+    return [(error, place, turn @ found.force[best], spread, presses.force[i], float(found.features["shape"][best]))]
 
 
 def _corrected(
-    rows: Float[np.ndarray, "n 21"], curve: Float[np.ndarray, "5"] | None = None
+    rows: list[_Row], curve: Float[np.ndarray, "5"] | None = None
 ) -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
     """Return `TaxelResponse.curve`; `.widening`, `.inexact` and `.unusual` as columns; medians; of rows of `_errors`.
 
@@ -330,7 +306,7 @@ def _corrected(
     """
     if len(rows) < FEWEST // 2:
         raise _unrelated()
-    place, fitted, force, shape = rows[:, :2], rows[:, 5:8], rows[:, 17:20], rows[:, 20]
+    place, flat, fitted, spread, force, shape = (np.array(each) for each in zip(*rows, strict=True))
     weight = 1.0 / (np.linalg.norm(force, axis=1) + PRESSED * np.abs(force).max())
     normal, square = fitted[:, 2], (fitted[:, :2] ** 2).sum(axis=1)
     ways = weight[:, None] * np.column_stack([normal, normal**2, square])
@@ -340,17 +316,11 @@ def _corrected(
     first, second = (first, second) if curve is None else (curve[:3], curve[3:])
     along = fitted[:, :2] * (second[0] + second[1] * normal)[:, None]
     press: np.ndarray = np.column_stack([normal, normal**2, square]) @ first
-    spread, flat = rows[:, 8:17].reshape(-1, 3, 3), rows[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
     off, size = np.column_stack([along, press]) - force, np.linalg.norm(force, axis=1)
     slope = np.array([second[0], second[0], first[0]])
     spread = slope[:, None] * spread * slope
-    wide = np.array(
-        [
-            _widening(place, flat, np.ones(len(rows)), shape),
-            _widening(off[:, 2:], spread[:, 2:, 2:], size, shape),
-            _widening(off[:, :2], spread[:, :2, :2], size, shape),
-        ]
-    )
+    forces = ((off[:, part], spread[:, part, part], size) for part in (slice(2, 3), slice(2)))
+    wide = np.array([_widening(*each, shape) for each in ((place, flat, np.ones(len(rows))), *forces)])
     factor, inexact, unusual = wide[[2, 2, 1]].T
     more = size[:, None] ** 2 * (inexact**2 + (unusual * shape[:, None]) ** 2)
     both = factor[:, None] * spread * factor + more[:, None] * np.eye(3)

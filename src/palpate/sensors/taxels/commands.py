@@ -1,4 +1,4 @@
-"""Define `palpate calibrate intensity`."""
+"""Define `palpate calibrate intensity` and `palpate calibrate response`."""
 
 from __future__ import annotations
 
@@ -10,13 +10,18 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.console.calibration import Calibration, CalibrationResult
-from palpate.console.options import CountOption, FileOption, Log, NameOption, Output, Scalar
+from palpate.console.options import CountOption, FileOption, Log, NameOption, Output, RigFile, Scalar
+from palpate.contact.ground_truth import TrueSamples
 from palpate.errors import InputError
-from palpate.files.logs import open_log
+from palpate.files.contacts import read_contacts
+from palpate.files.ground_truth import read_ground_truth
+from palpate.files.logs import open_log, read_recording
 from palpate.files.logs.topics import NONE
 from palpate.files.tables.table import read_table
 from palpate.files.units import FORCE_UNITS, PRESSURE_UNITS, to_si
 from palpate.sensors.taxels.calibrate import identify_intensity, identify_resistive, tells
+from palpate.sensors.taxels.calibrate_response import identify_response
+from palpate.sensors.taxels.files import of_response
 from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.sensors.taxels.mat import identify_by_pressures, pressure_errors
 from palpate.sensors.taxels.model import TaxelBody
@@ -204,3 +209,58 @@ def _shape(text: str | None) -> tuple[int, int] | None:
     if not (rows.isdigit() and columns.isdigit() and int(rows) * int(columns)):
         raise InputError(f"--sheet must be rows and columns, not {text!r}.", hint="Write them as 6x22.")
     return int(rows), int(columns)
+
+
+@dataclass(frozen=True)
+class CalibrateResponse(Calibration):
+    """Fit what taxels with three axes read under known forces.
+
+    Press at 100 places or more, up to the outer taxels, with tips of different size, from light to hard, and move the
+    tip sideways in all directions; nothing touches between two presses.
+
+    Args:
+        log: of the skin.
+        output: response.toml to write.
+        rig: TOML with the [skin], its places and axes.
+        truth: CSV with time, px, py, pz, fx, fy, fz: point and force on the skin, in the surface's frame, while any
+            force acts; or the contacts that a force/torque sensor below the skin gives (palpate estimate).
+    """
+
+    log: Log
+    output: Output
+    rig: RigFile
+    truth: FileOption = None
+
+    def identify(self) -> CalibrationResult:
+        """Return the `CalibrationResult` of the presses of the log, with their `TaxelResponse`.
+
+        Raises:
+            InputError: a file cannot be read, or states no forces, or the skin has one axis.
+            NotIdentifiable: the presses do not determine the response.
+            OSError: an input cannot be read for its digest.
+        """
+        if self.truth is None:
+            hint = "Give --truth CSV with time, px, py, pz, fx, fy, fz, or the contacts of a force/torque sensor below."
+            raise InputError("the forces of the presses are not known.", where="--truth", hint=hint)
+        setup = self.stated.resolve("skin")
+        body = setup.of(SkinSection).body
+        if body.response is None:
+            hint = 'Write axes = ["x", "y", "z"] in [skin]; for one axis there is palpate calibrate intensity.'
+            raise InputError("the rig's taxels have one axis.", where="skin.axes", hint=hint)
+        recording = read_recording(self.log, SKIN.layout(setup))
+        found = identify_response(replace(body, response=None), recording, _known(self.truth), provenance=self.record())
+        hint = f'name it in the rig: response = "{self.output.name}" under [skin]'
+        return CalibrationResult(of_response(found), found, notes=[*recording.notes, *found.notes], next=[hint])
+
+
+def _known(path: Path) -> TrueSamples:
+    """Read points and forces: of a truth, or of the contacts in a file that `palpate estimate` wrote."""
+    if "status" in read_table(path).names:
+        contacts = read_contacts(path)
+        there = contacts.located
+        return TrueSamples(contacts.time[there], contacts.point[there], None, contacts.force[there])
+    truth = read_ground_truth(path)
+    if not isinstance(truth, TrueSamples):
+        hint = "Write a row for each instant: time, px, py, pz, fx, fy, fz."
+        raise InputError("states touches without forces.", where=str(path), hint=hint)
+    return truth

@@ -20,7 +20,7 @@ from palpate.sensors.taxels.frames import TaxelFrames
 from palpate.sensors.taxels.health import FEWEST, Health, examine, tared
 from palpate.sensors.taxels.intensity import Intensity, load_direction
 from palpate.sensors.taxels.model import TaxelBody
-from palpate.sensors.taxels.plausibility import unbelievable_touches
+from palpate.sensors.taxels.plausibility import unbelievable_touches, unlike_calibration
 from palpate.sensors.taxels.watch import TaxelWatch
 from palpate.signals.filters import Filter
 from palpate.signals.recording import CELLS, LARGEST, Recording
@@ -40,8 +40,6 @@ SHEAR = ("slip", "slip_sd", "torque_sd", *SIX, "shape")
 [N^2], and the shape, with which deviations grow: by how much the variance of the patch exceeds a usual one [squared
 pitches], or the root of the sum of squared loads over the force, if that is their sum; of taxels with three axes."""
 SQUARE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # where the nine numbers of a covariance are among its six
-_One = tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...], tuple[np.ndarray, np.ndarray] | None]
-"""Time, readings and number of rows of one frame, which are written; its usual shape; views of its loads."""
 HEAD = 2048  # frames from which rest, noise and faults are taken
 _ROWS = 1024  # of a piece of answers
 
@@ -110,10 +108,11 @@ class TaxelEstimator(ContactEstimator):
         self._falling = load_direction(intensity, falling)
         self._frames = TaxelFrames(body, intensity, self.settings, forward, self._falling, filtered=filter is not None)
         self._watch = TaxelWatch(body)
-        self._one = _room_for_one(body)
+        time, raw, counts = np.zeros(1), np.zeros((1, *body.one)), np.zeros(1, dtype=np.int64)
+        shape, loads = (body.shape, (raw, frozen(np.zeros((1, 0))))) if body.response is None else ((), None)
+        self._one = time, raw, counts, shape, loads  # of one frame, written; of three axes its loads are made anew
         if health is not None:
             self._know(health)
-        time, raw, counts, *_ = self._one
         if self._ahead:
             self._frames.prepare(*body.split(raw.copy()))  # compiles, before anything is in a hurry
         self._frames.run(time, *body.split(raw.copy()), self.empty(1), counts, self._frames.no_forces)  # compiles
@@ -152,9 +151,8 @@ class TaxelEstimator(ContactEstimator):
         Raises:
             InputError: too few frames, no readings of these taxels, no usable cell, or cells that do not keep still.
         """
-        rest, self._tared = tared(
-            recording, self.body, self.health, pressed=3.0 * self.settings.on, falling=self._frames.falling
-        )
+        pressed, falling = 3.0 * self.settings.on, self._frames.falling
+        rest, self._tared = tared(recording, self.body, self.health, pressed=pressed, falling=falling)
         self._know(rest)
         return self._tared
 
@@ -213,8 +211,7 @@ class TaxelEstimator(ContactEstimator):
             said.append("there is no intensity model, so readings are N: palpate calibrate intensity makes one")
         if self.health is None:
             return tuple(said)
-        said += [*self.health.notes, *([self._tared.note] if self._tared.note else [])]
-        return (*said, *self._frames.notes(self.health))
+        return (*said, *self.health.notes, *filter(None, [self._tared.note]), *self._frames.notes(self.health))
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings of dead or stuck cells, a tare that looks like a touch, or a zero that moved."""
@@ -225,7 +222,8 @@ class TaxelEstimator(ContactEstimator):
     def unbelievable(self) -> str:
         """Return the sentence that no touch of a log can be believed; "" if some can."""
         known, health = (self._watch.loads, self._watch.free, self._frames.touches, self.body), self.health
-        return "" if health is None else unbelievable_touches(*known, health, self.misfit)
+        unlike = unlike_calibration(self.body, self.misfit)
+        return "" if health is None else unlike or unbelievable_touches(*known, health)
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()
@@ -296,11 +294,3 @@ class TaxelEstimator(ContactEstimator):
         if self.health is None:
             hint = "Give health=examine(...), or call tare with a recording in which nothing touches."
             raise InputError("the readings of the cells at rest are not known.", hint=hint)
-
-
-def _room_for_one(body: TaxelBody) -> _One:
-    """Return what one frame needs; of taxels with three axes shape and loads are made anew for each frame."""
-    time, raw, counts = np.zeros(1), np.zeros((1, *body.one)), np.zeros(1, dtype=np.int64)
-    if body.response is not None:
-        return time, raw, counts, (), None
-    return time, raw, counts, body.shape, (raw, frozen(np.zeros((1, 0))))

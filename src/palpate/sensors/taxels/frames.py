@@ -84,8 +84,7 @@ class TaxelFrames:
         limits = np.where(np.isnan(self._limits), self._ends[not self.falling], self._limits)
         self._numbers[_rest.LIMIT] = limits
         self._whole[_rest.GOOD], self._numbers[_rest.NOISE] = self._usable & health.good, health.noise
-        if health.sideways is not None:
-            self._numbers[_rest.ROUGH : _rest.LOAD] = health.sideways[1]
+        self._numbers[_rest.ROUGH : _rest.LOAD] = 0.0 if health.sideways is None else health.sideways[1]
         self._loop = FixedEntry(_kernels.frames, _FIRST, self._fixed())
 
     def notes(self, health: Health) -> tuple[str, ...]:
@@ -139,8 +138,7 @@ class TaxelFrames:
         if health is not None:
             self._numbers[[_rest.BASELINE, _rest.HELD]] = health.baseline
             walks = self._settings.walk > 0.0
-            if health.sideways is not None:
-                self._numbers[_rest.SIDEWAYS : _rest.ROUGH] = health.sideways[0]
+            self._numbers[_rest.SIDEWAYS : _rest.ROUGH] = 0.0 if health.sideways is None else health.sideways[0]
             self._numbers[_rest.VARIANCE] = health.noise**2 / max(1, health.frames) if walks else 0.0
         self._zeros[0][:], self._zeros[1][:], self._zeros[2][:] = 0.0, 0.0, np.nan
         self._whole[_rest.TOUCHED] = _rest.NEVER

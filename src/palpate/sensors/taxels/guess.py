@@ -231,9 +231,8 @@ def _numbered(names: Sequence[str], contents: LogContents) -> _Cells | None:
     axes = next(iter(axes_of(groups).values()), dict[str, NumberedColumns]())
     three = [each for each in axes.values() if _may_be(each.pattern)]
     found = [each for each in groups if _may_be(each.pattern) and each not in three][:1]
-    if len({frozenset(each.numbers) for each in three}) == 1 and (
-        not found or 3 * len(three[0].names) > len(found[0].names)
-    ):
+    alike = len({frozenset(each.numbers) for each in three}) == 1
+    if alike and (not found or 3 * len(three[0].names) > len(found[0].names)):
         found = three
     count = sum(len(each.names) for each in found)
     if not found or count < (_CERTAIN if _is_skin(found[0].pattern) else _FEWEST):

@@ -97,11 +97,8 @@ def examine(
     if seconds is not None:
         rest = cells[time <= time[0] + seconds]
         if len(rest) < FEWEST:
-            raise InputError(
-                f"a tare needs at least {FEWEST} frames, and the first {seconds:g} s have {len(rest)}.",
-                where=recording.source,
-                hint="Tare for longer.",
-            )
+            what = f"a tare needs at least {FEWEST} frames, and the first {seconds:g} s have {len(rest)}."
+            raise InputError(what, where=recording.source, hint="Tare for longer.")
     baseline, noise = resting(rest, counts=body.bits is not None)
     still = np.ptp(cells, axis=0) == 0
     stuck = _stuck(baseline, still, body)

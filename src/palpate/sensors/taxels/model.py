@@ -85,9 +85,8 @@ class TaxelBody(Value):
 
     def __post_init__(self) -> None:
         if self.response is not None and len(self.response) != len(self):
-            raise InputError(
-                f"the response is of {len(self.response)} taxels, but the body has {self.named()}.", where="taxels"
-            )
+            what = f"the response is of {len(self.response)} taxels, but the body has {self.named()}."
+            raise InputError(what, where="taxels")
         if self.bits is not None and not 1 <= self.bits <= 16:
             raise InputError(f"bits must be between 1 and 16, not {self.bits}.", where="taxels")
         for value in vars(self).values():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import nan
-
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -19,14 +17,25 @@ UNLIKE = 5.0  # times the misfits of the presses: touches have up to 2, wrong or
 HUNDREDS, ALWAYS = 100, 0.95  # touches, and of the frames with a touch: noise or a wrong zero
 
 
+def unlike_calibration(body: TaxelBody, misfit: float) -> str:
+    """Return a sentence if the loads of touches are not those that taxels with three axes were calibrated by, else "".
+
+    Args:
+        body: the body that was recorded.
+        misfit: as of `TaxelEstimator`.
+    """
+    if body.response is None or not misfit > UNLIKE * body.response.usual_misfit:
+        return ""
+    return (
+        "no result to trust: the loads of most touches differ from those of a force by far more than in the "
+        "calibration: correct the order of the taxels or of their axes in [skin], unless the touches are much "
+        "wider than the tips of the calibration"
+    )
+
+
 @takes_arrays
 def unbelievable_touches(
-    loads: Float[np.ndarray, "n k"],
-    free: Bool[np.ndarray, " m"],
-    touches: int,
-    body: TaxelBody,
-    health: Health,
-    misfit: float = nan,
+    loads: Float[np.ndarray, "n k"], free: Bool[np.ndarray, " m"], touches: int, body: TaxelBody, health: Health
 ) -> str:
     """Return a sentence if no touch of a log can be believed, else "".
 
@@ -36,17 +45,10 @@ def unbelievable_touches(
         touches: number of touches in them.
         body: the body that was recorded.
         health: baseline and noise of its cells.
-        misfit: as of `TaxelEstimator`, of taxels with three axes.
 
     Raises:
         InputError: arrays of other shapes.
     """
-    if body.response is not None and misfit > UNLIKE * body.response.usual_misfit:
-        return (
-            "no result to trust: the loads of most touches differ from those of a force by far more than in the "
-            "calibration: correct the order of the taxels or of their axes in [skin], unless the touches are much "
-            "wider than the tips of the calibration"
-        )
     if touches >= HUNDREDS and np.mean(~free) > ALWAYS:
         return (
             f"no result to trust: {touches:,} touches, and {np.mean(~free):.0%} of the frames have one: the noise of "

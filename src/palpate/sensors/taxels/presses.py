@@ -14,7 +14,6 @@ from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.response import TaxelResponse
 from palpate.sensors.taxels.rest import ROUNDING, quantum
 from palpate.signals.recording import TEMPERATURE, Recording
-from palpate.spatial._arrays import frozen
 
 FEWEST = 40  # presses
 PRESSED, FULL = 0.02, 0.5  # of the largest force, and of the largest of a press, from which frames are used
@@ -29,19 +28,23 @@ LATER, DRIFTS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0), (1.0, 2.0, 5.0, 10.0)  # s to tr
 
 @dataclass(frozen=True)
 class Presses:
-    """Frames of presses with known forces.
+    """Frames of presses with known forces on a body.
 
     Attributes:
+        body: that is pressed.
+        guess: its response, of which `late`, `drift`, `limits`, `temperature` are known, and `fade` as it is taken off;
+            `thermal` is how far a kelvin more moves readings at rest.
         press, frame: (n,) number of the press of each frame, and its index in the recording.
         readings: (n, k, 3) less the rest [counts].
         noise: (k, 3) of the readings [counts].
         offset: (n, k, 2) of each taxel from the press [pitches].
         point, force: (n, 3) in the body's frame [m], and along both tangents and into the body [N].
-        late, drift, limits, temperature, fade: as of `TaxelResponse`.
         warmer: (n,) [K] than `temperature`; 0 where what it does is not to be learned.
-        thermal, level: (k, 3) [counts] by which a kelvin more moves readings at rest, and where they rest; 0 likewise.
+        level: (k, 3) [counts] where readings rest.
     """
 
+    body: TaxelBody
+    guess: TaxelResponse
     press: Int[np.ndarray, " n"]
     frame: Int[np.ndarray, " n"]
     readings: Float[np.ndarray, "n k 3"]
@@ -49,14 +52,8 @@ class Presses:
     offset: Float[np.ndarray, "n k 2"]
     point: Float[np.ndarray, "n 3"]
     force: Float[np.ndarray, "n 3"]
-    late: Float[np.ndarray, "3"]
-    drift: float
-    limits: Float[np.ndarray, "2"]
-    temperature: float
     warmer: Float[np.ndarray, " n"]
-    thermal: Float[np.ndarray, "k 3"]
     level: Float[np.ndarray, "k 3"]
-    fade: float = 0.0
 
     def of(self, chosen: Bool[np.ndarray, " n"]) -> Presses:
         """Return some of the frames."""
@@ -65,15 +62,16 @@ class Presses:
 
     def unfaded(self, fade: float) -> Presses:
         """Return the frames without the share `fade` of their readings that a kelvin more takes away."""
-        more = 1.0 + (fade - self.fade) * self.warmer[:, None, None]
-        return replace(self, readings=more * self.readings, fade=fade)
+        more = 1.0 + (fade - self.guess.fade) * self.warmer[:, None, None]
+        return replace(self, readings=more * self.readings, guess=replace(self.guess, fade=fade))
 
 
-def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pitch: float) -> Presses:
+def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples) -> Presses:
     """Return the frames of a recording in which a force is known, less the rest before and after."""
     if truth.force is None:
         raise InputError("the true contacts have no forces.", where=recording.source, hint="Add columns fx, fy, fz.")
-    cells = replace(body, response=TaxelResponse.guessed(len(body), pitch)).raw(recording)
+    guess = TaxelResponse.guessed(len(body), float(np.median(body.spacing)))
+    cells = replace(body, response=guess).raw(recording)
     limits, raw = _limits(cells), np.where(np.isfinite(cells), cells, 0.0)
     sound = ((cells > limits[0]) & (cells < limits[1])).all(axis=(1, 2))
     temperature, warmer = _warmth(recording)
@@ -83,33 +81,34 @@ def known_presses(body: TaxelBody, recording: Recording, truth: TrueSamples, pit
     size = np.linalg.norm(truth.force, axis=1)[row] * (np.abs(truth.time[row] - time) <= 0.5 * step)
     pressed = size > PRESSED * size.max(initial=0.0)
     free = ~(pressed | np.append(pressed[1:], False) | np.append(False, pressed[:-1])) & sound
-    press = np.cumsum(np.append(pressed[0], pressed[1:] & ~pressed[:-1])) - 1
+    starts = np.flatnonzero(pressed & ~np.append(False, pressed[:-1]))
+    press = np.searchsorted(starts, np.arange(len(pressed)), side="right") - 1
     if not free.any() or not pressed.any():
         raise NotIdentifiable("there must be frames with a force, and frames with none.", rank=0, missing=("rest",))
-    thermal = _thermal(warmer[free], raw[free])
+    warms = warmer[free] - warmer[free].mean()  # the slope of readings at rest over the temperature
+    thermal = np.tensordot(warms, raw[free], 1) / max(float(warms @ warms), 1e-300)
     raw = raw - thermal * warmer[:, None, None]
     late, raw = _late(time, raw, free)
     rest, noise = _rests(time, raw, free)
     moved: np.ndarray = np.abs(raw - rest).max(axis=(1, 2))
     _require_rest(moved, free, recording.source)
     drift = _drift(step, raw / noise, rest / noise, free)
-    largest = np.zeros(press.max() + 1)
-    np.maximum.at(largest, press[pressed], size[pressed])
+    count, largest = len(starts), np.maximum.reduceat(size * pressed, starts)
     full = np.flatnonzero(pressed & (size >= FULL * largest[press]) & sound)
     order = np.arange(len(full)) - np.searchsorted(press[full], press[full])  # within its press
-    many = np.bincount(press[full], minlength=len(largest))[press[full]]
+    many = np.bincount(press[full], minlength=count)[press[full]]
     used = full[order % np.maximum(many // EACH, 1) == 0]
-    if len(largest) < FEWEST:
-        few = (
-            f"{len(largest)} presses are too few (at least {FEWEST}): press more places, with shear in all directions."
-        )
-        raise NotIdentifiable(few, rank=len(largest), missing=("gains",))
+    if count < FEWEST:
+        few = f"{count} presses are too few (at least {FEWEST}): press more places, with shear in all directions."
+        raise NotIdentifiable(few, rank=count, missing=("gains",))
     point, force = truth.point[row[used]], truth.force[row[used]]
-    _require_places(body, point, pitch, recording.source)
-    offset, local = _local(body, point, force, pitch)
+    _require_places(body, point, guess.pitch, recording.source)
+    offset, local = _local(body, point, force, guess.pitch)
     _require_forces(local, recording.source)
-    known = late, drift, limits, temperature, warmer[used], thermal, np.median(rest, axis=0)
-    return Presses(press[used], used, (raw - rest)[used], noise, offset, point, local, *known)
+    known = {"thermal": thermal} if warmer.any() else {}
+    guess = replace(guess, late=late, drift=drift, limits=limits, temperature=temperature, **known)
+    rested = (raw - rest)[used], noise, offset, point, local, warmer[used], np.median(rest, axis=0)
+    return Presses(body, guess, press[used], used, *rested)
 
 
 def _warmth(recording: Recording) -> tuple[float, Float[np.ndarray, " n"]]:
@@ -119,12 +118,6 @@ def _warmth(recording: Recording) -> tuple[float, Float[np.ndarray, " n"]]:
         return 0.0, np.zeros(len(kelvin))
     usual = float(np.nanmean(kelvin))
     return usual, kelvin - usual
-
-
-def _thermal(warmer: Float[np.ndarray, " n"], rest: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "k 3"]:
-    """Return the slope of readings at rest over the temperature; 0 where it does not change."""
-    off = warmer - warmer.mean()
-    return np.tensordot(off, rest, 1) / max(float(off @ off), 1e-300)
 
 
 def _require_rest(moved: Float[np.ndarray, " n"], free: Bool[np.ndarray, " n"], source: str) -> None:
@@ -162,7 +155,7 @@ def _limits(cells: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "2"]:
         still = np.sum((cells[1:] == end) & (cells[:-1] == end), axis=0) >= STANDS
         if np.count_nonzero(still) > 1 and np.all(rest != end):
             limits[which] = end
-    return frozen(limits)
+    return limits
 
 
 def _late(
@@ -179,7 +172,7 @@ def _late(
         varies = float(np.sum(square * off) / (np.sum(square**2) + 1e-300))  # how the squares that are left grow
         if float(np.mean(off)) < best[0]:
             best = float(np.mean(off)), np.array([span, share, sqrt(max(varies, 0.0))]), raw - share * slow
-    return frozen(best[1]), best[2]
+    return best[1:]
 
 
 def _followed(values: np.ndarray, step: float) -> np.ndarray:
@@ -196,11 +189,8 @@ def _drift(
 ) -> float:
     """Return the time within which readings are followed to be next to the rest when a press begins; both by noise."""
     ends = np.flatnonzero(free & ~np.append(free[1:], False))
-    at, wanted = np.cumsum(free)[ends] - 1, rest[ends] - rest[0]
-    off = list[float]()
-    for span in DRIFTS:
-        late: np.ndarray = _followed((raw - rest[0])[free], step / span)[at] - wanted
-        off.append(float(np.mean(late**2)))
+    moved, at, wanted = (raw - rest[0])[free], np.cumsum(free)[ends] - 1, rest[ends] - rest[0]
+    off = [float(np.square(_followed(moved, step / span)[at] - wanted).mean()) for span in DRIFTS]
     return DRIFTS[int(np.argmin(off))]
 
 

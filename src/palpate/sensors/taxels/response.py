@@ -80,9 +80,7 @@ class TaxelResponse(Value):
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        deviations = "misfit", "widening", "inexact", "unusual"
-        for name in ("gains", "shares", "coupling", "patch", "curve", *deviations, "late", "limits", "thermal"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+        vars(self).update({name: frozen(each) for name, each in vars(self).items() if hasattr(each, "flags")})
         if not (self.pitch > 0 and np.isfinite(self.gains).all()):
             raise InputError("gains must be finite, and the pitch positive.", where="response")
 
@@ -108,7 +106,7 @@ class TaxelResponse(Value):
         Raises:
             InputError: readings of another shape.
         """
-        full = self._full(readings)
+        full = self.full(readings)
         found = np.einsum("kab,nkb->nak", self.gains, np.where(full, np.nan, readings) if full.any() else readings)
         return np.ascontiguousarray(found[:, 2]), found[:, :2].reshape(len(found), 2 * readings.shape[1])
 
@@ -132,7 +130,7 @@ class TaxelResponse(Value):
             what = f"the temperature is {np.nanmedian(kelvin):.4g}, and was {self.temperature:.4g} in the calibration."
             raise InputError(what, where=source, hint="Name a temperature of the same sensor, in the same unit.")
         usual = readings + (self.fade * readings - self.thermal) * warmer[:, None, None]
-        return frozen(np.where(self._full(readings), readings, usual))
+        return frozen(np.where(self.full(readings), readings, usual))
 
     def full(self, readings: Float[np.ndarray, "n k 3"]) -> Bool[np.ndarray, "n k 3"]:
         """Return which readings are at `limits`.
@@ -140,9 +138,6 @@ class TaxelResponse(Value):
         Raises:
             InputError: readings of another shape.
         """
-        return self._full(readings)
-
-    def _full(self, readings: np.ndarray) -> np.ndarray:
         return (readings <= self.limits[0]) | (readings >= self.limits[1])
 
     def numbers(self) -> Float[np.ndarray, " m"]:
@@ -182,12 +177,10 @@ def response_terms(
     along = (offset * force[:, :2]).sum(axis=1)
     terms = np.zeros((len(offset), AXES, 5, len(_WIDTHS)))
     terms[:, 2, 0], terms[:, 2, 1] = value * force[:, 2:], ratio * value / _WIDTHS * along[:, None]
-    for c in range(2):
-        own = force[:, c : c + 1]
-        terms[:, c, 2] = value * own
-        turned = (offset[:, c] * along)[:, None]
-        terms[:, c, 3] = ratio * value / wide * turned + (1.0 - ratio) * value * own
-        terms[:, c, 4] = ratio * value / _WIDTHS * (offset[:, c] * force[:, 2])[:, None]
+    own, turned = force[:, :2, None], (offset * along[:, None])[..., None]
+    terms[:, :2, 2] = value[:, None] * own
+    terms[:, :2, 3] = (ratio * value / wide)[:, None] * turned + ((1.0 - ratio) * value)[:, None] * own
+    terms[:, :2, 4] = (ratio * value / _WIDTHS)[:, None] * (offset * force[:, 2:])[..., None]
     return terms
 
 

@@ -103,14 +103,12 @@ class RigSkin:
             raise ValueError(f'order must be "rows" or "columns", not {self.order!r}')
         if self.axes is not None and [axis[-1:].lower() for axis in self.axes] != ["x", "y", "z"]:
             raise ValueError('axes must be three names that end in x, y and z, in this order, such as ["x", "y", "z"]')
-        if self.axes is None and self.response is not None:
-            raise ValueError("a response is for taxels with three axes, whose names axes states")
-        if self.axes is None and self.temperature is not None:
-            raise ValueError("a temperature is for taxels with three axes, whose names axes states")
+        for name in ("response", "temperature") if self.axes is None else ():
+            if getattr(self, name) is not None:
+                raise ValueError(f"a {name} is for taxels with three axes, whose names axes states")
         if self.axes is not None and self.intensity is not None:
-            raise ValueError(
-                "intensity is for taxels with one axis: palpate calibrate response is for those with three"
-            )
+            what = "intensity is for taxels with one axis: palpate calibrate response is for those with three"
+            raise ValueError(what)
         if self.pitch is not None and not (self.rows and self.columns):
             raise ValueError("a pitch needs rows and columns, the numbers of the flat sheet's rows and columns")
         if self.unit is not None and not known_unit(self.unit, {**CELL_UNITS, **ELECTRIC_UNITS}):
@@ -159,11 +157,9 @@ class SkinSection(SensorSection):
         found = read_skin_map(path)
         rows, columns = self.table.rows or found.rows, self.table.columns or found.columns
         if (rows, columns) != (found.rows, found.columns):
-            raise InputError(
-                f"maps {found.rows} x {found.columns} cells, but the rig's [skin] states {rows} x {columns}.",
-                where=str(path),
-                hint="Make the map for this sheet with palpate map skin --sheet.",
-            )
+            what = f"maps {found.rows} x {found.columns} cells, but the rig's [skin] states {rows} x {columns}."
+            hint = "Make the map for this sheet with palpate map skin --sheet."
+            raise InputError(what, where=str(path), hint=hint)
         return found
 
     @cached_property
@@ -181,11 +177,9 @@ class SkinSection(SensorSection):
         """
         table, link = self.table, self.link
         if table.taxels is None:
-            raise InputError(
-                "the rig's [skin] states the number of taxels, but not their places.",
-                where="skin.taxels",
-                hint="Run `palpate calibrate taxels` on a log of pokes, then name its file: taxels = FILE.",
-            )
+            what = "the rig's [skin] states the number of taxels, but not their places."
+            hint = "Run `palpate calibrate taxels` on a log of pokes, then name its file: taxels = FILE."
+            raise InputError(what, where="skin.taxels", hint=hint)
         path, places = link.folder / table.taxels, self._read
         if table.count not in (None, len(places)):
             raise InputError(f"has {len(places)} taxels, but count = {table.count} in [skin].", where=str(path))
@@ -225,29 +219,21 @@ class SkinSection(SensorSection):
             InputError: as by `map` and `taxels`, the places are no body, or a masked cell does not exist.
             GeometryError: as by `taxels`.
         """
-        counts = self.table.unit is None or self.table.electric  # a force or a pressure has no bits
-        options: dict[str, Any] = {"bits": self.table.bits if counts and self.table.bits else None}
-        options["masked"] = self.table.masked
-        if self.table.axes is not None:
-            return self._with_axes(options)
-        if self.table.sheet:
-            return TaxelBody.sheet(self.map, **options)
-        places = self.taxels
-        body = TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, **options)
-        return replace(body, notes=(*body.notes, *places.notes))
-
-    def _with_axes(self, options: dict[str, Any]) -> TaxelBody:
-        """Return a body of taxels with three axes: the first along the columns of a sheet, or the link's x."""
-        options["bits"] = None  # loads are floats
-        table, places = self.table, None if self.table.sheet else self.taxels
-        if places is None:
-            sheet = TaxelBody.sheet(self.map, **options)
-            body = TaxelBody.anywhere(sheet.positions, sheet.normals, sheet.areas, along=sheet.ways())
-            body = replace(body, usable=sheet.usable, notes=sheet.notes)
+        table, three = self.table, self.table.axes is not None
+        counts = (table.unit is None or table.electric) and not three  # a force, a pressure or a load has no bits
+        options: dict[str, Any] = {"bits": table.bits if counts and table.bits else None, "masked": table.masked}
+        if table.sheet:
+            body = TaxelBody.sheet(self.map, **options)
+            if three:  # the first axis is along the columns of a sheet, or the link's x
+                flat = TaxelBody.anywhere(body.positions, body.normals, body.areas, along=body.ways())
+                body = replace(flat, usable=body.usable, notes=body.notes)
         else:
-            options |= {"covariance": places.covariance, "along": _X}
+            places = self.taxels
+            options |= {"covariance": places.covariance, "along": _X if three else None}
             body = TaxelBody.placed(places.positions, places.normals, **options)
             body = replace(body, notes=(*body.notes, *places.notes))
+        if not three:
+            return body
         if table.response is not None:
             return replace(body, response=read_model(self.link.folder / table.response, TaxelResponse))
         said = "there is no response, so a count is taken for 1 N on each axis: palpate calibrate response makes one"
@@ -340,9 +326,8 @@ def _unknown(table: RigSkin, response: TaxelResponse, live: bool) -> str:
         why = "the response does not know what the temperature does: calibrate while it changes, with the same key"
         return why if table.temperature is not None else ""
     known = f"the response corrects readings to a temperature of {response.temperature:.3g}"
-    if live:
-        return f"{known}, but live sources have none: they are taken as they are"
-    return "" if table.temperature is not None else f"{known}, but [skin] names none: they are taken as they are"
+    lacks = "live sources have none" if live else "" if table.temperature is not None else "[skin] names none"
+    return f"{known}, but {lacks}: they are taken as they are" if lacks else ""
 
 
 def skin_tare(setup: Setup) -> float | None:

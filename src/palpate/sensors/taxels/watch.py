@@ -50,7 +50,8 @@ class TaxelWatch:
         """
         if not len(time):
             return
-        self._look_for_ends(readings)
+        if (response := self._body.response) is not None and np.isfinite(response.limits).any():
+            self._full += response.full(readings).any(axis=2).sum(axis=0)
         self._times.append(time.copy())
         self._same.append(np.append((raw[0] == self._last).all(), _repeats(raw)))
         first: Int[np.ndarray, " n"] = np.cumsum(counts) - counts
@@ -61,13 +62,8 @@ class TaxelWatch:
             for frame in np.flatnonzero(counts >= CORNERS)[:KEPT].tolist():
                 self._look_for_ghosts(float(time[frame]), rows[first[frame] : first[frame] + counts[frame]])
 
-    def _look_for_ends(self, readings: Float[np.ndarray, "n k ..."]) -> None:
-        """Count the frames in which each taxel with three axes has a reading at the end of its range."""
-        response = self._body.response
-        if response is not None and np.isfinite(response.limits).any():
-            self._full += response.full(readings).any(axis=2).sum(axis=0)
-
     def _ended(self) -> list[str]:
+        """Return a sentence on taxels with three axes that had a reading at the end of its range."""
         full = np.flatnonzero(self._full).tolist()
         if not full:
             return []
