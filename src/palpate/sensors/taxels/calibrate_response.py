@@ -22,7 +22,7 @@ from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.presses import EACH, EVERY, FEWEST, PRESSED, WARMS, Presses, axes_at, known_presses
 from palpate.sensors.taxels.response import AXES, TaxelResponse, coupling_terms, response_terms
 from palpate.signals.recording import CELLS, TEMPERATURE, Recording
-from palpate.spatial.arguments import frozen, takes_arrays
+from palpate.spatial.arguments import takes_arrays
 
 # of the presses, each left out in turn; where the taxels bear all of a force, nearly all train
 PARTS, FOLDS = 4, 12
@@ -136,7 +136,7 @@ def _fitted(presses: Presses, sums: bool) -> tuple[TaxelResponse, Float[np.ndarr
             coupled = ways @ coupling
             felt += coupled
         if turn > 1:
-            patch = _patches(felt, *both, replace(guess, shares=frozen(shares)))
+            patch = _patches(felt, *both, replace(guess, shares=shares))
             terms = spread(patch)
         shares = _ridged(weight[..., None] * terms, weight * felt).reshape(shares.shape)
         loads = terms @ shares.ravel()
