@@ -15,7 +15,7 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup native demo browser test check docs claims mutants fuzz pictures screens follow same size cost package lock clean
+.PHONY: help setup native demo browser test check docs claims mutants fuzz pictures screens follow same size package lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
@@ -69,9 +69,6 @@ same: native ## answers of this checkout and of BASE=COMMIT over the same inputs
 
 size: $(READY) ## lines of code by room, beside those of BASE=COMMIT if that is given
 	$(BIN)/python -m tests.size "$(BASE)"
-
-cost: $(READY) ## CPU time of the tests, from empty checkouts of BASE=COMMIT and of this commit; an hour
-	$(BIN)/python -m tests.cost "$(BASE)" HEAD
 
 package: $(READY) ## wheel and sdist, built and used in bare environments of each Python that is here; minutes each
 	$(BIN)/python -m tests.package
