@@ -105,9 +105,10 @@ def test_a_cell_that_is_off_is_named_by_the_calibration_and_by_touches_after_it(
     assert not found.odd
     run = plate_run(off, np.random.default_rng(5), np.linspace(2.0, 15.0, 20), 0.0)
     readings = run.voltages - run.voltages[:45].mean(axis=0)
-    (fault,) = find_faults(found.cells, readings)
-    assert (fault.cells, fault.kind) == ((2,), "gain")
-    assert "% more than when it was calibrated" in fault.text
+    for factor, kind, said in ((1.0, "gain", "% more than"), (-1.0, "gain", "with the other sign"), (0.0, "dead", "")):
+        (fault,) = find_faults(found.cells, readings * [1.0, 1.0, factor, 1.0])
+        assert (fault.cells, fault.kind) == ((2,), kind)
+        assert said in fault.text
 
 
 def test_a_plate_that_is_pulled_or_hangs_is_warned_of() -> None:

@@ -84,7 +84,7 @@ def find_faults(
     whole = np.asarray(kept.reshape(-1, len(cells.axes)).any(axis=1))
     cause = _explained(made, usable, bad, fits, names, when) or _other_gain(cells, usable[bad], kept, share)
     cause = cause or _swapped(cells, usable[bad], whole, share)
-    if cause is None and int(whole.sum()) == 3:
+    if cause is None and (int(whole.sum()) == 3 or len(cells.axes) == 1):
         cause = _still(cells, usable, whole, share)
     said = (
         f"the cells contradict each other in {share:.1%} of the samples, and no single cell explains it: check that "
@@ -256,17 +256,22 @@ def _other_gain(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: flo
         part = float(np.sum(alone * (some @ rest.T)) / max(float(np.sum(alone**2)), 1e-300))
         mended = some.copy()
         mended[:, cell] *= 1.0 - part
-        more[cell] = part / (1.0 - part) if part < 1.0 else np.inf
+        more[cell] = part / (1.0 - part) if part != 1.0 else np.inf
         agreeing[cell] = np.mean(cells.chi_square(mended, kept) <= bound)
     named = np.flatnonzero(agreeing > max(AGREE, agreeing.max() - RARE))
     if not len(named) or not np.isfinite(more[named]).all():
         return None
     numbers = ", ".join(str(cell + 1) for cell in named)
     which = f"cell {numbers} reads" if len(named) == 1 else f"one of cells {numbers} reads"
-    size = ", ".join(f"{100 * abs(more[cell]):.2g} % {'more' if more[cell] > 0 else 'less'}" for cell in named)
+    size = ", ".join(_otherwise(share) for share in more[named].tolist())
     said = f"{which} {size} than when it was calibrated: check what else carries it, and calibrate again"
     kind = "gain" if len(named) == 1 else "unclear"
     return CellFault(tuple(named.tolist()), kind, share, said, tuple(named.tolist()))
+
+
+def _otherwise(share: float) -> str:
+    """Return text on by what share a cell reads more."""
+    return "with the other sign" if share < -1.0 else f"{100 * abs(share):.2g} % {'more' if share > 0 else 'less'}"
 
 
 def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
@@ -287,8 +292,8 @@ def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float)
 
 
 def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
-    """Return the fault of the cell, of three, that does not move or repeats its readings alone."""
-    each = len(cells.axes)
+    """Return the fault of the cell, of as few as are needed, that does not move or repeats its readings alone."""
+    each, need = len(cells.axes), "all three cells are needed" if kept.sum() == 3 else "its load is missing"
     moves = (usable.std(axis=0) / np.sqrt(np.diag(cells.noise))).reshape(-1, each).max(axis=1)
     for cell in np.flatnonzero(kept).tolist():
         others, its = kept & (np.arange(len(kept)) != cell), slice(each * cell, each * (cell + 1))
@@ -299,7 +304,7 @@ def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float)
             kind = "saturated" if _leaves(column) else "stuck"
         else:
             continue
-        return CellFault((cell,), kind, share, f"cell {cell + 1} is {kind}, and all three cells are needed")
+        return CellFault((cell,), kind, share, f"cell {cell + 1} is {kind}, and {need}")
     return None
 
 
