@@ -203,9 +203,7 @@ def test_what_was_not_fetched_is_replaced_by_what_comes_after_it() -> None:
         assert sizes[0] == sizes[1] == sizes[2]
 
 
-def test_the_end_of_a_stream_states_how_many_samples_had_no_pose(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_end_states_how_many_had_no_pose(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ring, lost = sphere_ring(tmp_path / "a.ring"), rows(90, 10)
     lost[:, ROW.status] = Status.NO_POSE
     for found, said in ((rows(0, 90), ""), (lost, "of the last 100 samples, 10 no pose: they have no contacts")):

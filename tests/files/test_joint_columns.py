@@ -77,6 +77,10 @@ def test_columns_of_joints_pose_the_sensor(folder: Path, name: str) -> None:
     signs = np.sign(np.sum(found * turn, axis=1, keepdims=True))
     np.testing.assert_allclose(found * signs, turn, atol=1e-12)
     np.testing.assert_allclose(np.concatenate([block.channels[POSITION] for block in blocks]), place, atol=1e-12)
+    table = pl.read_csv(folder / "log.csv")
+    pl.concat([table, table]).sort("time", maintain_order=True).write_csv(folder / "log.csv")
+    again = palpate.open_log(folder / "log.csv", rig).head()  # of two recorders at once
+    np.testing.assert_array_equal(again.time, np.concatenate([block.time for block in blocks]))
 
 
 @pytest.mark.parametrize(

@@ -147,9 +147,7 @@ def test_sensors_in_one_log_answer_as_their_rigs_alone(hand: Path, found: Contac
     assert all(len(each) == 1 for each in owners)
 
 
-def test_a_chunk_is_unpacked_about_once_for_all_sensors(
-    spoiled: Path, found: Contacts, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_chunk_is_unpacked_about_once(spoiled: Path, found: Contacts, monkeypatch: pytest.MonkeyPatch) -> None:
     _rewrite(spoiled, lambda _, data: data, CHUNK)
     unpacked, inflate = list[int](), reader.inflate
     monkeypatch.setattr(reader, "inflate", lambda content: unpacked.append(len(content)) or inflate(content))

@@ -13,7 +13,7 @@ from time import perf_counter
 from typing import Any, cast
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from palpate.calls import called_as
 from palpate.contact.contacts import Contacts
@@ -127,7 +127,9 @@ class OpenedLog:
         if not self._first:
             raise InputError("holds no samples.", where=str(self.path))
         head = join(self._first)
-        return head.picked(slice(self._enough(head, seconds)))  # however long the blocks are
+        head = head.picked(slice(self._enough(head, seconds)))  # however long the blocks are
+        again = _recorded_again(head)
+        return head.picked(~again) if again.any() else head
 
     def reading(self, seconds: float = 0.0) -> Iterator[Recording]:
         """Yield the blocks that `head` still lacks, as they are read and kept.
@@ -384,6 +386,15 @@ def _require_pose(log: OpenedLog, head: Recording) -> None:
                 hint="Add columns qx,qy,qz,qw and x,y,z to a table, a topic of poses or the tree of /tf to messages. "
                 "Write other names in the rig's [orientation] (columns, position, topic, base and sensor).",
             )
+
+
+def _recorded_again(samples: Recording) -> Bool[np.ndarray, " n"]:
+    """Return the mask of samples with the time and the numbers of the one before, as of two recorders at once."""
+    again = np.append(False, np.diff(samples.time) == 0.0)
+    for values in samples.channels.values() if again.any() else ():
+        rows = values.reshape(len(again), -1)
+        again[1:] &= ((rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(axis=1)
+    return again
 
 
 def _span(blocks: Iterable[Recording]) -> float:
