@@ -138,7 +138,8 @@ def mistake_of(part: str) -> Mistake:
     vector = np.degrees(turn.rotation_vector())
     angle = float(np.linalg.norm(vector))
     x, y, z = (round(number / angle, 2) + 0.0 for number in vector)
-    meaning = f"the sensor is turned by {angle:.1f} degrees about ({x:g}, {y:g}, {z:g}) of the frame that is logged"
+    what = "the sensor (or else the axes of its numbers: touch a known place to see which)"
+    meaning = f"{what} is turned by {angle:.1f} degrees about ({x:g}, {y:g}, {z:g}) of the frame that is logged"
     rig = f"sensor_rotation = [{', '.join(f'{number:.5g}' for number in turn.quaternion() + 0.0)}]"
     return Mistake(meaning, rig, 1.5, table="orientation")
 
