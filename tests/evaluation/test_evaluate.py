@@ -126,10 +126,10 @@ def test_only_answered_samples_with_a_truth_have_errors() -> None:
 def test_a_touch_is_the_median_of_its_answered_samples() -> None:
     point = np.array([[0.0, 0, 0], [1.0, 1, 0], [9.0, 1, 0], [1.0, 3, 0], [7.0, 7, 7]])
     status = np.array([0, 0, 0, 0, int(Status.IMPLAUSIBLE)])
-    truth = TrueTouches(
-        np.array([1.0, 8.0]), np.array([4.0, 9.0]), np.array([[0.0, 0, 0], [0.0, 0, 0]]), ("tip", "missed")
-    )
+    start, end, force = np.array([1.0, 8.0]), np.array([4.0, 9.0]), np.array([[0.0, 3.0, 0.0], [9.0, 9.0, 9.0]])
+    truth = TrueTouches(start, end, np.zeros((2, 3)), ("tip", "missed"), force=force)
     report = evaluate(Contacts.single(np.arange(5.0), _estimate(point, status=status)), truth)
+    assert report.force.worst == pytest.approx(sqrt(10))
     tip, missed = report.touches
     assert (tip.label, tip.samples, tip.answered) == ("tip", 4, 3)
     assert tip.error == pytest.approx(sqrt(2))

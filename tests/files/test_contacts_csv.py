@@ -122,9 +122,10 @@ def test_truth_at_instants_with_and_without_what_is_optional(tmp_path: Path) -> 
 
 def test_truth_touch_by_touch(tmp_path: Path) -> None:
     path = tmp_path / "truth.csv"
-    path.write_text("start,end,px,py,pz,label\n0,1,1,2,3,tip\n2,3,4,5,6,\n")
+    path.write_text("start,end,px,py,pz,fx,fy,fz,label\n0,1,1,2,3,0,0,-4,tip\n2,3,4,5,6,0,1,-5,\n")
     truth = read_ground_truth(path)
     assert isinstance(truth, TrueTouches)
+    assert truth.force.tolist() == [[0, 0, -4], [0, 1, -5]]
     assert truth.label == ("tip", "2")
     assert truth.end.tolist() == [1, 3]
 

@@ -51,8 +51,8 @@ def evaluate(
     Args:
         contacts: written by `palpate estimate`, of any sensor; or places of taxels (`palpate calibrate taxels`, iCub's
             positions, CSV).
-        truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches: start,end,px,py,pz[,label];
-            of a robot also sensor, and base_px,... in its base;
+        truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches:
+            start,end,px,py,pz[,fx,fy,fz][,label]; of a robot also sensor, and base_px,... in its base;
             for a marker ring also [time,]angle_deg,force_n[,depth_mm][,shear_n]; for taxels: any file of their
             positions.
         tolerance: seconds by which the nearest true time may differ.

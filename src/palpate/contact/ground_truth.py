@@ -53,6 +53,7 @@ class TrueTouches(Value):
         point: (n, 3) [m] in the frame of the estimates.
         label: n names.
         sensor: name of the robot's sensor that is touched, of each touch; () if they are of one sensor.
+        force: (n, 3) [N] on the body during all of a touch, or None.
 
     Raises:
         InputError: arrays of other or different shapes.
@@ -63,16 +64,23 @@ class TrueTouches(Value):
     point: Float[np.ndarray, "n 3"]
     label: tuple[str, ...]
     sensor: tuple[str, ...] = ()
+    force: Float[np.ndarray, "n 3"] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("start", "end", "point"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+        for name in ("start", "end", "point", "force"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen(value))
         _require_names(self.sensor, len(self.start))
 
     def __getitem__(self, which: Int[np.ndarray, " k"]) -> TrueTouches:
         """Return the touches of these numbers (k,)."""
         labels, sensors = (_picked(names, which) for names in (self.label, self.sensor))
-        return TrueTouches(self.start[which], self.end[which], self.point[which], labels, sensors)
+        force = None if self.force is None else self.force[which]
+        return TrueTouches(self.start[which], self.end[which], self.point[which], labels, sensors, force)
+
+    def instants(self) -> TrueSamples:
+        """Return points and forces at the start of each touch."""
+        return TrueSamples(self.start, self.point, force=self.force)
 
     def __len__(self) -> int:
         return len(self.label)

@@ -86,7 +86,7 @@ def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance:
     if isinstance(truth, TrueTouches):
         match, due, own = match_touches(contacts, truth)
         touches = tuple(_touch(contacts, truth, k, rows) for k, rows in enumerate(own))
-        return report(contacts, TrueSamples(truth.start, truth.point), match, due, touches)
+        return report(contacts, truth.instants(), match, due, touches)
     match, due, near = match_instants(contacts, truth, tolerance)
     return replace(report(contacts, truth, match, due), outside=int(np.count_nonzero(near)))
 
@@ -118,7 +118,7 @@ def evaluate_robot(
             found, due[rows], _ = match_instants(own, its, tolerance)
         match[rows] = np.where(found >= 0, known[found], -1)
     touches = tuple(touch for one in each.values() for touch in one.touches)
-    instants = TrueSamples(truth.start, truth.point) if isinstance(truth, TrueTouches) else truth
+    instants = truth.instants() if isinstance(truth, TrueTouches) else truth
     counts = {name: sum(getattr(one, name) for one in each.values()) for name in ("missed", "outside")}
     return replace(report(contacts, instants, match, due, touches), **counts), each
 

@@ -20,8 +20,8 @@ _OTHERS = {"normal": ("nx", "ny", "nz"), "force": ("fx", "fy", "fz")}
 def read_ground_truth(path: Path, frame: str = "surface") -> TrueSamples | TrueTouches:
     """Return the known contacts of a CSV file.
 
-    The columns are `time,px,py,pz[,nx,ny,nz][,fx,fy,fz]` or, for touches, `start,end,px,py,pz[,label]`; for a robot
-    also `sensor`, the name of the sensor that is touched.
+    The columns are `time,px,py,pz[,nx,ny,nz][,fx,fy,fz]` or, for touches, `start,end,px,py,pz[,fx,fy,fz][,label]`; for
+    a robot also `sensor`, the name of the sensor that is touched.
 
     Args:
         path: the file.
@@ -77,4 +77,6 @@ def _touches(table: TextTable, prefix: str = "") -> TrueTouches:
     _require_finite(table, "a touch needs a point (px, py, pz)", point)
     labels = table.strings("label").to_list() if "label" in table.names else [None] * len(table)
     names = tuple(str(k + 1) if label is None else str(label) for k, label in enumerate(labels))
-    return TrueTouches(bounds[:, 0].copy(), bounds[:, 1].copy(), point, names, _sensors(table))
+    forces = [prefix + name for name in _OTHERS["force"]]
+    force = table.numbers(forces, strict=True)[0] if {*forces} <= {*table.names} else None
+    return TrueTouches(bounds[:, 0].copy(), bounds[:, 1].copy(), point, names, _sensors(table), force)
