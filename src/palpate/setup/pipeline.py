@@ -164,7 +164,7 @@ class OpenedLog:
         numbers = sum(channel.size for channel in head.channels.values()) // len(head)
         spans = np.fmax.accumulate(head.time) - np.fmin.accumulate(head.time) > seconds
         long = int(np.argmax(spans)) + 1 if spans.any() else len(head)
-        return max(long, min(HEAD, -(-HEAD_VALUES // numbers)))
+        return max(long, min(HEAD, -(-HEAD_VALUES // max(numbers, 1))))
 
     def prepared(self) -> BuiltEstimator:
         """Return the estimator of the sensor, with notes and warnings about it.
