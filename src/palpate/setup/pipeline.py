@@ -124,7 +124,7 @@ class OpenedLog:
         """
         for _ in self.reading(seconds):
             pass
-        if not self._first:
+        if not any(map(len, self._first)):
             raise InputError("holds no samples.", where=str(self.path))
         head = join(self._first)
         head = head.picked(slice(self._enough(head, seconds)))  # however long the blocks are

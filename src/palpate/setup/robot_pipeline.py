@@ -30,7 +30,7 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
 BYTES = 1 << 23  # of messages that are read for one sensor, then for the next
-SILENT = 1.0  # s
+SILENT = 1.0  # s by which the samples of a sensor may end before those of the others
 OFF = 0.02  # s by which the stamps of a sensor may differ from those of the others
 
 
