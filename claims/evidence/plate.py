@@ -119,8 +119,8 @@ def _named(count: int) -> Iterator[Row]:
     before = [trial(4, True, number, spoiled=(OFF, 1.0)) for number in range(count)]
     after = [trial(4, True, number, (1.0, 15.0), spoiled=(1.0, OFF)) for number in range(count)]
     cells = 4
-    apart = (OFF - 1.0) / (TOLERANCE * np.sqrt(cells / (cells - 1)))  # from the mean of the others
-    possible = NormalDist().cdf(apart - named_beyond(cells))
+    difference = (OFF - 1.0) / (TOLERANCE * np.sqrt(cells / (cells - 1)))  # from the mean of the others
+    possible = NormalDist().cdf(difference - named_beyond(cells))
     limit = f"; {possible:.0%} can be, where one of {1 / NAMED:.0f} sound plates is named and cells differ by 1 %"
     shares = (
         ("when it is calibrated", [set(each.found.odd) == {1} for each in before], limit),

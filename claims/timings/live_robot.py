@@ -43,7 +43,7 @@ def rows(small: bool) -> Iterator[Row]:
         for what, bound, got, met in (
             ("recorder and page: processor", f"<= {SHARE:g} %", f"{middle:.0f} % of a core ({kinds})", middle <= SHARE),
             ("from sample to contact", f"p99 <= {LATE:g} ms", f"p50 {half:.2f}, p99 {last:.2f} ms", last <= LATE),
-            ("from the time of a sample, of which up to 24 come at once, to its contact", "", turns, None),
+            ("from when a sample is due to its contact; up to 24 are due at once", "", turns, None),
         ):
             yield Row(
                 f"24 sensors of a replayed log, {what}",

@@ -293,7 +293,7 @@ def hurry(priority: int) -> bool:
     try:
         for thread in threading.enumerate():  # all: one without it may keep Python's lock while it waits for a core
             os.sched_setscheduler(thread.native_id or 0, os.SCHED_FIFO, os.sched_param(priority))
-    except (AttributeError, PermissionError):
+    except (AttributeError, OSError):  # PermissionError, or a thread that ended meanwhile
         return False
     return True
 

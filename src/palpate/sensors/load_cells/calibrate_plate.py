@@ -179,8 +179,8 @@ def _bench(
     time: np.ndarray, voltages: np.ndarray, weights: np.ndarray, places: np.ndarray
 ) -> tuple[BenchLog, Float[np.ndarray, "n 3"]]:
     """Return the complete rows as a `BenchLog`, and weight and place (n, 3) of each."""
-    whole = np.isfinite(np.column_stack([time, voltages, weights])).all(axis=1)
-    loaded, voltages = np.column_stack([weights, places])[whole], voltages[whole]
+    complete = np.isfinite(np.column_stack([time, voltages, weights])).all(axis=1)
+    loaded, voltages = np.column_stack([weights, places])[complete], voltages[complete]
     if not np.any(loaded[:, 0] > 0):
         hint = "Write each weight in N, unloaded 0."
         raise InputError("no weight stands on the plate.", where="reference", hint=hint)
@@ -191,7 +191,7 @@ def _bench(
     if still.any():
         raise InputError(f"cell {int(np.argmax(still)) + 1} never changes: it is dead, or not connected.")
     forces = np.outer(loaded[:, 0], [0.0, 0.0, -1.0])
-    return BenchLog(time[whole], voltages, forces, np.zeros_like(forces), np.zeros(len(forces))), loaded
+    return BenchLog(time[complete], voltages, forces, np.zeros_like(forces), np.zeros(len(forces))), loaded
 
 
 def _weights(

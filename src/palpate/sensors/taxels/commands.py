@@ -262,5 +262,5 @@ def _known(path: Path) -> TrueSamples:
     truth = read_ground_truth(path)
     if not isinstance(truth, TrueSamples):
         hint = "Write a row for each instant: time, px, py, pz, fx, fy, fz."
-        raise InputError("states touches without forces.", where=str(path), hint=hint)
+        raise InputError("states touches, not instants.", where=str(path), hint=hint)
     return truth
