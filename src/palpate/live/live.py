@@ -33,6 +33,7 @@ from palpate.setup.load import load_rig
 from palpate.setup.rig import Rig
 from palpate.setup.setup import Setup
 from palpate.setup.tables import RigFilter
+from palpate.signals.recent_motion import RecentMotion
 from palpate.signals.recording import (
     ACCELERATION,
     FORCE,
@@ -53,8 +54,8 @@ PAUSE = 0.005  # s
 AGAIN = 10.0  # s between sentences on starts that cannot be used
 TARE = 1.0  # s of a tare if the rig states none
 UNMOVED = (
-    "accelerations are not taken from poses live: while the sensor speeds up or brakes, the payload's inertia is taken "
-    "for touch, and no covariance states it; name the topic of an IMU in [acceleration]"
+    "no acceleration is known: while the sensor speeds up or brakes, covariances are widened by the payload's inertia; "
+    "name the topic of an IMU in [acceleration], or write from_poses = true there"
 )
 
 
@@ -175,8 +176,12 @@ class Live:
         self._seconds = _stream.seconds.unchecked
         self._seconds(self._batch.stamp)  # compiles
         self._said: list[str] = []
-        if self._posed and not self._felt and getattr(getattr(self.estimator, "sensor", None), "payload", None):
-            self._said.append(UNMOVED)
+        self._motion: RecentMotion | None = None
+        payload = getattr(getattr(self.estimator, "sensor", None), "payload", None)
+        if self._posed and not self._felt and payload is not None and payload.weight.any():
+            stated = self.setup.acceleration
+            self._motion = RecentMotion(payload.center_of_mass, stated.window, answers=stated.from_poses)
+            self._said += [] if stated.from_poses else [UNMOVED]
         self._clock, self._quiet = _offset(), 0.0
 
     def form(self, rig: str = "") -> SlotForm:
@@ -336,7 +341,7 @@ class Live:
 
     def _answered(self, samples: _Samples) -> _Answers:
         """Return samples with their contacts; store these in the ring."""
-        rest, most, parts = self._moved(samples), len(self._batch), list[_Answers]()
+        rest, most, parts = self._moved(self._followed(samples)), len(self._batch), list[_Answers]()
         while total := len(rest.stamp):
             piece = rest if total <= most else rest.picked(slice(most))
             counts = np.zeros(len(piece.stamp), dtype=np.int64)
@@ -350,6 +355,14 @@ class Live:
             rest = rest.picked(slice(step, None))
         stamp, counts, rows = map(np.concatenate, zip(*parts, strict=True))
         return stamp, counts, rows
+
+    def _followed(self, samples: _Samples) -> _Samples:
+        """Return samples with accelerations from their poses, where no sensor measures them."""
+        if self._motion is None:
+            return samples
+        known = samples.extra_channels
+        acceleration, unsteady = self._motion.at(samples.time, known[ORIENTATION], known[POSITION], known[UNSTEADY])
+        return samples._replace(extra_channels={**known, ACCELERATION: acceleration, UNSTEADY: unsteady})
 
     def _moved(self, samples: _Samples) -> _Samples:
         """Return samples with the accelerations that the estimator's sensor takes."""

@@ -1,0 +1,153 @@
+"""Compiled: the acceleration of a path, from a cubic through its latest points."""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.surfaces._jit import entry, inlined, inner
+
+PARTS = 9  # of the window, each with a mean point
+WIDTH = 9  # columns of a path: a point, or a rotation matrix where the positions are unknown
+STATE = 160
+_LAST, _BEGUN, _COUNT, _AGES, _FILLED, _USED = 0, 1, 2, 3, 4, 5  # of the state
+_SUMS, _TIMES, _MEANS = 6, 15, 24  # of the part that grows; of the complete ones, oldest first
+_CENTRE, _STEP, _SIZE, _TERMS, _MISFIT, _QUARTIC = 105, 109, 113, 118, 136, 137  # of the fit
+
+
+@inlined
+def _point(quaternion, position, lever, reach, turn, path):
+    """Write the rotation matrix and the path's point; return its columns."""
+    x, y, z, w = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    s = 2.0 / (x * x + y * y + z * z + w * w)
+    turn[0, 0], turn[0, 1], turn[0, 2] = 1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)
+    turn[1, 0], turn[1, 1], turn[1, 2] = s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)
+    turn[2, 0], turn[2, 1], turn[2, 2] = s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)
+    if position[0] + position[1] + position[2] != position[0] + position[1] + position[2]:
+        for j in range(3):
+            for k in range(3):
+                path[3 * j + k] = reach * turn[j, k]
+        return 9
+    for j in range(3):
+        path[j] = position[j] + turn[j, 0] * lever[0] + turn[j, 1] * lever[1] + turn[j, 2] * lever[2]
+    return 3
+
+
+@inner
+def _begin(state, time, used):
+    state[_BEGUN], state[_COUNT], state[_AGES], state[_USED] = time, 0.0, 0.0, used
+    state[_SUMS : _SUMS + WIDTH] = 0.0
+
+
+@inner
+def _fit(state, used):
+    """Fit polynomials of degree 4 that are orthogonal on the parts' times, by their three-term recurrence."""
+    times = state[_TIMES : _TIMES + PARTS]
+    now, before, place = np.ones(PARTS), np.zeros(PARTS), times - times[PARTS - 1]
+    left, earlier = np.empty((PARTS, WIDTH)), 1.0
+    for i in range(PARTS):
+        for c in range(used):
+            left[i, c] = state[_MEANS + WIDTH * i + c] - state[_MEANS + WIDTH * (PARTS - 1) + c]
+    for degree in range(5):
+        square, whole = np.sum(now * now), 0.0
+        for c in range(used):
+            term = 0.0
+            for i in range(PARTS):
+                term += now[i] * left[i, c]
+            term /= square
+            whole += term * term * square
+            if degree == 2 or degree == 3:
+                state[_TERMS + WIDTH * (degree - 2) + c] = term
+            for i in range(PARTS):
+                left[i, c] -= term * now[i]
+        state[_SIZE + degree] = square
+        state[_QUARTIC] = whole
+        if degree < 4:
+            centre, step = np.sum(place * now * now) / square, square / earlier if degree > 0 else 0.0
+            state[_CENTRE + degree], state[_STEP + degree] = centre, step
+            later = (place - centre) * now - step * before
+            before, now, earlier = now, later, square
+    misfit = 0.0
+    for i in range(PARTS):
+        for c in range(used):
+            misfit += left[i, c] * left[i, c]
+    state[_MISFIT] = misfit / (PARTS - 5)
+
+
+@inner
+def _bend(state, time, used, found):
+    """Write the second derivative at a time; return the variance of its error, summed over the columns."""
+    place = time - state[_TIMES + PARTS - 1]
+    value, slope, bend, value_before, slope_before, bend_before = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    variance = 0.0
+    found[:used] = 0.0
+    for degree in range(5):
+        if degree >= 2:
+            if degree < 4:
+                for c in range(used):
+                    found[c] += state[_TERMS + WIDTH * (degree - 2) + c] * bend
+                variance += state[_MISFIT] * bend * bend / state[_SIZE + degree]
+            else:  # what the cubic leaves out
+                variance += max(state[_QUARTIC] - state[_MISFIT], 0.0) * bend * bend / state[_SIZE + degree]
+        if degree < 4:
+            away, step = place - state[_CENTRE + degree], state[_STEP + degree]
+            later = away * value - step * value_before
+            later_slope = value + away * slope - step * slope_before
+            later_bend = 2.0 * slope + away * bend - step * bend_before
+            value_before, slope_before, bend_before = value, slope, bend
+            value, slope, bend = later, later_slope, later_bend
+    return variance
+
+
+@entry(
+    """
+    time n, quaternions n 4, positions n 3, lever 3, window float, gap float, reach float, unknown float, state out 160,
+    accelerations out n 3, unsteady out n 1
+    """
+)
+def follow(time, quaternions, positions, lever, window, gap, reach, unknown, state, accelerations, unsteady):
+    """Write accelerations (n, 3) [m/s^2] in the sensor's frame; add their variances along an axis to unsteady squared.
+
+    The path is the lever's, or, where positions are NaN, `reach` times the rotation matrix: then the acceleration is 0,
+    and its size is written as its deviation, as it is where `unknown` is 0. Else rows without a complete window have
+    the deviation `unknown`. Times that go back, or forward by more than `gap`, and rows without a pose begin anew.
+    """
+    turn, path, found = np.empty((3, 3)), np.empty(WIDTH), np.empty(WIDTH)
+    for i in range(len(time)):
+        now = time[i]
+        accelerations[i] = 0.0
+        if not np.isfinite(now) or not np.sum(quaternions[i] ** 2) > 0.0:
+            state[_LAST] = np.nan
+            continue
+        used = _point(quaternions[i], positions[i], lever, reach, turn, path)
+        step = now - state[_LAST]
+        if not 0.0 <= step <= gap or used != int(state[_USED]):
+            state[_FILLED] = 0.0
+            _begin(state, now, used)
+        elif now - state[_BEGUN] >= window / PARTS * (1.0 - 1e-9) and state[_COUNT] > 0.0:
+            state[_TIMES : _TIMES + PARTS - 1] = state[_TIMES + 1 : _TIMES + PARTS].copy()
+            kept = WIDTH * (PARTS - 1)
+            state[_MEANS : _MEANS + kept] = state[_MEANS + WIDTH : _MEANS + WIDTH + kept].copy()
+            state[_TIMES + PARTS - 1] = state[_BEGUN] + state[_AGES] / state[_COUNT]
+            for c in range(WIDTH):
+                state[_MEANS + kept + c] = state[_SUMS + c] / state[_COUNT]
+            state[_FILLED] = min(state[_FILLED] + 1.0, PARTS)
+            if state[_FILLED] == PARTS:
+                _fit(state, used)
+            _begin(state, now, used)
+        state[_LAST] = now
+        state[_COUNT] += 1.0
+        state[_AGES] += now - state[_BEGUN]
+        for c in range(used):
+            state[_SUMS + c] += path[c]
+        variance, size = unknown * unknown, 0.0
+        if state[_FILLED] == PARTS:
+            variance = _bend(state, now, used, found) / 3.0
+            for c in range(used):
+                size += found[c] * found[c] / 3.0
+            if used == 3 and unknown > 0.0:
+                for k in range(3):
+                    accelerations[i, k] = turn[0, k] * found[0] + turn[1, k] * found[1] + turn[2, k] * found[2]
+            else:
+                variance = size if size > 16.0 * variance else 0.0
+        unsteady[i, 0] = np.sqrt(unsteady[i, 0] * unsteady[i, 0] + variance)
