@@ -26,6 +26,9 @@ from claims.row import Row
 from palpate.cli import main
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW
+from palpate.evaluation.evaluate import evaluate
+from palpate.files.contacts import read_contacts
+from palpate.files.ground_truth import read_ground_truth
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.setup.load import load_robot
 from palpate.setup.robot_pipeline import RobotPipeline
@@ -36,7 +39,9 @@ ENCODER = 0.2  # degrees: an offset of each joint that lasts a session
 SHORT = ("--seconds", "12", "--touches", "16", "--free", "6")
 MINUTE = ("--seconds", "60", "--free", "0")
 PALMS = ("left_palm", "right_palm", "left_hand_back", "right_hand_back")
-TWICE = ("belly", "back", "left_chest", "right_chest", *PALMS, "left_wrist", "right_wrist")  # of the log that is timed
+WRISTS = ("left_wrist", "right_wrist")
+TWICE = ("belly", "back", "left_chest", "right_chest", *PALMS, *WRISTS)  # of the log that is timed
+REPLAY = '\n[source]\nkind = "replay"\naddress = "run.mcap"\nspeed = 0.0\n'
 BASE = [f"base_p{axis}" for axis in "xyz"]
 NORMAL = [f"base_n{axis}" for axis in "xyz"]
 FORCE = [f"base_f{axis}" for axis in "xyz"]
@@ -51,11 +56,14 @@ def rows(small: bool) -> Iterator[Row]:
                 made = [simulated(Path(scratch), name, seed, *length) for seed in range(1 if small else 6)]
             yield from _placed(name, [_matches(each) for each in made], small)
             if small and name == "humanoid":
+                yield _live(made)
                 continue
             yield _alone(name, made[0])
             yield _false(name, made)
             if small:
                 continue
+            if name == "humanoid":
+                yield _live(made)
             off = (*SHORT[:-1], "0", "--encoder", f"{ENCODER}")
             bent = [simulated(Path(scratch), name, seed, *off) for seed in range(9, 17)]
             yield from _placed(f"{name}, joints {ENCODER} degrees off", list(map(_matches, bent)), small, bent=True)
@@ -151,6 +159,27 @@ def _false(name: str, sessions: list[Path]) -> Row:
         touches, seconds = touches + len(found.touches()), seconds + float(np.ptp(found.time))
     what = f"{name}, moving freely for {seconds / 60:.1f} minutes: touches"
     return Row(what, "0", f"{touches}", touches == 0)
+
+
+def _live(sessions: list[Path]) -> Row:
+    """Ellipses of the wrists' contacts, found live: accelerations are those of the latest poses."""
+    inside, count, middle = 0.0, 0, list[np.ndarray]()
+    for session in sessions:
+        rig, truth = session / "live.toml", pl.read_csv(session / "truth.csv")
+        head, *tables = (session / "robot.toml").read_text(encoding="utf-8").split("\n[sensors.")
+        rig.write_text("\n[sensors.".join([head + REPLAY, *tables]), encoding="utf-8")
+        for name in WRISTS:
+            record, own = session / f"{name}.mcap", session / f"{name}_truth.csv"
+            truth.filter(pl.col("sensor") == name).write_csv(own)
+            with contextlib.redirect_stdout(io.StringIO()):
+                assert not main(["--quiet", "live", "--rig", str(rig), "--sensor", name, "--record", str(record)])
+            found = evaluate(read_contacts(record), read_ground_truth(own))
+            inside += found.coverage.inside * found.coverage.count
+            count += found.coverage.count
+            middle.append(found.errors[np.isfinite(found.errors)])
+    share, off = inside / count, 1e3 * float(np.median(np.concatenate(middle)))
+    got = f"{share:.1%} of {count:,} samples; off by {off:.2f} mm (median)"
+    return Row("humanoid, live: wrists, truth in the 95 % ellipse", "93 to 97 %", got, INSIDE[0] <= share <= INSIDE[1])
 
 
 def _speed(session: Path, small: bool) -> Row:

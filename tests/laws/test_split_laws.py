@@ -20,6 +20,7 @@ from palpate.live.sequence import SequenceCounters
 from palpate.live.stuck_watch import StuckWatch
 from palpate.signals.filters import Butterworth, Filter, Kalman
 from palpate.signals.motion import Motion
+from palpate.signals.recent_motion import RecentMotion
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, Recording
 from palpate.signals.smoothing import BothWays, Forward
 from palpate.signals.vibration import Vibration
@@ -142,6 +143,12 @@ def _posed(made: PoseTrack, blocks: list[Recording]) -> Any:
     return made.at(asked), lag, made.notes(), made.stamps
 
 
+def _followed(blocks: list[Recording]) -> Any:
+    made = RecentMotion(np.array([0.1, 0.0, 0.2]))
+    given = ((each.time, each.channels[ORIENTATION], each.channels[POSITION]) for each in blocks)
+    return np.concatenate([np.hstack(made.at(*each, np.zeros((len(each[0]), 1)))) for each in given])
+
+
 def _meant(blocks: list[Recording]) -> Any:
     made = WrenchMeans()
     for block in blocks:
@@ -157,6 +164,7 @@ SPLIT: dict[str, Callable[[list[Recording]], Any]] = {
     "poses": lambda blocks: _posed(PoseTrack(), blocks),
     "live poses": lambda blocks: _posed(LiveTrack(), blocks),
     "held poses": lambda blocks: _posed(LiveTrack(hold=True), blocks),
+    "recent motion": _followed,
     "means": _meant,
 }
 

@@ -9,7 +9,9 @@ from palpate.surfaces._jit import entry, inlined, inner
 
 PARTS = 9  # of the window, each with a mean point
 WIDTH = 9  # columns of a path: a point, or a rotation matrix where the positions are unknown
-STATE = 160
+STATE = 138
+_SEEN = 16.0  # times the noise's variance, from which a path counts as moving
+_FADING = 0.7  # from part to part, of the share of the fourth order
 _LAST, _BEGUN, _COUNT, _AGES, _FILLED, _USED = 0, 1, 2, 3, 4, 5  # of the state
 _SUMS, _TIMES, _MEANS = 6, 15, 24  # of the part that grows; of the complete ones, oldest first
 _CENTRE, _STEP, _SIZE, _TERMS, _MISFIT, _QUARTIC = 105, 109, 113, 118, 136, 137  # of the fit
@@ -61,7 +63,8 @@ def _fit(state, used):
             for i in range(PARTS):
                 left[i, c] -= term * now[i]
         state[_SIZE + degree] = square
-        state[_QUARTIC] = whole
+        if degree == 4:  # of a swing it passes through 0 twice in a period
+            state[_QUARTIC] = max(whole, _FADING * state[_QUARTIC])
         if degree < 4:
             centre, step = np.sum(place * now * now) / square, square / earlier if degree > 0 else 0.0
             state[_CENTRE + degree], state[_STEP + degree] = centre, step
@@ -76,19 +79,22 @@ def _fit(state, used):
 
 @inner
 def _bend(state, time, used, found):
-    """Write the second derivative at a time; return the variance of its error, summed over the columns."""
+    """Write the second derivative at a time; return the variances, by noise and by what the cubic leaves out.
+
+    They are summed over the columns.
+    """
     place = time - state[_TIMES + PARTS - 1]
     value, slope, bend, value_before, slope_before, bend_before = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    variance = 0.0
+    noise, rest = 0.0, 0.0
     found[:used] = 0.0
     for degree in range(5):
         if degree >= 2:
             if degree < 4:
                 for c in range(used):
                     found[c] += state[_TERMS + WIDTH * (degree - 2) + c] * bend
-                variance += state[_MISFIT] * bend * bend / state[_SIZE + degree]
-            else:  # what the cubic leaves out
-                variance += max(state[_QUARTIC] - state[_MISFIT], 0.0) * bend * bend / state[_SIZE + degree]
+                noise += state[_MISFIT] * bend * bend / state[_SIZE + degree]
+            else:
+                rest = max(state[_QUARTIC] - state[_MISFIT], 0.0) * bend * bend / state[_SIZE + degree]
         if degree < 4:
             away, step = place - state[_CENTRE + degree], state[_STEP + degree]
             later = away * value - step * value_before
@@ -96,12 +102,12 @@ def _bend(state, time, used, found):
             later_bend = 2.0 * slope + away * bend - step * bend_before
             value_before, slope_before, bend_before = value, slope, bend
             value, slope, bend = later, later_slope, later_bend
-    return variance
+    return noise, rest
 
 
 @entry(
     """
-    time n, quaternions n 4, positions n 3, lever 3, window float, gap float, reach float, unknown float, state out 160,
+    time n, quaternions n 4, positions n 3, lever 3, window float, gap float, reach float, unknown float, state out 138,
     accelerations out n 3, unsteady out n 1
     """
 )
@@ -140,14 +146,14 @@ def follow(time, quaternions, positions, lever, window, gap, reach, unknown, sta
         state[_AGES] += now - state[_BEGUN]
         for c in range(used):
             state[_SUMS + c] += path[c]
-        variance, size = unknown * unknown, 0.0
+        variance = unknown * unknown
         if state[_FILLED] == PARTS:
-            variance = _bend(state, now, used, found) / 3.0
-            for c in range(used):
-                size += found[c] * found[c] / 3.0
+            noise, rest = _bend(state, now, used, found)
             if used == 3 and unknown > 0.0:
+                variance = (noise + rest) / 3.0
                 for k in range(3):
                     accelerations[i, k] = turn[0, k] * found[0] + turn[1, k] * found[1] + turn[2, k] * found[2]
             else:
-                variance = size if size > 16.0 * variance else 0.0
+                size = np.sum(found[:used] ** 2) + rest
+                variance = size / 3.0 if size > _SEEN * noise else 0.0
         unsteady[i, 0] = np.sqrt(unsteady[i, 0] * unsteady[i, 0] + variance)
