@@ -246,6 +246,20 @@ def unexplained(counts: Int[np.ndarray, " s"], required: RequiredBounds | None =
     ]
 
 
+def endless(first: float, since: float, last: float, cause: str) -> list[str]:
+    """Return a list of one warning if a contact goes on for more than half of a log, to its end, else [].
+
+    Args:
+        first: time [s] of the first sample.
+        since: time [s] from which every sample has a contact; NaN: the last one has none.
+        last: time [s] of the last sample.
+        cause: what explains it, if nothing touches there.
+    """
+    if not since <= 0.5 * (first + last) or first == last:
+        return []
+    return [f"there is a contact from {since:.2f} s to the end of the log: if nothing touches there, {cause}"]
+
+
 @takes_arrays
 def unbelievable(counts: Int[np.ndarray, " s"], small: int) -> str:
     """Return a sentence if no sample of a log can be trusted, else "".

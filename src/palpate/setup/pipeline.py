@@ -285,9 +285,10 @@ class SeenSamples:
 
     def warnings(self, estimator: ContactEstimator) -> list[str]:
         """Return warnings on units, bias, mounting and unexplained samples, one sentence each."""
-        said = unexplained(self._statuses, self.required_bounds(estimator))
         judge = estimator.plausibility
-        return said if judge is None or not self._count else [*judge.warnings(join(self._kept)), *said]
+        if judge is None or not self._count:
+            return []
+        return [*judge.warnings(join(self._kept)), *unexplained(self._statuses, self.required_bounds(estimator))]
 
 
 @dataclass

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from palpate.calls import called_as
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times, instant, rows_of
+from palpate.contact.plausibility import MANY, endless
 from palpate.errors import InputError
 from palpate.optical.markers import FrameProblem, MarkerTracker
 from palpate.optical.ring_response import ring_basis
@@ -27,6 +28,7 @@ FEATURES = ("angle", "depth", "width", "shear", "angle_sd", "force_sd", "depth_s
 _SEEN = ROW.length + len(FEATURES) - 1  # the column of the number of markers seen
 _UNBELIEVABLE = 4.0  # root of chi-square over its degrees of freedom above which contacts are implausible
 _HEIGHT = 2e-3  # m: standard deviation along the barrel's axis, where contacts are placed at the ring's height
+_CAUSE = "the camera or the barrel has moved since the calibration, or the model is that of another unit"
 _STEADY = 3.0  # times the calibration's jitter: a tare in which markers move more is refused
 
 
@@ -59,7 +61,6 @@ class RingEstimator(ContactEstimator):
         self._nothing[:_SEEN] = np.nan
         self._nothing[ROW.candidates] = 0.0
         self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
-        self._bad = dict.fromkeys(FrameProblem, 0)
         self._know(ring)
 
     def _know(self, ring: MarkerRing) -> None:
@@ -77,6 +78,8 @@ class RingEstimator(ContactEstimator):
         self.tracker.reset()
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
         self._bad = dict.fromkeys(FrameProblem, 0)
+        self._first = self._since = self._last = nan  # s: times of images, and since when all have contacts
+        self._touched = self._odd = 0  # images with contacts, and those that no contact explains
 
     def tare(self, recording: Recording) -> Tare:
         """Use the markers' mean places in a recording as their rest from now on; return a `Tare`.
@@ -207,8 +210,19 @@ class RingEstimator(ContactEstimator):
         return tuple(said)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return the tare's warning, or ()."""
-        return (self._tared.warning,) if self._tared and self._tared.warning else ()
+        """Return warnings on the tare, a contact without end, and images that contacts do not explain."""
+        said = [self._tared.warning] if self._tared and self._tared.warning else []
+        said += endless(
+            self._first,
+            self._since,
+            self._last,
+            f"{_CAUSE}: calibrate anew, or write tare where it is untouched at first",
+        )
+        if self._odd > MANY * self._touched:
+            said.append(
+                f"no contact explains the markers in {self._odd / self._touched:.0%} of the images with one: {_CAUSE}"
+            )
+        return tuple(said)
 
     def _found(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:
         lost = [n for n, state in enumerate(states) if state != FrameProblem.OK]
@@ -223,12 +237,17 @@ class RingEstimator(ContactEstimator):
     def _frame(self, time: float, found: RingFound, n: int, seen: float, rows: np.ndarray) -> int:
         """Write the rows of one image, at least one; return the number written."""
         count = int(found.counts[n])
+        self._first, self._last = self._first if self._first <= time else time, time
+        if count == 0:
+            self._since = nan
         if count < 1:
             rows[0] = self._nothing
             rows[0, ROW.status] = Status.INVALID if count < 0 else Status.NO_CONTACT
             rows[0, _SEEN] = seen
             return 1
         states, off = found.states[n, :count], float(found.residual[n])
+        self._since = self._since if self._since <= time else time
+        self._touched, self._odd = self._touched + 1, self._odd + (off > _UNBELIEVABLE)
         angle, z = states[:, 0], states[:, 2]
         columns = (np.cos(angle), np.sin(angle), self.locator.depth(states), np.interp(z, *self._widths))
         more = zip(*(each.tolist() for each in columns), strict=True)

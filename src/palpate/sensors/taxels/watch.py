@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.contact.plausibility import endless
 from palpate.sensors.taxels._kernels import AREA
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.signals.repeats import hung
@@ -103,7 +104,12 @@ class TaxelWatch:
             return []
         time = np.concatenate(self._times)
         known = [*self._ended(), *_lost(time), *hung(time, np.concatenate(self._same))]
-        return [*known, *self._ghost(), *_endless(time, self.free)]
+        return [*known, *self._ghost(), *self._endless(time)]
+
+    def _endless(self, time: Float[np.ndarray, " n"]) -> list[str]:
+        free = np.flatnonzero(self.free)
+        since = float(time[free[-1] + 1]) if len(free) and free[-1] + 1 < len(time) else np.nan
+        return endless(float(time[0]), since, float(time[-1]), "the zero has moved")
 
     def _look_for_ghosts(self, time: float, rows: Float[np.ndarray, "c width"]) -> None:
         """Note the weakest of four touches at the corners of a rectangle of rows and columns."""
@@ -157,14 +163,3 @@ def _lost(time: Float[np.ndarray, " n"]) -> list[str]:
     lost = int(missing.sum())
     share = lost / (len(time) + lost)
     return [f"{lost:,} of {len(time) + lost:,} frames are missing ({share:.0%})"] if share > LOST else []
-
-
-def _endless(time: Float[np.ndarray, " n"], free: Bool[np.ndarray, " n"]) -> list[str]:
-    """Return a sentence if a contact goes on for more than half of a log, to its end."""
-    last = np.flatnonzero(free)
-    if not len(last) or last[-1] > len(free) // 2:
-        return []
-    since = time[last[-1] + 1]
-    return [
-        f"there is a contact from {since:.2f} s to the end of the log: if nothing touches there, the zero has moved"
-    ]
