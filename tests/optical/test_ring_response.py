@@ -195,10 +195,12 @@ def test_another_unit_needs_two_dozen_presses() -> None:
 
 
 def test_truth_that_cannot_be_is_refused() -> None:
-    """Shear of several times the force, and frames beside the truth of others."""
+    """Shear of several times the force or against the skin, depth in m, and frames beside the truth of others."""
     before, made = calibrated()
-    with pytest.raises(InputError, match=r"friction allows at most.*Write"):
-        fit_response(replace(made, shear=8.0 * made.shear))
+    wrong = {"friction allows at most": {"shear": 8.0 * made.shear}, "sign is reversed": {"shear": -made.shear}}
+    for what, one in {**wrong, "times as far": {"depth": 1e-3 * made.depth}}.items():
+        with pytest.raises(InputError, match=f"{what}.*Write"):
+            fit_response(replace(made, **one))
     with pytest.raises(InputError, match=r"do not move as angle, depth and force state.*Check"):
         fit_response(replace(made, displacements=np.roll(made.displacements, 1, axis=0)), before)
 

@@ -176,7 +176,7 @@ def _model(
     turned = _turned(plain, pixels[rows], angle)
     moved = turned.displacements(pixels[rows])
     presses = RingPresses(angle, depth, force, shear, moved, turned.view.angles, turned.noise(), rings)
-    used = f"{np.count_nonzero(rows)} of {np.count_nonzero(truth.pressed)} pressed frames were used"
+    used = f"{np.count_nonzero(rows)} of {np.count_nonzero(truth.pressed)} pressed frames of the calibration were used"
     return replace(turned, response=fit_response(presses, before), notes=(used,), provenance=provenance)
 
 

@@ -312,6 +312,9 @@ def _solved(view: Callable[[np.ndarray], RingView], seen: np.ndarray) -> np.ndar
     solution: Any = least_squares(residual, np.zeros(6), bounds=(-bounds, bounds), x_scale=[0.1] * 6)
     gap = np.linalg.norm(seen - np.roll(seen, 1, axis=0), axis=1)
     if not np.sqrt(2 * solution.cost / len(seen)) < 0.25 * np.median(gap):
-        said, missing = "the markers are not an even ring about the middle of the picture.", ("the camera's place",)
-        raise NotIdentifiable(said, rank=0, missing=missing)
+        said = (
+            "the markers are not an even ring about the middle of the picture: write radius, thickness, height in m, "
+            "state the lens in camera, and let the whole ring be in view."
+        )
+        raise NotIdentifiable(said, rank=0, missing=("the camera's place",))
     return solution.x

@@ -27,6 +27,7 @@ from palpate.sensors.marker_ring.model import MarkerRing
 from palpate.sensors.marker_ring.section import MarkerRingSection
 from palpate.signals.recording import IMAGE, Recording
 
+STIFF = 1e4  # N/m: barrels of silicone have some 200
 _VIDEOS = (".avi", ".mkv", ".mov", ".mp4", ".webm")
 _LOGS = (*_VIDEOS, ".mcap", ".bag")
 _MOST = 40  # pictures, evenly spread: more add no information
@@ -108,8 +109,16 @@ class CalibrateMarkerRing(Calibration):
             of_marker_ring(ring),
             ring,
             notes=[*([log.torn] if log.torn else []), *log.notes(), *ring.notes],
+            warnings=_stiff(*ring.response.largest.tolist()),
             next=[f'name it in the rig: model = "{self.output.name}" under [marker_ring]'],
         )
+
+
+def _stiff(depth: float, force: float) -> list[str]:
+    """Return a warning, in a list, if no soft ring is as stiff as the largest press states."""
+    if force <= STIFF * depth:
+        return []
+    return [f"{force:.3g} N at {1e3 * depth:.3g} mm is more than a soft ring takes: check that force_n is in N"]
 
 
 def _truth(path: Path) -> RingTruth:

@@ -24,6 +24,8 @@ _PLAIN = 0.02  # of the force: assumed accuracy of a shear gauge next to a ring;
 _ROUNDS = 3  # of the search for `carried`
 _TURNS = 200  # of expectation and maximisation
 _STEEPEST = 2.0  # shear / force: that of silicone on anything is below
+_FAR_OFF = 10.0  # times the depth: under a press no marker moves farther, nor all of them less than its inverse
+_AGAINST = 0.3  # correlation of shear and motion along the ring: friction drags the skin with it
 _ASTRAY, _WRONG = 0.35, 0.5  # rad, share of force: larger errors on omitted presses mean a wrong truth
 _STEP = 1e-4  # rad, of a numerical derivative
 _SHEAR = 0.15  # usual shear / force where none was calibrated
@@ -116,7 +118,16 @@ def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
     if before is not None and before.rings != presses.rings:
         what = f"the model of another unit has {before.rings} rings of markers, but this unit has {presses.rings}."
         raise InputError(what, where="like", hint="Name a unit with as many rings, or calibrate without one.")
-    share = np.abs(presses.shear / presses.force)[presses.force >= np.median(presses.force)]
+    moved = np.nanmedian(np.nanmax(np.linalg.norm(presses.displacements, axis=2), axis=1) / presses.depth)
+    if not 1.0 / _FAR_OFF < moved < _FAR_OFF:
+        what = f"the markers move {moved:.2g} times as far as the presses are deep."
+        raise InputError(what, where="truth", hint="Write depth_mm in mm, and radius and thickness of the rig in m.")
+    along = np.nanmean(presses.displacements[..., 1], axis=1) / presses.force
+    dragged = presses.shear / presses.force
+    if np.nanstd(dragged) > _PLAIN and np.corrcoef(along, dragged)[0, 1] < -_AGAINST:
+        what = "the markers move against the stated shear: its sign is reversed."
+        raise InputError(what, where="truth", hint="Write shear_n along rising angles, as it acts on the ring.")
+    share = np.abs(dragged)[presses.force >= np.median(presses.force)]
     steep = float(np.nanquantile(share, 0.95)) if np.isfinite(share).any() else 0.0
     if steep > _STEEPEST:
         raise InputError(
