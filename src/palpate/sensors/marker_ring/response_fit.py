@@ -120,7 +120,7 @@ def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
         raise InputError(what, where="like", hint="Name a unit with as many rings, or calibrate without one.")
     moved = np.nanmedian(np.nanmax(np.linalg.norm(presses.displacements, axis=2), axis=1) / presses.depth)
     if not 1.0 / _FAR_OFF < moved < _FAR_OFF:
-        what = f"the markers move {moved:.2g} times as far as the presses are deep."
+        what = f"the markers move {moved:.3g} times as far as the presses are deep."
         raise InputError(what, where="truth", hint="Write depth_mm in mm, and radius and thickness of the rig in m.")
     along = np.nanmean(presses.displacements[..., 1], axis=1) / presses.force
     dragged = presses.shear / presses.force
