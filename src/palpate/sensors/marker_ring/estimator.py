@@ -78,8 +78,7 @@ class RingEstimator(ContactEstimator):
         self.tracker.reset()
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
         self._bad = dict.fromkeys(FrameProblem, 0)
-        self._first = self._since = self._last = nan  # s: times of images, and since when all have contacts
-        self._touched = self._odd = 0  # images with contacts, and those that no contact explains
+        self._watch = _Watch()
 
     def tare(self, recording: Recording) -> Tare:
         """Use the markers' mean places in a recording as their rest from now on; return a `Tare`.
@@ -211,18 +210,8 @@ class RingEstimator(ContactEstimator):
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings on the tare, a contact without end, and images that contacts do not explain."""
-        said = [self._tared.warning] if self._tared and self._tared.warning else []
-        said += endless(
-            self._first,
-            self._since,
-            self._last,
-            f"{_CAUSE}: calibrate anew, or write tare where it is untouched at first",
-        )
-        if self._odd > MANY * self._touched:
-            said.append(
-                f"no contact explains the markers in {self._odd / self._touched:.0%} of the images with one: {_CAUSE}"
-            )
-        return tuple(said)
+        tared = [self._tared.warning] if self._tared and self._tared.warning else []
+        return (*tared, *self._watch.warnings())
 
     def _found(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:
         lost = [n for n, state in enumerate(states) if state != FrameProblem.OK]
@@ -237,17 +226,13 @@ class RingEstimator(ContactEstimator):
     def _frame(self, time: float, found: RingFound, n: int, seen: float, rows: np.ndarray) -> int:
         """Write the rows of one image, at least one; return the number written."""
         count = int(found.counts[n])
-        self._first, self._last = self._first if self._first <= time else time, time
-        if count == 0:
-            self._since = nan
+        self._watch.add(time, count, float(found.residual[n]))
         if count < 1:
             rows[0] = self._nothing
             rows[0, ROW.status] = Status.INVALID if count < 0 else Status.NO_CONTACT
             rows[0, _SEEN] = seen
             return 1
         states, off = found.states[n, :count], float(found.residual[n])
-        self._since = self._since if self._since <= time else time
-        self._touched, self._odd = self._touched + 1, self._odd + (off > _UNBELIEVABLE)
         angle, z = states[:, 0], states[:, 2]
         columns = (np.cos(angle), np.sin(angle), self.locator.depth(states), np.interp(z, *self._widths))
         more = zip(*(each.tolist() for each in columns), strict=True)
@@ -287,6 +272,30 @@ class RingEstimator(ContactEstimator):
         reach, speed, patience = map(float, (set_.reach, set_.speed, set_.patience))
         _track.follow(time, points, count, *self._tracks, reach, speed, patience, identity)
         rows[:, -1] = identity
+
+
+class _Watch:
+    """What the images so far show: since when each has a contact, and how many no contact explains."""
+
+    def __init__(self) -> None:
+        self._first = self._since = self._last = nan  # s
+        self._touched = self._odd = 0
+
+    def add(self, time: float, contacts: int, residual: float) -> None:
+        self._first, self._last = self._first if self._first <= time else time, time
+        if contacts > 0:
+            self._since = self._since if self._since <= time else time
+            self._touched, self._odd = self._touched + 1, self._odd + (residual > _UNBELIEVABLE)
+        elif contacts == 0:
+            self._since = nan
+
+    def warnings(self) -> list[str]:
+        mend = f"{_CAUSE}: calibrate again, or write tare where it is untouched at first"
+        said = endless(self._first, self._since, self._last, mend)
+        if self._odd > MANY * self._touched:
+            share = f"{self._odd / self._touched:.0%} of the images with a contact"
+            said.append(f"no contact explains the markers in {share}: {_CAUSE}")
+        return said
 
 
 def _dent_widths(ring: MarkerRing) -> tuple[np.ndarray, np.ndarray]:
