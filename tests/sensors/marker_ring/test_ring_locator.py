@@ -88,6 +88,18 @@ def test_from_pixels_is_from_their_displacements(response: RingResponse, ring: M
         np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
 
 
+def test_a_contact_without_end_and_markers_without_sense_are_named(ring: MarkerRing) -> None:
+    rng, made = np.random.default_rng(7), RingEstimator(ring)
+    pressed = moved(barrel().press([tip(0.3, 0.006)]), rng)
+    pixels = ring.view.from_plane(ring.view.rest + np.einsum("mak,mk->ma", ring.axes(), pressed))
+    shaken, rows = pixels + rng.normal(0.0, 4.0, pixels.shape), made.empty(made.most)
+    images = [ring.rest, pixels, pixels, shaken, ring.rest]
+    for time, (seen, said) in enumerate(zip(images, ["", "", "from 1.00 s", "in 33% of", "in 33% of"], strict=True)):
+        made.update_markers_into(float(time), seen, rows)
+        assert said in " ".join(made.warnings())
+        assert bool(said) == bool(made.warnings())
+
+
 def test_a_tip_that_was_not_calibrated_is_found(response: RingResponse) -> None:
     """Between the calibration's plate and tip, from 2 mm on: 0.5 degrees, 8 % of the force, and intervals that hold."""
     rng = np.random.default_rng(5)
