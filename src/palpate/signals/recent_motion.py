@@ -27,7 +27,7 @@ class RecentMotion:
     def __init__(self, lever: Float[np.ndarray, "3"], window: float = 0.2, *, answers: bool = True) -> None:
         from palpate.signals import _recent_motion as loops  # compiled: loaded when first needed
 
-        self._follow, self._state = loops.follow, np.zeros(loops.STATE)
+        self._follow, self._state = loops.follow.unchecked, np.zeros(loops.STATE)
         self._state[:1] = np.nan
         self._settings = window, max(window, LONGEST) / loops.PARTS, ARM / 3**0.5, UNKNOWN if answers else 0.0
         self._lever = lever
@@ -54,8 +54,7 @@ class RecentMotion:
         Raises:
             InputError: arrays of other shapes.
         """
-        count = len(time)
-        accelerations, deviations = np.empty((count, 3)), unsteady.copy()
-        given = time, quaternion, position, self._lever, *self._settings, self._state
-        self._follow(*given, accelerations, deviations)
+        accelerations, deviations = np.empty((len(time), 3)), unsteady.copy()
+        given = map(np.ascontiguousarray, (time, quaternion, position))  # which is all that is unchecked
+        self._follow(*given, self._lever, *self._settings, self._state, accelerations, deviations)
         return accelerations, deviations
