@@ -276,7 +276,7 @@ def _dead(
     for one, other in _opposite(body):
         both = (one >= 0) & (other >= 0)
         between[:, both] |= hard[:, one[both]] & hard[:, other[both]]
-    if body.calibrated and not (body.response is None or body.response.sums):  # an elastic skin takes a force to all neighbours
+    if body.calibrated and not (body.response is None or body.response.sums):  # all neighbours bear a force
         between |= (hard[:, body.neighbours] & (body.neighbours >= 0)).any(axis=2)
     silent = above <= CLOSE * np.maximum(noise, np.median(noise))
     said_nothing = (between & silent).sum(axis=0)
