@@ -212,6 +212,20 @@ def test_joint_states_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
         RobotMotion.read(tmp_path / "log.mcap", urdf, "base", ["hand"], joints="/joints")
 
 
+def test_poses_between_rare_joint_states_are_as_far_off_as_stated(tmp_path: Path) -> None:
+    fine = np.column_stack([np.sin(0.04 * np.arange(201.0)), np.cos(0.03 * np.arange(201.0))])
+    (tmp_path / "rare").mkdir()
+    log = _log(tmp_path / "rare", _states(fine[:, ::-1])[::10])
+    rare = RobotMotion.read(log, _urdf(tmp_path), "base", ["hand", "upper"], joints=None)
+    between = np.linspace(0.01, 1.99, 100)
+    (turn, place), (true_turn, true_place) = rare.at("hand", between), _motion(tmp_path, fine).at("hand", between)
+    turned = (Rotation.from_quat(turn) * Rotation.from_quat(true_turn).inv()).as_rotvec()
+    error, stated = np.column_stack([turned, place - true_place]), rare.covariance("hand", between)
+    for which in ([2], [3], [4]):
+        assert np.mean(error[:, which] ** 2) == pytest.approx(np.mean(stated[:, which, which]), rel=0.3)
+    assert np.sqrt(np.mean(stated[:, 2, 2])) > 3e-3
+
+
 def test_what_may_be_wrong_is_a_sentence(tmp_path: Path) -> None:
     jumping = SLOW.copy()
     jumping[100:, 1] += 0.3
@@ -220,6 +234,14 @@ def test_what_may_be_wrong_is_a_sentence(tmp_path: Path) -> None:
     assert "at 1.000 s" in said
     (said,) = _motion(tmp_path, SLOW + np.array([0.0, 3.0])).warnings()
     assert said.startswith("joint 'elbow' reads 3.2, beyond its limits -2.5 to 2.6")
+    hung = np.where((np.arange(201) > 90)[:, None] & [False, True], SLOW[90], SLOW)
+    (said,) = _motion(tmp_path, hung).warnings()
+    assert said.startswith("joint 'elbow' stands still from 0.910 s to 2.000 s, while most others move")
+    locked = _motion(tmp_path, SLOW * [1.0, 0.0])
+    assert (locked.warnings(), locked.notes()) == (
+        (),
+        ("the position of 'elbow' never changes, and those of most joints do",),
+    )
     rows = _states(SLOW[:, ::-1])
     still = (STEP * 500, "/tf", TYPES["tf2_msgs/msg/TFMessage"]([]))
     log = _log(tmp_path, [*rows, still])

@@ -312,23 +312,22 @@ def _jumps(urdf: Urdf, kinematics: Kinematics, time: np.ndarray, values: np.ndar
 
 def _still(names: Sequence[str], time: np.ndarray, values: np.ndarray) -> tuple[list[str], list[str]]:
     """Return a note on joints that never move while others do, and a sentence for each that stops changing at all."""
-    changes = np.diff(values, axis=0) != 0
-    moving = changes.mean(axis=1) > 0.5
-    changes, time = changes[moving], time[1:][moving]
-    idle = [repr(name) for name, moves in zip(names, changes.T, strict=True) if len(time) and not moves.any()]
-    notes = [f"the position of {', '.join(idle)} never changes, and those of most joints do"] if idle else []
-    said = list[str]()
-    for name, moves in zip(names, changes.T, strict=True):
+    changes, idle, said = np.diff(values, axis=0) != 0, list[str](), list[str]()
+    for name, own in zip(names, changes.T, strict=True):
+        moving = 2 * (np.count_nonzero(changes, axis=1) - own) > len(names) - 1
+        moves, when = own[moving], time[1:][moving]
         edges = np.flatnonzero(np.concatenate([[True], moves, [True]]))
         longest = int(np.argmax(np.diff(edges)))
         still = slice(edges[longest], edges[longest + 1] - 1)
-        others, when = np.delete(moves, still), time[still]
-        if len(when) >= _HUNG and np.ptp(when) >= _STILL and others.any() and np.mean(others) > _CHANGES:
+        others, when = np.delete(moves, still), when[still]
+        if not moves.any() and len(when) >= _HUNG:
+            idle.append(repr(name))
+        elif len(when) >= _HUNG and np.ptp(when) >= _STILL and np.mean(others) > _CHANGES:
             said.append(
                 f"joint {name!r} stands still from {when[0]:.3f} s to {when[-1]:.3f} s, while most others move: if it "
                 "moved, its encoder hangs, and contacts of the links that it moves are in the wrong place"
             )
-    return notes, said
+    return [f"the position of {', '.join(idle)} never changes, and those of most joints do"] if idle else [], said
 
 
 def _lost(name: str, time: np.ndarray, duration: float, max_gap: float) -> list[str]:
