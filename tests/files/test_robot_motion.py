@@ -1,5 +1,6 @@
 """Many links of a robot over time, from joint states, columns or /tf, against closed forms; commands and positions."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -226,7 +227,7 @@ def test_poses_between_rare_joint_states_are_as_far_off_as_stated(tmp_path: Path
     assert np.sqrt(np.mean(stated[:, 2, 2])) > 3e-3
 
 
-def test_what_may_be_wrong_is_a_sentence(tmp_path: Path) -> None:
+def test_what_may_be_wrong_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     jumping = SLOW.copy()
     jumping[100:, 1] += 0.3
     (said,) = _motion(tmp_path, jumping).warnings()
@@ -250,6 +251,10 @@ def test_what_may_be_wrong_is_a_sentence(tmp_path: Path) -> None:
         "3.0 s of the 5.0 s of the log have no states of all joints within 0.25 s on '/joint_states'"
     )
     assert "the last is at 2.000 s" in said
+    log = _log(tmp_path, [*rows, (18 * 10**17, *still[1:])])  # events of a live record have the computer's clock
+    assert not RobotMotion.read(log, _urdf(tmp_path), "base", ["hand"], joints=None).warnings()
+    main(["inspect", str(log)])
+    assert re.search(r"/joint_states .* 201 +100\n", capsys.readouterr().out)
 
 
 def test_topics_are_joined_by_the_joints_names(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from palpate.cli import main
@@ -19,7 +20,7 @@ from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.sensors.load_cells.section import RigLoadCells
 from palpate.sensors.load_cells.zero import Zero
 from palpate.signals.recording import Recording
-from palpate_lab.simulation.plate import Plate, plate_run
+from palpate_lab.simulation.plate import Plate, plate_run, write_plate_session
 
 WEIGHTS = np.repeat([2.0, 5.0, 10.0], 4)
 
@@ -188,6 +189,21 @@ noise = 0.02
 [estimate]
 tare = 4
 """
+
+
+def test_times_in_another_unit_than_the_rig_states_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_plate_session(Plate.drawn(np.random.default_rng(4)), np.random.default_rng(5), tmp_path)
+    log, rig = tmp_path / "log.csv", tmp_path / "rig.toml"
+    newtons = rig.read_text().replace("[load_cells]", '[time]\nunit = "s"\n[load_cells]\nunits = "N"\nnoise = 0.003')
+    rig.write_text("\n".join(line for line in newtons.splitlines() if not line.startswith("model")))
+    given = ["estimate", str(log), "--rig", str(rig), "-o", str(tmp_path / "c.csv")]
+    assert main(given) == 0
+    assert re.search(r"zero of the cells from \d+ samples at the start, known to \S+ mN", capsys.readouterr().out)
+    pl.read_csv(log).with_columns(1e3 * pl.col("time")).write_csv(log)
+    assert main(given) == 1
+    assert 'is 20 s, so times look like ms: unit = "ms" in [time].' in capsys.readouterr().err
 
 
 def test_a_plate_that_reads_kilograms(shared: Path, tmp_path: Path) -> None:
