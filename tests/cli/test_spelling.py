@@ -18,14 +18,12 @@ GROUPS = {"estimate": (), "events": (), "calibrate": ("clock", "load-cells"), "r
         ("Events", "`palpate events`"),
         ("clock", "`palpate calibrate clock`"),
         ("calibrate-clock", "`palpate calibrate clock`"),
-        ("calibrate cloc", "`palpate calibrate clock`"),
         ("calibrate load_cells", "`palpate calibrate load-cells`"),
         ("calibrate xyzzy", "`palpate calibrate --help`"),
         ("xyzzy", "`palpate --help`"),
         ("version", "`palpate --version`"),
         ("Tare", "`palpate estimate --tare SECONDS`"),
         ("plot", "`palpate view`"),
-        ("locate", "`palpate estimate`"),
     ],
 )
 def test_a_misspelt_command_names_what_was_meant(call: str, meant: str) -> None:

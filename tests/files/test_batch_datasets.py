@@ -200,7 +200,6 @@ WIDER = pl.col("observation.state").list.concat(pl.lit([0.0], dtype=pl.List(pl.F
         (_info(lambda info: info.update(data_path="{other}.parquet")), 1, "does not state where the rows"),
         (_info(lambda info: info["features"].update({f"{PREFIX}point": {}})), 1, "column 'observation.contact.point'"),
         (_file("info.json", "{"), 1, "is not JSON"),
-        (_file("info.json", "[]"), 1, "holds no JSON object. Copy"),
         (_file("episodes.jsonl", None), 1, "episodes.jsonl: the file does not exist"),
         (_file("episodes.jsonl", ""), 1, "data_set: has no episodes"),
         (_file("episodes_stats.jsonl", '{"episode_index": 7, "stats": {}}'), 1, "does not hold the statistics of each"),

@@ -161,7 +161,6 @@ def test_a_row_of_contacts_that_was_spoilt_is_named(tmp_path: Path, row: str, wo
         ("time,px,py\n0,1,2", "no column 'pz'.*Available"),
         ("start,end,px,py,pz\n3,2,1,1,1", "line 2: a touch must start before it ends"),
         ("time,px,py,pz\n0,1,2,3\n1,nan,2,3", "line 3: an instant needs a point"),
-        ("time,px,py,pz\n0,1,2,3\n1,,2,3", "line 3: an instant needs a point"),
         ("time,px,py,pz\n0,1,2,3\n1,x,2,3", "line 3: 'x' in column 'px'"),
         ("time,px,py,pz\n0,x,2,3\n1,x,2,3", "csv: column 'px' has no numbers"),
         ("time,px,py,pz\n0,1,2,3\n,1,2,3", "line 3: an instant needs a time"),

@@ -156,9 +156,7 @@ def test_a_long_step_is_asked_about(tmp_path: Path) -> None:
         ("Zeit [\u00b5s]", "Zeit", "\u00b5s"),
         ("Fx [N] (filtered)", "Fx (filtered)", "N"),
         ("Fx [daN]", "Fx", "daN"),
-        ("Fx [V]", "Fx", "V"),
         ("Fx (left)", "Fx (left)", ""),
-        ("F[x]", "F[x]", ""),
         ("O_F_ext_hat_K[0]", "O_F_ext_hat_K[0]", ""),
         ("fx_g", "fx_g", ""),  # without gravity, perhaps
         ("fx_n", "fx_n", ""),

@@ -259,12 +259,8 @@ def test_files_written_before_are_read(tmp_path: Path) -> None:
         ("intensity", "[0, 1],", "[0, 1, 1],", "toml: which must be"),
         ("intensity", "[0, 1],", "[0, 0.5],", r"toml: which\[0\]\[1\] must be a whole number"),
         ("intensity", "knots = [0.7, 2.0]", "knots = [nan, 2.0]", r"curve\[1\].knots\[0\] must be a finite number"),
-        ("payload", "weight = [", "weight = [[1.0], ", r"weight\[0\] must be a number, not a list"),
-        ("payload", "weight = [", "weight = [1.0, ", "toml: weight must be a list of 3 numbers, not 4 values"),
         ("payload", 'kind = "payload"', 'kind = "skin"', "not a payload model.*palpate"),
         ("payload", "force_bias", "force_bais", "unknown key 'force_bais'.*'force_bias'"),
-        ("payload", "samples = 7", "samples = ", "toml: .*not TOML.*line"),
-        ("intensity", "largest", "largset", "Did you mean .largest."),
     ],
 )
 def test_a_value_that_cannot_be_meant_is_named_with_its_place(
@@ -296,10 +292,8 @@ def test_provenance_names_inputs_by_their_content(tmp_path: Path) -> None:
         ("weight", '["1", "2", "3"]', r"toml: weight\[0\] must be a number, not '1'"),
         ("weight", "[true, false, true]", r"toml: weight\[0\] must be a number, not True"),
         ("weight", "[0, 0, nan]", r"toml: weight\[2\] must be a finite number, not nan"),
-        ("weight", "[0, 0, 1e300]", r"toml: weight\[2\] must be a finite number"),
         ("weight", "[0, 0, 1e12]", "payload.toml: weight must be"),
         ("weight", "[[1, 2], [3], 4]", r"weight\[0\] must be a number, not a list"),
-        ("magnitude", '"9.8"', "toml: magnitude must be a number, not '9.8'"),
         ("magnitude", "-9.8", "toml: magnitude of gravity must be between"),
         ("magnitude", "1e-300", "magnitude of gravity must be between 1e-09 and 1e"),  # the mass would be 1e300 kg
         ("magnitude", "1" + "0" * 400, "toml: magnitude must be a finite number, not an integer that is too large"),
@@ -313,7 +307,6 @@ def test_provenance_names_inputs_by_their_content(tmp_path: Path) -> None:
         ("covariance", "[[1, 2], [3]]", "toml: covariance must be 12 x 12"),
         ("covariance", str(np.triu(np.ones((12, 12))).tolist()), "toml: covariance must be symmetric"),
         ("covariance", str((-np.eye(12)).tolist()), "toml: .*positive semidefinite"),
-        ("covariance", str(np.full((12, 12), np.nan).tolist()), "toml: .*must be a finite number"),
     ],
 )
 def test_a_value_of_a_model_that_was_spoilt_is_named(tmp_path: Path, key: str, value: str, word: str) -> None:

@@ -1,5 +1,6 @@
 """Many links of a robot over time, from joint states, columns or /tf, against closed forms; commands and positions."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -212,7 +213,21 @@ def test_joint_states_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
         RobotMotion.read(tmp_path / "log.mcap", urdf, "base", ["hand"], joints="/joints")
 
 
-def test_what_may_be_wrong_is_a_sentence(tmp_path: Path) -> None:
+def test_poses_between_rare_joint_states_are_as_far_off_as_stated(tmp_path: Path) -> None:
+    fine = np.column_stack([np.sin(0.04 * np.arange(201.0)), np.cos(0.03 * np.arange(201.0))])
+    (tmp_path / "rare").mkdir()
+    log = _log(tmp_path / "rare", _states(fine[:, ::-1])[::10])
+    rare = RobotMotion.read(log, _urdf(tmp_path), "base", ["hand", "upper"], joints=None)
+    between = np.linspace(0.01, 1.99, 100)
+    (turn, place), (true_turn, true_place) = rare.at("hand", between), _motion(tmp_path, fine).at("hand", between)
+    turned = (Rotation.from_quat(turn) * Rotation.from_quat(true_turn).inv()).as_rotvec()
+    error, stated = np.column_stack([turned, place - true_place]), rare.covariance("hand", between)
+    for which in ([2], [3], [4]):
+        assert np.mean(error[:, which] ** 2) == pytest.approx(np.mean(stated[:, which, which]), rel=0.3)
+    assert np.sqrt(np.mean(stated[:, 2, 2])) > 3e-3
+
+
+def test_what_may_be_wrong_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     jumping = SLOW.copy()
     jumping[100:, 1] += 0.3
     (said,) = _motion(tmp_path, jumping).warnings()
@@ -220,6 +235,14 @@ def test_what_may_be_wrong_is_a_sentence(tmp_path: Path) -> None:
     assert "at 1.000 s" in said
     (said,) = _motion(tmp_path, SLOW + np.array([0.0, 3.0])).warnings()
     assert said.startswith("joint 'elbow' reads 3.2, beyond its limits -2.5 to 2.6")
+    hung = np.where((np.arange(201) > 90)[:, None] & [False, True], SLOW[90], SLOW)
+    (said,) = _motion(tmp_path, hung).warnings()
+    assert said.startswith("joint 'elbow' stands still from 0.910 s to 2.000 s, while most others move")
+    locked = _motion(tmp_path, SLOW * [1.0, 0.0])
+    assert (locked.warnings(), locked.notes()) == (
+        (),
+        ("the position of 'elbow' never changes, and those of most joints do",),
+    )
     rows = _states(SLOW[:, ::-1])
     still = (STEP * 500, "/tf", TYPES["tf2_msgs/msg/TFMessage"]([]))
     log = _log(tmp_path, [*rows, still])
@@ -228,6 +251,10 @@ def test_what_may_be_wrong_is_a_sentence(tmp_path: Path) -> None:
         "3.0 s of the 5.0 s of the log have no states of all joints within 0.25 s on '/joint_states'"
     )
     assert "the last is at 2.000 s" in said
+    log = _log(tmp_path, [*rows, (18 * 10**17, *still[1:])])  # events of a live record have the computer's clock
+    assert not RobotMotion.read(log, _urdf(tmp_path), "base", ["hand"], joints=None).warnings()
+    main(["inspect", str(log)])
+    assert re.search(r"/joint_states .* 201 +100\n", capsys.readouterr().out)
 
 
 def test_topics_are_joined_by_the_joints_names(tmp_path: Path) -> None:

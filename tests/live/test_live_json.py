@@ -183,7 +183,6 @@ def test_a_listener_that_does_not_read_is_not_waited_for(
         ("mqtt:host", "not a destination to which contacts can be published.*Write"),
         ("udp:5005", "not an address for datagrams"),
         ("udp:127.0.0.1:99999", "not an address for datagrams"),
-        ("udp:127.0.0.1:port", "not an address for datagrams"),
         ("udp:no host:5005", ": .*host that cannot be found"),
         ("unix:", "needs a path"),
         (f"unix:{'x' * 200}", "needs a path"),

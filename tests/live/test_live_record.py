@@ -247,6 +247,7 @@ def test_recover_puts_file_and_ring_together_twice(output: Path) -> None:
     ring = _ring(output)
     _recorded(ring, output, [2048, 700])
     _feed(ring, 30, answered=False)
+    output.with_name(f".{output.name}.lock").write_text("1 on a machine", encoding="utf-8")  # of a killed process
     ring.close()
     assert "2,048 samples in run.mcap.part, 730 more in run.mcap.ring" in cut_short(output)
     said = recover(output)

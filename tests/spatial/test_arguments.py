@@ -75,13 +75,11 @@ def test_any_container_becomes_the_array_of_the_annotation(points: object) -> No
     [
         ({"time": TIME[None]}, r"time must have shape \(n,\), not \(1, 4\)"),
         ({"points": POINTS[:3]}, r"points must have shape \(4, 3\) \(n as in time\), not \(3, 3\)"),
-        ({"points": POINTS[:, :2]}, r"\(4, 3\)"),
         ({"points": None, "time": None}, "time"),
         ({"time": ["a", "b"]}, "time must be float64"),
         ({"time": [[1.0], [1.0, 2.0]]}, "time must be float64"),
         ({"time": TIME * 1j}, "complex128"),
         ({"rate": "fast"}, "rate must be a number, not 'fast'"),
-        ({"rate": [1.0, 2.0]}, "rate must be a number"),
         ({"which": [0.5]}, "which must be int64"),
         ({"which": [10**400]}, "which must be int64"),
         ({"mask": [0, 1, 0, 1]}, "mask must be bool"),

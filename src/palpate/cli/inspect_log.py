@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ from palpate.files.contacts import contact_blocks, unfinished
 from palpate.files.logs import LogContents, contents, join, open_log
 from palpate.files.logs.decoding import role
 from palpate.files.logs.image_messages import IMAGES
+from palpate.files.logs.opening import messages_of
+from palpate.files.messages import Topic
 from palpate.files.models import read_provenance
 from palpate.setup import Rig
 from palpate.setup.guess import topics_of
@@ -175,9 +178,10 @@ def _labels(block: Recording, channels: tuple[str, ...]) -> list[str]:
 def say_contents(there: LogContents) -> None:
     """Print which topics or columns there are."""
     if there.topics:
+        rate = _rates(there)
         table(
             ("topic", "type", "messages", "rate [Hz]"),
-            [(t.name, t.kind, f"{t.count:,}", _rate(t.count, there.duration)) for t in there.topics],
+            [(t.name, t.kind, f"{t.count:,}", rate(t)) for t in there.topics],
         )
     elif there.images is None:
         names = list(there.names)
@@ -186,9 +190,17 @@ def say_contents(there: LogContents) -> None:
         lines([("written", there.written)] if there.written else [])
 
 
-def _rate(count: int, duration: float) -> str:
-    """Return the mean rate of a topic as text."""
-    return f"{(count - 1) / duration:.4g}" if count > 1 and duration > 0 else "-"
+def _rates(there: LogContents) -> Callable[[Topic], str]:
+    """Return what gives the rate of a topic as text: the mean, or by the median step where no duration is stated."""
+    if there.duration > 0 or (source := messages_of(there.path)) is None:
+        return lambda topic: f"{(topic.count - 1) / there.duration:.4g}" if topic.count > 1 else "-"
+    times = {topic.name: [np.empty(0, dtype=np.int64)] for topic in there.topics}
+    for block in source.messages():
+        for topic in there.topics:
+            times[topic.name].append(block.of(topic).time)
+    steps = {name: np.diff(np.concatenate(parts)) for name, parts in times.items()}
+    usual = {name: float(np.median(step[step > 0])) for name, step in steps.items() if (step > 0).any()}
+    return lambda topic: f"{1e9 / usual[topic.name]:.4g}" if topic.name in usual else "-"
 
 
 def _say_samples(kept: Recording, ranges: _Ranges, there: LogContents) -> None:

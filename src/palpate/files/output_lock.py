@@ -80,9 +80,11 @@ def _locked(target: Path) -> Generator[None]:
         yield
     finally:
         if handle is not None:
-            with suppress(OSError):
-                file.unlink(missing_ok=True)
-            os.close(handle)
+            try:
+                with suppress(OSError):
+                    file.unlink(missing_ok=True)
+            finally:  # by Ctrl-C, too
+                os.close(handle)
 
 
 def _lock(file: Path, target: Path) -> int | None:

@@ -12,6 +12,7 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.files.atomic import PART, RING, part, writing
 from palpate.files.mcap.regain import regained
+from palpate.files.output_lock import only_writer
 from palpate.live.record import Recorder, only_one, rings_of
 from palpate.live.record_file import RecordFile, grown, named, span_of
 from palpate.live.stream_buffer import StreamBuffer
@@ -34,10 +35,10 @@ def recover(output: Path) -> str:
     """
     rings = rings_of(output)
     if rings:
-        with writing(output), only_one(rings[0]):
+        with writing(output), only_one(rings[0]), only_writer(output.resolve()):
             return _from_rings(rings, output)
     if unfinished := grown(output):
-        with writing(output):
+        with writing(output), only_writer(output.resolve()):
             return "; ".join(_alone(named(output, which)) for which in unfinished)
     if output.exists():
         return f"{output.name} is complete: there is nothing to recover"

@@ -27,6 +27,7 @@ from palpate.files.logs import Log, LogContents, contents, join, missing
 from palpate.files.logs import open_log as open_by_layout
 from palpate.files.logs.arrays import DataFrame, arrays_of
 from palpate.files.logs.layout import pose_path
+from palpate.files.tables.stated import judged_unit
 from palpate.setup.built import BuiltEstimator
 from palpate.setup.load import load_rig
 from palpate.setup.prefetch import LogReader, MotionAhead, PrefetchedLog, reading_in_process
@@ -176,7 +177,15 @@ class OpenedLog:
             GeometryError: the file of the surface has no usable surface.
             NotIdentifiable: the load cells that the rig uses do not determine a wrench.
         """
-        return self.setup.with_head(self.head(self.setup.estimate.tare or 1.0)).prepared()
+        head = self.head(self.setup.estimate.tare or 1.0)
+        try:
+            return self.setup.with_head(head).prepared()
+        except InputError as problem:
+            unit, _ = judged_unit(head.time, "time")
+            if unit == "s":
+                raise
+            hint = f"A step between samples is {np.median(np.diff(head.time)):.4g} s, so times look like {unit}: "
+            raise InputError(problem.what, where=problem.where, hint=f'{hint}unit = "{unit}" in [time].') from problem
 
     def __iter__(self) -> Iterator[Recording]:
         """Yield every sample once, in blocks, from the start."""

@@ -1,9 +1,11 @@
 """A plate on cells of one axis: closed forms of its model, gains by weights, faults, and a log of somebody's plate."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from palpate.cli import main
@@ -18,7 +20,7 @@ from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.sensors.load_cells.section import RigLoadCells
 from palpate.sensors.load_cells.zero import Zero
 from palpate.signals.recording import Recording
-from palpate_lab.simulation.plate import Plate, plate_run
+from palpate_lab.simulation.plate import Plate, plate_run, write_plate_session
 
 WEIGHTS = np.repeat([2.0, 5.0, 10.0], 4)
 
@@ -62,11 +64,14 @@ def test_an_uneven_plate_is_read_by_the_same_balance_and_leaves_nothing_over() -
     np.testing.assert_allclose(made.inverse()[2] @ made.matrix @ made.measured, 0.0, atol=1e-9)
 
 
-def calibrated(plate: Plate, *, known: bool, seed: int = 0) -> PlateCalibration:
+def calibrated(
+    plate: Plate, *, known: bool, seed: int = 0, stated: np.ndarray = WEIGHTS, moved: float = 0.0
+) -> PlateCalibration:
     run = plate_run(plate, np.random.default_rng(seed), WEIGHTS, 0.0)
     none = run.touch < 0
     places = np.where(none[:, None] | (not known), np.nan, run.point[run.touch, :2])
-    return identify_plate(run.time, run.voltages, np.where(none, 0.0, WEIGHTS[run.touch]), places, plate.position)
+    places[run.touch == 3] += moved
+    return identify_plate(run.time, run.voltages, np.where(none, 0.0, stated[run.touch]), places, plate.position)
 
 
 def exact(count: int) -> Plate:
@@ -95,6 +100,16 @@ def test_weights_at_unknown_places_show_the_gains_of_three_cells_and_three_combi
     assert "3 combinations of the 4 gains" in four.cells.notes[0]
     deviation = np.sqrt(np.diag(four.found.covariance)) / four.found.gains
     assert np.all((deviation > 0.003) & (deviation < 0.011))  # half of 1 % in each
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_weight_that_is_stated_wrongly_is_named(known: bool) -> None:
+    plate, stated = Plate.drawn(np.random.default_rng(4)), np.append([2.0, 2.0, 2.0, 2.4], WEIGHTS[4:])
+    words = calibrated(plate, known=known, stated=stated).cells.notes[0]
+    assert re.match(r"Weight 4 of 12, stated as 2\.4 N.*, is (2|2\.00\d|1\.99\d) N.* by the others", words)
+    if known:
+        with pytest.raises(InputError, match="Weight 4 of 12, stated as 2 N"):
+            calibrated(plate, known=True, moved=0.2)
 
 
 def test_a_cell_that_is_off_is_named_by_the_calibration_and_by_touches_after_it() -> None:
@@ -174,6 +189,21 @@ noise = 0.02
 [estimate]
 tare = 4
 """
+
+
+def test_times_in_another_unit_than_the_rig_states_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_plate_session(Plate.drawn(np.random.default_rng(4)), np.random.default_rng(5), tmp_path)
+    log, rig = tmp_path / "log.csv", tmp_path / "rig.toml"
+    newtons = rig.read_text().replace("[load_cells]", '[time]\nunit = "s"\n[load_cells]\nunits = "N"\nnoise = 0.003')
+    rig.write_text("\n".join(line for line in newtons.splitlines() if not line.startswith("model")))
+    given = ["estimate", str(log), "--rig", str(rig), "-o", str(tmp_path / "c.csv")]
+    assert main(given) == 0
+    assert re.search(r"zero of the cells from \d+ samples at the start, known to \S+ mN", capsys.readouterr().out)
+    pl.read_csv(log).with_columns(1e3 * pl.col("time")).write_csv(log)
+    assert main(given) == 1
+    assert 'is 20 s, so times look like ms: unit = "ms" in [time].' in capsys.readouterr().err
 
 
 def test_a_plate_that_reads_kilograms(shared: Path, tmp_path: Path) -> None:

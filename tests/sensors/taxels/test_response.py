@@ -204,11 +204,21 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     assert found.late[:2] == pytest.approx([0.5, 0.025], rel=0.1)  # the laboratory's, of which it knows nothing
     assert np.isinf(found.limits).all()
     if not sums:  # a force on a pillar shows at no other, in whichever order they are
-        orders = {"right": cells, "taxels": cells[:, ::-1], "axes": cells[..., [1, 0, 2]], "sign": cells * [-1, 1, 1]}
-        for name, order in orders.items():
+        one = (np.arange(48) == 3 * 5 + 2).reshape(16, 3)  # z of taxel 5
+        wrong = [
+            ("", cells),
+            ("order of the taxels", cells[:, ::-1]),
+            ("order of the taxels", cells[..., [1, 0, 2]]),
+            ("order of the taxels", cells * [-1, 1, 1]),
+            ("the sign of z", cells * [1, 1, -1]),
+            ("1 of 16 cells dead: .* never changes: cell 5", cells * ~one),
+            ("1 of 16 cells reversed along z: .*: cell 5", cells * np.where(one, -1, 1)),
+        ]
+        for words, order in wrong:
             estimator = TaxelEstimator(replace(body, response=found))
             list(estimator.answers([replace(recording, channels={CELLS: order})]))
-            assert ("order of the taxels" in estimator.unbelievable) == (name != "right")
+            doubts = [estimator.unbelievable, *estimator.warnings()]
+            assert re.search(words, " ".join(doubts)) if words else not doubts[0]
         return  # the end of a range and wrong truths have nothing to do with the kind of skin
     end = 0.7 * cells.max()
     clipped = replace(recording, channels={CELLS: np.minimum(cells, end)})
@@ -225,6 +235,8 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
         identify_response(body, recording, replace(known, point=truth.place + 0.1 * np.eye(3)[0]))
     with pytest.raises(NotIdentifiable, match="no shear in some direction"):
         identify_response(body, recording, replace(known, force=truth.force * [0.0, 1.0, 1.0]))
+    with pytest.raises(InputError, match="better with fx and fy exchanged"):
+        identify_response(body, recording, replace(known, force=truth.force[:, [1, 0, 2]]))
     with pytest.raises(NotIdentifiable, match=r"do not follow the true points and forces.*order of the taxels"):
         identify_response(body, recording, replace(known, point=truth.place[:, [1, 0, 2]]))
     steady = TrueSamples(known.time[truth.full], truth.place[truth.full], force=truth.force[truth.full])

@@ -88,7 +88,6 @@ def test_tables_state_their_unit(tmp_path: Path, text: str, x: float) -> None:
         ("a.toml", 'kind = "taxels"\ntaxels = [[1.0]]', "toml: taxels must be 1 x 15 numbers"),
         ("a.toml", f'kind = "taxels"\ntaxels = [[{", ".join(["0.0"] * 6)}, 0.5, 1, nan, nan, nan, nan, nan, nan, nan]]',
          "toml: .*whole numbers"),
-        ("a.txt", "", "txt: is empty"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, name: str, text: str, said: str) -> None:

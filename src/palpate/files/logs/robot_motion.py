@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ _KEPT = 4  # chunks that are kept: sensors are read side by side in time
 _JUMP = 3.0  # of a joint's speed limit, beyond which a step cannot be its motion
 _FASTEST = 50.0  # rad/s, m/s: without a limit
 _BEYOND, _OFTEN = 0.05, 0.01  # of a joint's range, and share of its samples: beyond the limits by more, and more often
+_STILL, _HUNG, _CHANGES = 1.0, 100, 0.9  # s and samples that a hung encoder repeats at least; of its others that change
 _LOST = 1.0  # s of a log without joint states, beyond which that is stated
 
 
@@ -57,19 +58,24 @@ class JointSamples:
         Raises:
             InputError: time has another shape.
         """
+        track = PoseTrack(0.0, self._max_gap)
+        for near in self._near(link, time, 0):
+            track.add(*near)
+        track.complete()
+        return track.at(time)
+
+    def _near(self, link: str, time: np.ndarray, more: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Yield stamps, quaternions and positions of a link about times, with so many samples `more` at each end."""
         known = time[np.isfinite(time)]
         first, last = (known.min(), known.max()) if len(known) else (np.inf, -np.inf)
-        start = max(int(np.searchsorted(self.time, first, side="right")) - 1, 0)
-        end = min(int(np.searchsorted(self.time, last)) + 1, len(self.time))
-        track = PoseTrack(0.0, self._max_gap)
+        start = max(int(np.searchsorted(self.time, first, side="right")) - 1 - more, 0)
+        end = min(int(np.searchsorted(self.time, last)) + 1 + more, len(self.time))
         place = self.kinematics.links.index(link)
         for chunk in range(start // _CHUNK, -(-end // _CHUNK)):
             quaternion, position = self._poses(chunk)
             rows = slice(max(start - chunk * _CHUNK, 0), end - chunk * _CHUNK)
             stamps = self.time[chunk * _CHUNK : (chunk + 1) * _CHUNK][rows]
-            track.add(stamps, quaternion[rows, place], position[rows, place])
-        track.complete()
-        return track.at(time)
+            yield stamps, quaternion[rows, place], position[rows, place]
 
     def _poses(self, chunk: int) -> tuple[Float[np.ndarray, "c k 4"], Float[np.ndarray, "c k 3"]]:
         """Return the poses of all links at the joint samples of a chunk."""
@@ -82,7 +88,8 @@ class JointSamples:
     def covariance(self, link: str, time: Float[np.ndarray, " n"], encoder: float) -> Float[np.ndarray, "n 6 6"]:
         """Return covariances (n, 6, 6) of the rotation vector [rad] and translation [m] of a link's poses, in the base.
 
-        They are those at the nearest joint sample, NaN where there is none.
+        They are those of the encoders at the nearest joint sample, and of the interpolation between two; NaN without
+        any sample.
 
         Args:
             link: name of the link.
@@ -94,10 +101,32 @@ class JointSamples:
         """
         if not len(self.time):
             return np.full((len(time), 6, 6), np.nan)
+        between = self._between(link, time)
+        if not encoder:
+            return between
         nearest = np.searchsorted((self.time[1:] + self.time[:-1]) / 2.0, time)
         rows, row_of = np.unique(nearest, return_inverse=True)
         slope = self.kinematics.jacobians(self.positions[rows], link)[..., self.kinematics.turning]
-        return (encoder**2 * slope @ np.swapaxes(slope, 1, 2))[row_of]
+        return (encoder**2 * slope @ np.swapaxes(slope, 1, 2))[row_of] + between
+
+    def _between(self, link: str, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 6 6"]:
+        """Return the covariances (n, 6, 6) of poses between two joint samples, by the accelerations at both.
+
+        At a share s of a step h, interpolation misses what an acceleration a does: s (1 - s) h^2 a / 2.
+        """
+        from scipy.spatial.transform import Rotation  # here: scipy is slow to import
+
+        stamps, quaternion, position = (np.concatenate(part) for part in zip(*self._near(link, time, 1), strict=True))
+        if len(stamps) < 3:
+            return np.zeros((len(time), 6, 6))
+        turn, steps = Rotation.from_quat(quaternion), np.diff(stamps)
+        moved = np.column_stack([(turn[1:] * turn[:-1].inv()).as_rotvec(), np.diff(position, axis=0)])
+        bends = np.diff(moved / steps[:, None], axis=0) / (0.5 * (steps[1:] + steps[:-1]))[:, None]
+        step = np.clip(np.searchsorted(stamps, time, side="right") - 1, 0, len(steps) - 1)
+        share = np.clip((time - stamps[step]) / steps[step], 0.0, 1.0)
+        off = (0.5 * share * (1.0 - share) * steps[step] ** 2)[:, None]
+        ends = (off * bends[np.clip(step - 1 + end, 0, len(bends) - 1)] for end in (0, 1))
+        return sum((0.5 * each[:, :, None] * each[:, None] for each in ends), np.zeros((len(time), 6, 6)))
 
 
 class _Tree:
@@ -189,7 +218,9 @@ class RobotMotion:
         kinematics.require_radians(values, name)
         samples = JointSamples(kinematics, time, values, max_gap)
         lost = _lost(name, time, duration, max_gap)
-        return cls(samples, encoder, notes, (*lost, *_jumps(urdf, kinematics, time, values), *_beyond(urdf, samples)))
+        idle, hung = _still(kinematics.joints, time, values)
+        jumps = _jumps(urdf, kinematics, time, values)
+        return cls(samples, encoder, notes + idle, (*lost, *jumps, *hung, *_beyond(urdf, samples)))
 
     def at(self, link: str, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Return quaternions x, y, z, w (n, 4) and positions (n, 3) [m] of a link in the base; NaN where not known."""
@@ -198,9 +229,9 @@ class RobotMotion:
     def covariance(self, link: str, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 6 6"]:
         """Return covariances (n, 6, 6) of the rotation vector [rad] and translation [m] of a link's poses, in the base.
 
-        They are 0 without a deviation of the joints' positions, and for poses from /tf.
+        They are 0 for poses from /tf.
         """
-        if self.samples is None or not self._encoder:
+        if self.samples is None:
             return np.zeros((len(time), 6, 6))
         return self.samples.covariance(link, time, self._encoder)
 
@@ -277,6 +308,26 @@ def _jumps(urdf: Urdf, kinematics: Kinematics, time: np.ndarray, values: np.ndar
                 "moves are in the wrong place in the base around then"
             )
     return said
+
+
+def _still(names: Sequence[str], time: np.ndarray, values: np.ndarray) -> tuple[list[str], list[str]]:
+    """Return a note on joints that never move while others do, and a sentence for each that stops changing at all."""
+    changes, idle, said = np.diff(values, axis=0) != 0, list[str](), list[str]()
+    for name, own in zip(names, changes.T, strict=True):
+        moving = 2 * (np.count_nonzero(changes, axis=1) - own) > len(names) - 1
+        moves, when = own[moving], time[1:][moving]
+        edges = np.flatnonzero(np.concatenate([[True], moves, [True]]))
+        longest = int(np.argmax(np.diff(edges)))
+        still = slice(edges[longest], edges[longest + 1] - 1)
+        others, when = np.delete(moves, still), when[still]
+        if not moves.any() and len(when) >= _HUNG:
+            idle.append(repr(name))
+        elif len(when) >= _HUNG and np.ptp(when) >= _STILL and np.mean(others) > _CHANGES:
+            said.append(
+                f"joint {name!r} stands still from {when[0]:.3f} s to {when[-1]:.3f} s, while most others move: if it "
+                "moved, its encoder hangs, and contacts of the links that it moves are in the wrong place"
+            )
+    return [f"the position of {', '.join(idle)} never changes, and those of most joints do"] if idle else [], said
 
 
 def _lost(name: str, time: np.ndarray, duration: float, max_gap: float) -> list[str]:

@@ -34,6 +34,7 @@ MAGIC = b"\x89MCAP0\r\n"
 READ, PIECE = 1 << 18, 1 << 22  # bytes read at a time, of chunks and of messages between them
 KEPT = 1 << 21  # bytes of a chunk that is kept unpacked for the next sensor, at most
 LONGEST: Mapping[int, int] = {Opcode.CHUNK: LARGEST, Opcode.MESSAGE: 1 << 26}  # bytes; others: PIECE; else skipped
+_LONGEST = 1e8  # s: what states a longer duration has messages of two clocks
 _HEAD = 9
 _MOST, _OTHERS = 1 << 16, 1 << 11  # messages of a stretch, and other records
 _DECLARING: Mapping[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
@@ -201,7 +202,8 @@ class McapFile(MessageFile):
                 for record in (*summary.schemas.values(), *summary.channels.values()):
                     self._declare(record)
                 self._counts.update(summary.statistics.channel_message_counts)
-                self.duration = (summary.statistics.message_end_time - summary.statistics.message_start_time) / 1e9
+                duration = (summary.statistics.message_end_time - summary.statistics.message_start_time) / 1e9
+                self.duration = duration if duration < _LONGEST else 0.0
                 return summary.statistics.channel_count == len(self._topics)
         return False
 

@@ -11,6 +11,7 @@ cells, the others are taken as equal to `TOLERANCE`.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -33,6 +34,7 @@ SETTLES, ENDS = 0.3, 0.1  # of the time that a weight stands, at its beginning a
 FEWEST = 5  # samples of a weight
 ELSEWHERE = 2.0  # times the misfit of the weights: touches load the plate where no weight stood
 WORST = 0.2  # of a reading: cells that err by more do not carry these weights
+CHANCE, FALSE = 1e-3, (0.02, 5e-3)  # of a sound log's weights to be named; share of a weight, m: what is worth it
 NAMED = 0.01  # of the plates with cells equal to `TOLERANCE`, in which one is named
 ROUNDS = 4
 ERRORS = np.concatenate([[0.0], np.geomspace(1e-5, WORST, 100)])
@@ -163,13 +165,20 @@ def identify_plate(
     found = rests(log)
     noise, correlation, _ = rest_noise(log, found)
     stood = _weights(log, found, loaded, noise * correlation, positions[:, across])
-    gains = fit_gains(stood)
+    stray = _stray(stood)
+    try:
+        gains = fit_gains(stood)
+    except InputError as unexplained:
+        raise (InputError(stray, where="reference") if stray else unexplained) from None
     left = _validated(stood, gains)
     own = 2.0 * np.diag((gains.error * gains.gains) ** 2)  # in a touch, and in all weights alike, as of a curve
     covariance = left.widening * gains.covariance + own
     cells = _divided(plate_cells(positions, gains.gains, noise, axis, limits), stood, gains)
     odd = _odd(gains)
-    bias, notes = np.mean([rest.voltage for rest in found], axis=0), (*_said(gains, odd, len(positions)), *left.notes)
+    bias, notes = (
+        np.mean([rest.voltage for rest in found], axis=0),
+        [stray] * bool(stray) + [*_said(gains, odd, len(positions)), *left.notes],
+    )
     known = {"bias": bias, "drift": _drift(found, noise), "correlation": correlation, "samples": len(log.time)}
     changed = with_changes(with_gains(cells, covariance), provenance=provenance, notes=notes, **known)
     return PlateCalibration(changed, stood, gains, left, odd)
@@ -253,11 +262,12 @@ def _error(weights: Weights, gains: np.ndarray, freedom: int) -> float:
     """Return the least share of its load by which each cell errs, so that the weights are explained."""
     if freedom <= 0:
         return TOLERANCE / 10.0
-    for error in ERRORS.tolist():
+
+    def explained(error: float) -> bool:
         left, right = weights.whitened(gains, error)
-        if np.sum((right - left @ gains) ** 2) <= freedom:
-            return error
-    return WORST
+        return bool(np.sum((right - left @ gains) ** 2) <= freedom)
+
+    return [*ERRORS.tolist(), WORST][bisect_left(ERRORS.tolist(), True, key=explained)]  # the more, the better
 
 
 def _validated(weights: Weights, found: Gains) -> Validation:
@@ -276,6 +286,34 @@ def _validated(weights: Weights, found: Gains) -> Validation:
 def _picked(weights: Weights, rows: np.ndarray) -> Weights:
     names = "readings", "weight", "place", "spread"
     return replace(weights, **{name: getattr(weights, name)[rows] for name in names})
+
+
+def _stray(weights: Weights) -> str:
+    """Return a sentence on the weight that contradicts the others most, by an F test; "" if none does."""
+    from scipy.special import fdtrc  # here: scipy is slow to import
+
+    count, found = len(weights.weight), list[tuple[float, int, Float[np.ndarray, "3"]]]()
+    for i, out in enumerate(np.eye(count, dtype=bool)):
+        rest, one = _picked(weights, ~out), _picked(weights, out)
+        try:
+            fit = fit_gains(rest)
+        except InputError:
+            continue
+        left, right = (side[one.known] for side in one.whitened(fit.gains, fit.error))
+        off = right - left @ fit.gains
+        square = off @ np.linalg.solve(np.eye(len(off)) + left @ fit.covariance @ left.T, off)
+        freedom = int(np.count_nonzero(rest.known)) - fit.shown
+        if freedom > 0:
+            found.append((float(fdtrc(len(off), freedom, square / len(off))), i, one.slopes @ fit.gains))
+    chance, i, sums = min(found, default=(1.0, 0, np.ones(3)), key=lambda each: each[0])
+    weight, place, seen = weights.weight[i], weights.place[i], sums[1:] / sums[0]
+    if chance * count > CHANCE or not (abs(sums[0] / weight - 1.0) > FALSE[0] or np.hypot(*(seen - place)) > FALSE[1]):
+        return ""
+    at = [f" at ({x:.3f}, {y:.3f}) m" if np.isfinite(place).all() else "" for x, y in (place, seen)]
+    return (
+        f"Weight {i + 1} of {count}, stated as {weight:.4g} N{at[0]}, is {sums[0]:.4g} N{at[1]} by the others: correct "
+        "its rows, or leave them out."
+    )
 
 
 def _divided(cells: LoadCells, weights: Weights, found: Gains) -> LoadCells:

@@ -68,7 +68,7 @@ class CalibrateLoadCells(Calibration):
         recording = read_recording(self.log, load_cells_layout(setup, bench=True))
         if len(table.axes) == 1:
             found = self._plate(table, recording)
-            figures = _plate_figures(found)
+            figures = _plate_figures(found, "" if table.newtons else " N/V")
         else:
             reference, cells = recording.channels[REFERENCE], table.count()
             options = CalibrationOptions(
@@ -96,13 +96,16 @@ class CalibrateLoadCells(Calibration):
         return identify_plate(*given, axis=table.axes[0], limits=limits, provenance=record)
 
 
-def _plate_figures(found: PlateCalibration) -> list[tuple[str, str]]:
+def _plate_figures(found: PlateCalibration, unit: str) -> list[tuple[str, str]]:
     (weight, place), gains, weights = found.rms, found.found, found.weights.weight
     deviation = 100.0 * np.sqrt(np.diag(gains.covariance)) / np.abs(gains.gains)
     each = ", ".join(f"{value:.5g}" for value in gains.gains)
     placed = "no place was known" if np.isnan(place) else f"{1e3 * place:.2g} mm of the place"
     return [
-        ("cells", f"{found.cells.cells}, gains {each} N/V, known to {deviation.min():.2g} to {deviation.max():.2g} %"),
+        (
+            "cells",
+            f"{found.cells.cells}, gains {each}{unit}, known to {deviation.min():.2g} to {deviation.max():.2g} %",
+        ),
         ("weights", f"{len(weights)}, {weights.min():.3g} to {weights.max():.3g} N"),
         ("residual", f"{100 * weight:.2g} % of the weight, {placed} (rms)"),
         ("left out", str(found.validation)),

@@ -77,9 +77,8 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
             hint="Let the log begin with nothing touching the body, and set tare to that time [s].",
         )
     zero = usable.mean(axis=0)
-    said = (
-        f"zero of the cells from {len(usable)} samples at the start, known to {1e6 * noise.max() / count**0.5:.2g} uV"
-    )
+    force = 1e3 * float(np.diag(cells.inverse()[1])[:3].max() / count) ** 0.5
+    said = f"zero of the cells from {len(usable)} samples at the start, known to {force:.2g} mN"
     alone = f"cell {restless[0] + 1} alone is not at rest at the start: it drifts" if len(restless) else ""
     touch = None if alone else _touch(cells, zero)
     if touch is None:

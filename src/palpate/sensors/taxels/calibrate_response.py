@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95
 from palpate.contact.ground_truth import TrueSamples
-from palpate.errors import NotIdentifiable
+from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels._loads import LEAST_PATCH
 from palpate.sensors.taxels.estimator import SIX, SQUARE, TaxelEstimator
 from palpate.sensors.taxels.health import Health
@@ -34,6 +34,12 @@ FADES = 2e-3  # share of a reading that a kelvin takes away, before it is learne
 _INNER = 0.6  # of the skin's half width, within which all of a force is on the taxels
 FACTORS, BESIDES = np.geomspace(0.1, 4.0, 20).tolist(), np.geomspace(1e-4, 0.3, 24).tolist()
 UNUSUAL = np.array([0.0, *np.geomspace(1e-3, 1.0, 15)])
+TURNED = {  # forces across that a truth may state by mistake, of which pillars show the least
+    "fx and fy exchanged": np.array([[0.0, 1.0], [1.0, 0.0]]),
+    "the other sign of fx, or of fy": np.array([[-1.0, 0.0], [0.0, 1.0]]),
+    "fx and fy exchanged and the other sign of one": np.array([[0.0, 1.0], [-1.0, 0.0]]),
+}
+FITS = 0.97  # of the misfit; right truths have 1.08 or more
 UNLIKE = np.array([0.4, 0.3, 0.3])  # pitches and shares of the force by which medians of errors are off: no response
 # error of a place [pitches] along both tangents and its covariance; the force found, its covariance, and the true one,
 # along both tangents and into the body; and the feature `shape`
@@ -54,7 +60,7 @@ def identify_response(
         provenance: origin of the log.
 
     Raises:
-        InputError: no readings of this body, or a truth without forces.
+        InputError: no readings of this body, or a truth without forces, or with forces along other axes.
         NotIdentifiable: too few presses, no frames at rest, no shear, or readings that do not follow the forces.
     """
     presses = known_presses(body, recording, truth)
@@ -80,6 +86,7 @@ def identify_response(
     )
     if not (off <= UNLIKE).all():
         raise _unrelated(f" ({left_out})")
+    _require_axes(presses, first)
     record = {"left_out": left_out, **(provenance or {})}
     kept = dict(zip(("widening", "inexact", "unusual"), wide.T, strict=True), curve=curve)
     response, _ = _fitted(presses, bool(sums))
@@ -87,6 +94,18 @@ def identify_response(
     if TEMPERATURE in recording.channels and not len(response.thermal):
         notes.append(f"the temperature changes by less than {WARMS:g} K: what it does is not learned")
     return replace(response, **kept, usual_misfit=float(np.mean(misfits)), provenance=record, notes=tuple(notes))
+
+
+def _require_axes(presses: Presses, found: TaxelResponse) -> None:
+    """Require that no exchange of the axes across makes the forces fit the places and readings better."""
+    misfits = dict[str, float]()
+    for name, turn in TURNED.items():
+        force = np.column_stack([presses.force[:, :2] @ turn, presses.force[:, 2]])
+        misfits[name] = float(np.linalg.norm(_fitted(replace(presses, force=force), False)[0].misfit))
+    best = min(misfits, key=lambda name: misfits[name])
+    if misfits[best] < FITS * np.linalg.norm(found.misfit):
+        what = f"the true forces fit the places and readings better with {best}."
+        raise InputError(what, where="truth", hint="State px, py, pz and fx, fy, fz along the same axes.")
 
 
 def _left_out(presses: Presses, parts: list[np.ndarray], sums: bool) -> list[tuple[Presses, TaxelResponse]]:

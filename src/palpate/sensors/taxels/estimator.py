@@ -222,7 +222,7 @@ class TaxelEstimator(ContactEstimator):
     def unbelievable(self) -> str:
         """Return the sentence that no touch of a log can be believed; "" if some can."""
         known, health = (self._watch.loads, self._watch.free, self._frames.touches, self.body), self.health
-        unlike = unlike_calibration(self.body, self.misfit)
+        unlike = unlike_calibration(self.body, self.misfit, self._frames.falling)
         return "" if health is None else unlike or unbelievable_touches(*known, health)
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:

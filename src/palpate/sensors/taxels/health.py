@@ -29,6 +29,8 @@ OPPOSITE = -0.8  # cosine between the ways to two neighbours
 WRAP = 0.85  # of the range: a step of a cell alone that is no touch
 BETWEEN = 10  # frames over which differences show the noise of taxels with three axes, which a rest that drifts is not
 SPREAD = 8192  # frames, evenly spread, that show the direction of a load
+# of the largest load: good taxels fall by up to 0.08 where others are pressed; frames that show still readings
+PULLED, BESIDE, STILL = 0.15, 0.1, 100
 
 
 @frozen_value
@@ -81,7 +83,8 @@ def examine(
     """
     if falling is None:
         found = examine(recording, body, seconds=seconds, falling=falls_under_load(recording, body, seconds))
-        return replace(found, notes=(*found.notes, FALLS)) if found.falling else found
+        noted = found.falling and not body.calibrated
+        return replace(found, notes=(*found.notes, FALLS)) if noted else found
     raw, tangential = body.loads(recording)
     known = np.isfinite(raw).all(axis=1)
     cells, time = -raw[known] if falling else raw[known], recording.time[known]
@@ -108,13 +111,22 @@ def examine(
             where=recording.source,
             hint="Check that the taxels are connected, and that the columns are those of their readings.",
         )
-    dead = _dead(cells - baseline, noise, still, stuck, body)
+    if body.response is None:
+        dead, mute, pulled = _dead(cells - baseline, noise, still, stuck, body), *np.zeros((2, len(body)), dtype=bool)
+    else:
+        readings = body.raw(recording)[known]
+        own = readings[..., 2] * body.response.gains[:, 2, 2]
+        rest_of, noise_of = resting(own, counts=False)
+        dead = _dead(own - rest_of, noise_of, np.ptp(own, axis=0) == 0, stuck, body)
+        mute, pulled = _mute(readings) & ~stuck, _pulled(cells - baseline, body) & body.calibrated
     hysteresis = _hysteresis(time, np.where(stuck | dead, 0.0, cells - baseline), noise)
     notes = _named("wrapped around (readings jump from one end of the range to the other)", wrapped, body)
     if still.all():
         notes.append(f"no cell moves in the first {len(cells):,} frames")
     doubts = [
-        *_named("dead: silent between cells that are pressed", dead, body),
+        *_named("dead: silent between cells that are pressed", dead & ~mute, body),
+        *_named("dead: one of their three readings never changes", mute, body),
+        *_named("reversed along z: they read a pull (they are left out; correct the sign in the log)", pulled, body),
         *_named("stuck at one value", stuck, body),
     ]
     if hysteresis > LEFT:
@@ -124,7 +136,7 @@ def examine(
     noise = noise if at_rest is None else _steady(rest, np.abs(rest - baseline) <= CLOSE * noise, noise)
     baseline = -baseline if falling else baseline
     counted = (len(rest), tuple(notes), tuple(doubts), hysteresis, falling)
-    return Health(frozen(baseline), frozen(noise), dead, stuck, *counted, at_rest)
+    return Health(frozen(baseline), frozen(noise), dead | mute | pulled, stuck, *counted, at_rest)
 
 
 def _sideways(
@@ -264,11 +276,27 @@ def _dead(
     for one, other in _opposite(body):
         both = (one >= 0) & (other >= 0)
         between[:, both] |= hard[:, one[both]] & hard[:, other[both]]
+    if body.calibrated and not (body.response is None or body.response.sums):  # all neighbours bear a force
+        between |= (hard[:, body.neighbours] & (body.neighbours >= 0)).any(axis=2)
     silent = above <= CLOSE * np.maximum(noise, np.median(noise))
     said_nothing = (between & silent).sum(axis=0)
     answered = (between & ~silent).sum(axis=0)
     never = above.max(axis=0) <= 2 * CLOSE * np.maximum(noise, np.median(noise))
     return ((said_nothing >= SILENT) & (answered == 0) & (never | still)) & ~stuck
+
+
+def _mute(readings: Float[np.ndarray, "n k 3"]) -> Bool[np.ndarray, " k"]:
+    """Return which taxels with three axes have a reading that never changes, while most others have noise."""
+    changes = np.mean(np.diff(readings, axis=0) != 0, axis=0)
+    return (changes == 0).any(axis=1) & (len(readings) >= STILL and np.median(changes) > 0.5)
+
+
+def _pulled(above: Float[np.ndarray, "n k"], body: TaxelBody) -> Bool[np.ndarray, " k"]:
+    """Return which cells fall where a neighbour is pressed, far more than they ever rise."""
+    beside = np.where(body.neighbours >= 0, above[:, body.neighbours], 0.0).max(axis=2)
+    top = float(above.max(initial=0.0))
+    falls = np.count_nonzero((above < -PULLED * top) & (beside > BESIDE * top), axis=0)
+    return (falls >= SILENT) & (above.max(axis=0, initial=0.0) < PULLED * top)
 
 
 def _opposite(body: TaxelBody) -> Iterator[tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]]:

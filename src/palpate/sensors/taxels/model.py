@@ -250,6 +250,11 @@ class TaxelBody(Value):
         return 1 if self.response is None else AXES
 
     @property
+    def calibrated(self) -> bool:
+        """Return whether the taxels have three axes with a response that was measured."""
+        return self.response is not None and bool(self.response.provenance)
+
+    @property
     def one(self) -> tuple[int, ...]:
         """Return the shape of a frame in one row: (k,), or (k, 3) of taxels with three axes."""
         return (len(self),) if self.response is None else (len(self), AXES)

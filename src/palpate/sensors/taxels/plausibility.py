@@ -17,14 +17,22 @@ UNLIKE = 5.0  # times the misfits of the presses: touches have up to 2, wrong or
 HUNDREDS, ALWAYS = 100, 0.95  # touches, and of the frames with a touch: noise or a wrong zero
 
 
-def unlike_calibration(body: TaxelBody, misfit: float) -> str:
+def unlike_calibration(body: TaxelBody, misfit: float, falling: bool) -> str:
     """Return a sentence if the loads of touches are not those that taxels with three axes were calibrated by, else "".
 
     Args:
         body: the body that was recorded.
         misfit: as of `TaxelEstimator`.
+        falling: the loads fall under touches.
     """
-    if body.response is None or not misfit > UNLIKE * body.response.usual_misfit:
+    if body.response is None or not body.calibrated:
+        return ""
+    if falling:
+        return (
+            "no result to trust: touches pull at the skin by its readings, and pressed in the calibration: correct the "
+            "sign of z in the log, or calibrate again; falling in [skin] is not for calibrated taxels of three axes"
+        )
+    if not misfit > UNLIKE * body.response.usual_misfit:
         return ""
     return (
         "no result to trust: the loads of most touches differ from those of a force by far more than in the "

@@ -315,7 +315,7 @@ def _build(setup: Setup) -> BuiltEstimator:
         made.notes.append(
             "cells at rest are found in the log itself; write tare = SECONDS in [skin] if nothing touches at its start"
         )
-    if health is not None and health.falling and stated is None:
+    if health is not None and health.falling and stated is None and not body.calibrated:
         made.notes.append(FALLS)
     return made
 
