@@ -197,11 +197,12 @@ def test_times_in_another_unit_than_the_rig_states_are_named(
     write_plate_session(Plate.drawn(np.random.default_rng(4)), np.random.default_rng(5), tmp_path)
     log, rig = tmp_path / "log.csv", tmp_path / "rig.toml"
     newtons = rig.read_text().replace("[load_cells]", '[time]\nunit = "s"\n[load_cells]\nunits = "N"\nnoise = 0.003')
-    rig.write_text("\n".join(line for line in newtons.splitlines() if not line.startswith("model")))
+    lines = [line for line in newtons.splitlines() if not line.startswith("model")]
+    rig.write_text("\n".join([*lines, '[filter]\nkind = "butterworth"\ncutoff = 10']))
     given = ["estimate", str(log), "--rig", str(rig), "-o", str(tmp_path / "c.csv")]
     assert main(given) == 0
     assert re.search(r"zero of the cells from \d+ samples at the start, known to \S+ mN", capsys.readouterr().out)
-    pl.read_csv(log).with_columns(1e3 * pl.col("time")).write_csv(log)
+    pl.read_csv(log).with_columns(pl.col("time") * 1e3).write_csv(log)
     assert main(given) == 1
     assert 'is 20 s, so times look like ms: unit = "ms" in [time].' in capsys.readouterr().err
 

@@ -34,7 +34,11 @@ SETTLES, ENDS = 0.3, 0.1  # of the time that a weight stands, at its beginning a
 FEWEST = 5  # samples of a weight
 ELSEWHERE = 2.0  # times the misfit of the weights: touches load the plate where no weight stood
 WORST = 0.2  # of a reading: cells that err by more do not carry these weights
-CHANCE, FALSE = 1e-3, (0.02, 5e-3)  # of a sound log's weights to be named; share of a weight, m: what is worth it
+CHANCE = 1e-3  # that Gaussian errors alone name a weight of a log,
+OFF_WEIGHT, OFF_PLACE = (
+    0.02,
+    5e-3,
+)  # which must be off by this share, or by so far [m]: errors of cells are not Gaussian
 NAMED = 0.01  # of the plates with cells equal to `TOLERANCE`, in which one is named
 ROUNDS = 4
 ERRORS = np.concatenate([[0.0], np.geomspace(1e-5, WORST, 100)])
@@ -307,7 +311,9 @@ def _stray(weights: Weights) -> str:
             found.append((float(fdtrc(len(off), freedom, square / len(off))), i, one.slopes @ fit.gains))
     chance, i, sums = min(found, default=(1.0, 0, np.ones(3)), key=lambda each: each[0])
     weight, place, seen = weights.weight[i], weights.place[i], sums[1:] / sums[0]
-    if chance * count > CHANCE or not (abs(sums[0] / weight - 1.0) > FALSE[0] or np.hypot(*(seen - place)) > FALSE[1]):
+    if chance * count > CHANCE or not (
+        abs(sums[0] / weight - 1.0) > OFF_WEIGHT or np.hypot(*(seen - place)) > OFF_PLACE
+    ):
         return ""
     at = [f" at ({x:.3f}, {y:.3f}) m" if np.isfinite(place).all() else "" for x, y in (place, seen)]
     return (

@@ -40,7 +40,8 @@ class Health:
     Attributes:
         baseline: (k,) reading without a touch [counts].
         noise: (k,) standard deviation of that reading.
-        dead: (k,) true for cells that are silent between neighbours that are pressed.
+        dead: (k,) true for cells that are silent between neighbours that are pressed; of taxels with three axes also
+            where a reading never changes, or a calibrated taxel is reversed along z.
         stuck: (k,) true for cells at one value far from the others' baseline.
         frames: number of frames from which the baseline was taken.
         notes, warnings: one sentence each.
