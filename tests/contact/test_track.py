@@ -80,9 +80,12 @@ def test_a_clock_that_runs_back_or_stops_names_anew_and_does_not_fail() -> None:
         ({"sure": -1e-9}, {"sure": 0.0}, "sure 0 or more"),
         ({"share": 1.0}, {"share": 0.0}, "share 0 or more and below 1"),
         ({"walk": -1.0}, {"walk": 0.0}, "walk must not be negative"),
+        ({"walk": np.inf}, {"walk": 1.0}, "walk must not be negative"),
         ({"unequal": -1.0}, {"unequal": 0.0}, "unequal must not be negative"),
+        ({"unequal": np.inf}, {"unequal": 1.0}, "unequal must not be negative"),
         ({"reach": 0.0}, {"reach": 1e-9}, "reach must be positive"),
         ({"speed": -1.0}, {"speed": 0.0}, "speed and patience 0 or more"),
+        ({"patience": -1.0}, {"patience": 0.0}, "speed and patience 0 or more"),
     ],
 )
 def test_settings_are_bounded(wrong: dict[str, float], right: dict[str, float], said: str) -> None:
