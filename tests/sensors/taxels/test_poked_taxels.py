@@ -384,6 +384,11 @@ def test_what_cannot_be_is_said(skin: Forearm, link: Mesh, session: PokeSession)
     other = ModuleLayout.repeated(LAYOUTS["ring12"], 5)
     with pytest.raises(InputError, match="layout has 60 taxels, but the pokes have 84: it belongs to another skin"):
         calibrate_taxels(pokes, surface=link, layout=other)
+    with pytest.raises(InputError, match="pull along the normals of the start"):
+        calibrate_taxels(replace(pokes, wrench=-pokes.wrench), surface=link, start=skin.cad(RNG(1)))
+    unpaired = replace(pokes, wrench=np.roll(pokes.wrench, 1, axis=0))
+    with pytest.raises(InputError, match=r"not 6.00 mm as in the layout.*in a row are of one poke"):
+        calibrate_taxels(unpaired, surface=link, layout=skin.layout, start=skin.cad(RNG(1)), rescale=True)
     with pytest.raises(NotIdentifiable, match="0 pokes can be used"):
         calibrate_taxels(replace(pokes, weight=np.zeros(len(pokes))), surface=link, layout=skin.layout)
     half = pokes.picked(np.isin(pokes.poke, np.unique(pokes.poke[pokes.taxel < 72]))[pokes.starts[:-1]])

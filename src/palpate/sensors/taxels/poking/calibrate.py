@@ -31,6 +31,7 @@ ENOUGH = 10  # pokes in all
 NAMED = 12  # taxels in a sentence
 RESCALED = 2  # fits with the spacing that pokes show
 NOISIER, ASTRAY = 1.3, 20.0  # ratios of residuals to noise: above them a warning, and an error
+LIKE = 3.0  # times the layout's spacing, up or down, beyond which pokes show nonsense
 ALONE = (
     "there is only one arm configuration: the sensor's bias and the error of the link's frame cannot be told from a "
     "shift of all taxels"
@@ -89,8 +90,8 @@ def calibrate_taxels(
         rescale: lay modules with the spacing that the pokes show, where it contradicts the layout's.
 
     Raises:
-        InputError: an unknown method, a missing surface or layout, a mirrored layout, another number of taxels, or
-            residuals that no places explain.
+        InputError: an unknown method, a missing surface or layout, a mirrored layout, another number of taxels,
+            normals that point into the body, or residuals or a spacing that no places explain.
         NotIdentifiable: fewer than ten pokes, or too few on a module.
     """
     if method not in METHODS:
@@ -156,6 +157,14 @@ def _together(
 ) -> TaxelCalibration:
     """Fit all taxels in one, with all errors that are estimated."""
     points, outward, weight = _guessed(pokes, surface)
+    if start is not None:
+        cosine = (start.normals * outward).sum(axis=1)
+        if (cosine < 0).sum() > 4 * (cosine > 0).sum():
+            raise InputError(
+                "the forces of the pokes pull along the normals of the start, as if they pointed into the body.",
+                where="start",
+                hint="Reverse them or, if they point outward, state the other acts_on in [force_torque].",
+            )
     renumbered, doubts = list[str](), ()
     if modules:
         layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
@@ -185,8 +194,15 @@ def _together(
     stated = units.layout.spacing
     for _ in range(RESCALED if rescale and modules else 0):
         spacing = _spacing(stated, solution)
-        if not spacing.contradicted or spacing.found <= 0:
+        if not spacing.contradicted:
             break
+        if not stated / LIKE < spacing.found < stated * LIKE:
+            raise InputError(
+                f"the pokes show taxels {1e3 * spacing.found:.2f} +- {1e3 * spacing.deviation:.2f} mm from their "
+                f"neighbours, not {1e3 * stated:.2f} mm as in the layout.",
+                where="pokes",
+                hint="Check that responses and wrenches in a row are of one poke, and the unit of the layout.",
+            )
         units = replace(solution.units, layout=units.layout.spaced(spacing.found))
         begun = None if start is None else fitted(units.layout, start.positions, surface)
         solution = solve(pokes, units, priors, start=begun, deviations=deviations)
