@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Int8
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.contact.locate import Locator
-from palpate.contact.meaning import Known, other_meaning, reversed_sign
+from palpate.contact.meaning import Known, other_meaning, reversed_sign, smaller_body
 from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose, rotation_from_quaternion
@@ -213,7 +213,7 @@ class Plausibility:
         posed = ORIENTATION in channels
         rotation = rotation_from_quaternion(channels[ORIENTATION]) if posed else None
         known = Known(sensed, rotation, channels.get(POSITION), recording.frame, **self.stated)
-        return tuple(judge(known, self._locator, self._mount) for judge in (other_meaning, reversed_sign))
+        return tuple(judge(known, self._locator, self._mount) for judge in (other_meaning, reversed_sign, smaller_body))
 
 
 @takes_arrays
