@@ -7,6 +7,8 @@ from scipy.spatial.transform import Rotation
 
 import palpate
 from palpate.contact.meaning import Known, other_meaning, reversed_sign, smaller_body
+from palpate.contact.plausibility import Plausibility
+from palpate.signals.recording import FORCE, TORQUE, Recording
 from palpate.spatial.pose import Pose
 
 NOISE = np.array([0.02] * 3 + [4e-4] * 3)  # N, N m
@@ -102,3 +104,9 @@ def test_two_touches_are_too_few(locator: palpate.Locator) -> None:
     force, torque, turns, position = presses(42, touches=2)
     known = Known(np.hstack([-force, -torque]), turns.as_matrix(), position)
     assert reversed_sign(known, locator, MOUNT) == other_meaning(known, locator, MOUNT) == ""
+
+
+def test_a_log_without_a_load_has_no_line_of_force(locator: palpate.Locator) -> None:
+    quiet = np.array([[0.02, 0.0, 0.0, 0.0, 0.01, 0.0]])  # noise, whose line passes 0.5 m away
+    judge = Plausibility(locator, lambda _: (quiet, None, np.zeros(1, dtype=np.int8)), MOUNT)
+    assert judge.warnings(Recording(np.zeros(1), {FORCE: quiet[:, :3], TORQUE: quiet[:, 3:]})) == []

@@ -232,10 +232,13 @@ class Plausibility:
         surface = self._locator.surface
         wrenches, covariances, _ = self._unfiltered(recording)
         sensed = wrenches @ self._mount.wrench_matrix().T  # saturated: a wrong unit does that
+        on = self._locator.least_forces(covariances)
+        if not (np.linalg.norm(sensed[:, :3], axis=1) > on).any():
+            return []
         judged = (
             *self._meanings(recording, sensed),
             lines_of_action(sensed, self._mount.apply(surface.centre), surface.size),
-            never_at_rest(sensed, self._locator.least_forces(covariances), recording.time),
+            never_at_rest(sensed, on, recording.time),
         )
         return [warning for warning in judged if warning]
 

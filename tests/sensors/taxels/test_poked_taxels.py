@@ -389,6 +389,8 @@ def test_what_cannot_be_is_said(skin: Forearm, link: Mesh, session: PokeSession)
     unpaired = replace(pokes, wrench=np.roll(pokes.wrench, 1, axis=0))
     with pytest.raises(InputError, match=r"not 6.00 mm as in the layout.*in a row are of one poke"):
         calibrate_taxels(unpaired, surface=link, layout=skin.layout, start=skin.cad(RNG(1)), rescale=True)
+    with pytest.raises(InputError, match=r"m from the sensor.*look like mm"):
+        calibrate_taxels(replace(pokes, origin=1e3 * pokes.origin), surface=link, layout=skin.layout)
     with pytest.raises(NotIdentifiable, match="0 pokes can be used"):
         calibrate_taxels(replace(pokes, weight=np.zeros(len(pokes))), surface=link, layout=skin.layout)
     half = pokes.picked(np.isin(pokes.poke, np.unique(pokes.poke[pokes.taxel < 72]))[pokes.starts[:-1]])

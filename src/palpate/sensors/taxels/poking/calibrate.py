@@ -28,6 +28,7 @@ __all__ = ["METHODS", "TaxelCalibration", "calibrate_taxels"]
 METHODS = ("free", "weighted", "surface", "taxels", "modules")
 FEWEST = 3  # pokes of a module that nothing else is known of
 ENOUGH = 10  # pokes in all
+FARTHEST = 10.0  # m from the sensor to the link
 NAMED = 12  # taxels in a sentence
 RESCALED = 2  # fits with the spacing that pokes show
 NOISIER, ASTRAY = 1.3, 20.0  # ratios of residuals to noise: above them a warning, and an error
@@ -91,7 +92,8 @@ def calibrate_taxels(
 
     Raises:
         InputError: an unknown method, a missing surface or layout, a mirrored layout, another number of taxels,
-            normals that point into the body, or residuals or a spacing that no places explain.
+            a link
+            that is too far away, normals that point into the body, or residuals or a spacing that no places explain.
         NotIdentifiable: fewer than ten pokes, or too few on a module.
     """
     if method not in METHODS:
@@ -102,6 +104,10 @@ def calibrate_taxels(
                 f"the {name} has {len(given)} taxels, but the pokes have {pokes.taxels}: it belongs to another skin.",
                 where=name,
             )
+    away = np.median(np.linalg.norm(pokes.origin, axis=1)) if len(pokes) else 0.0
+    if away > FARTHEST:
+        what = f"the link is {away:.3g} m from the sensor."
+        raise InputError(what, where="pokes", hint="Write positions of poses in m: these look like mm.")
     believed = int(np.count_nonzero(pokes.weight > 0))
     if believed < ENOUGH:
         raise NotIdentifiable(
