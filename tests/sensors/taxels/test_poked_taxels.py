@@ -398,8 +398,10 @@ def test_what_cannot_be_is_said(skin: Forearm, link: Mesh, session: PokeSession)
     with pytest.raises(NotIdentifiable, match="on modules 6"):
         calibrate_taxels(few, surface=link, layout=skin.layout)
     one = pokes.picked(pokes.configuration == 0)
-    said = calibrate_taxels(one, surface=link, start=skin.cad(RNG(1))).warnings
-    assert any("only one arm configuration" in doubt for doubt in said)
+    shifted = link.transformed(Pose.from_translation([8e-3, 0.0, 0.0]))
+    said = [calibrate_taxels(one, surface=each, start=skin.cad(RNG(1))).warnings for each in (link, shifted)]
+    assert any("only one arm configuration" in doubt for doubt in said[0])
+    assert ["mm from the surface (median)" in " ".join(each) for each in said] == [False, True]
 
 
 def test_a_planned_poke_shrinks_the_covariance_as_if_it_had_been_made(skin: Forearm, link: Mesh) -> None:

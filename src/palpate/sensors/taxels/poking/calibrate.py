@@ -229,7 +229,21 @@ def _together(
     doubts = (*renumbered, *doubts, *_doubts(pokes, solution), *left.notes)
     if start is not None and modules:
         doubts = (*doubts, *moved_far(units.layout, start.positions, places.positions))
+    if start is not None and surface is not None:
+        doubts = (*doubts, *_beside(start, surface, priors.start))
     return TaxelCalibration(places, used, solution.noise, nuisances, left, spacing, size, _untouched(places), doubts)
+
+
+def _beside(start: TaxelPlaces, surface: Surface, deviation: float) -> tuple[str, ...]:
+    """Return a warning, or (), if the expected places are not on the surface, within their deviation [m]."""
+    known = start.positions[np.isfinite(start.positions).all(axis=1)]
+    off = float(np.median(np.linalg.norm(surface.project(known)[0] - known, axis=1))) if len(known) else 0.0
+    if not off > deviation:
+        return ()
+    return (
+        f"the expected places (start) are {1e3 * off:.2g} mm from the surface (median), and taxels are taken to lie on "
+        "it: check that the mesh is this link's, with its cover, and in the frame of the start",
+    )
 
 
 def _spacing(stated: float, solution: PlacesSolution, widening: float = 1.0) -> Spacing:
