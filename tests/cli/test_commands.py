@@ -366,6 +366,18 @@ def test_a_payload_needs_an_orientation(made: Path, tmp_path: Path, capsys: pyte
     assert "the payload's weight turns with the sensor. Add" in capsys.readouterr().err
 
 
+def test_poses_that_are_late_widen_a_payload(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    late = pl.col("qx", "qy", "qz", "qw").shift(40)  # samples of 5 ms
+    pl.read_csv(made / "free_motion.csv").with_columns(late).drop_nulls().write_csv(tmp_path / "free.csv")
+    said, masses = list[str](), list[tuple[float, float]]()
+    for log in (made / "free_motion.csv", tmp_path / "free.csv"):
+        assert main(["calibrate", "payload", str(log), "-o", str(tmp_path / "payload.toml")]) == 0
+        said.append(capsys.readouterr().out)
+        masses.append(tuple(map(float, re.search(r"mass +(\S+) \+- (\S+) kg", said[-1]).groups())))
+    assert ["palpate calibrate clock" in each for each in said] == [False, True]
+    assert abs(masses[1][0] - masses[0][0]) < 2.0 * masses[1][1]  # 3 and more with one error a pose
+
+
 def test_swapped_axes_are_named_with_the_line_that_mends_them(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

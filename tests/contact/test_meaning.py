@@ -6,13 +6,16 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import palpate
-from palpate.contact.meaning import Known, other_meaning, reversed_sign
+from palpate.contact.meaning import Known, other_meaning, reversed_sign, smaller_body
+from palpate.contact.plausibility import Plausibility
+from palpate.signals.recording import FORCE, TORQUE, Recording
 from palpate.spatial.pose import Pose
 
 NOISE = np.array([0.02] * 3 + [4e-4] * 3)  # N, N m
 FLANGE = np.array([0.0, 0.0, -0.12])  # m
 MOUNT = Pose.from_translation([0.014, -0.009, 0.085])  # of the box's middle
 BOX = trimesh.creation.box((0.05, 0.036, 0.07))
+EGG = trimesh.creation.icosphere(3).apply_scale([0.02, 0.03, 0.05])
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +23,9 @@ def locator() -> palpate.Locator:
     return palpate.Locator(palpate.Mesh.from_trimesh(BOX, unit="m"), noise=NOISE)
 
 
-def presses(seed: int, touches: int = 12, up: float = -0.5) -> tuple[np.ndarray, np.ndarray, Rotation, np.ndarray]:
+def presses(
+    seed: int, touches: int = 12, up: float = -0.5, body: trimesh.Trimesh = BOX
+) -> tuple[np.ndarray, np.ndarray, Rotation, np.ndarray]:
     """Return forces and torques (n, 3) of the sensor, its rotations and positions: presses from outside, with pauses.
 
     Normals have at least `up` along z.
@@ -28,8 +33,8 @@ def presses(seed: int, touches: int = 12, up: float = -0.5) -> tuple[np.ndarray,
     A press leans by 0.3 at most, within the friction of 1 that is allowed; nothing presses where the box is held.
     """
     rng = np.random.default_rng(seed)
-    points, facets = trimesh.sample.sample_surface(BOX, 400, seed=seed)
-    normals = BOX.face_normals[facets]
+    points, facets = trimesh.sample.sample_surface(body, 400, seed=seed)
+    normals = body.face_normals[facets]
     free = np.flatnonzero(normals[:, 2] > up)[:touches]
     aside = np.cross(normals[free], rng.normal(size=(len(free), 3)))
     force = rng.uniform(4, 10, (len(free), 1)) * (0.3 * aside / np.linalg.norm(aside, axis=1)[:, None] - normals[free])
@@ -45,7 +50,17 @@ def test_nothing_is_said_of_wrenches_that_fit(locator: palpate.Locator, seed: in
     force, torque, turns, position = presses(seed, touches=3 + seed % 10)
     known = Known(np.hstack([force, torque]), turns.as_matrix(), position)
     assert other_meaning(known, locator, MOUNT) == ""
-    assert reversed_sign(known, locator, MOUNT) == ""
+    assert reversed_sign(known, locator, MOUNT) == smaller_body(known, locator, MOUNT) == ""
+
+
+@pytest.mark.parametrize("body", [BOX, EGG])
+def test_a_mesh_in_a_larger_unit_is_named(body: trimesh.Trimesh) -> None:
+    """A box cannot tell by how forces lean, only by where all of them are."""
+    force, torque, _, _ = presses(43, touches=24, body=body)
+    larger = palpate.Locator(palpate.Mesh.from_arrays(10.0 * body.vertices, body.faces), noise=NOISE)
+    said = smaller_body(Known(np.hstack([force, torque]), None, None), larger, MOUNT)
+    assert "10 times smaller, as in mm where cm is stated" in said
+    assert said.startswith("the forces lean" if body is EGG else "all touches are where")
 
 
 def test_the_mistake_is_named_with_its_line(locator: palpate.Locator) -> None:
@@ -89,3 +104,9 @@ def test_two_touches_are_too_few(locator: palpate.Locator) -> None:
     force, torque, turns, position = presses(42, touches=2)
     known = Known(np.hstack([-force, -torque]), turns.as_matrix(), position)
     assert reversed_sign(known, locator, MOUNT) == other_meaning(known, locator, MOUNT) == ""
+
+
+def test_a_log_without_a_load_has_no_line_of_force(locator: palpate.Locator) -> None:
+    quiet = np.array([[0.02, 0.0, 0.0, 0.0, 0.01, 0.0]])  # noise, whose line passes 0.5 m away
+    judge = Plausibility(locator, lambda _: (quiet, None, np.zeros(1, dtype=np.int8)), MOUNT)
+    assert judge.warnings(Recording(np.zeros(1), {FORCE: quiet[:, :3], TORQUE: quiet[:, 3:]})) == []

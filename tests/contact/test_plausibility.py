@@ -48,7 +48,11 @@ def test_a_force_that_never_rests_is_said() -> None:
     wrenches = np.tile([3.0, 0, 4.0, 0, 0, 0], (100, 1))
     assert "never below 5 N" in never_at_rest(wrenches, np.ones(1))
     wrenches[:10] = 0.0
-    assert never_at_rest(wrenches, np.ones(1)) == ""
+    time = np.arange(100) / 2
+    assert never_at_rest(wrenches, np.ones(1), time) == ""  # one long touch
+    wrenches[10:, 0] += np.arange(90) % 15 // 10 * 12.0
+    assert "from 5.0 s on the force is 5 N between touches" in never_at_rest(wrenches, np.ones(1), time)
+    assert "until 44.5 s the force is 5 N between touches" in never_at_rest(wrenches[::-1], np.ones(1), time)
 
 
 def test_noise_is_told_from_steps_whatever_touches_come_and_go() -> None:

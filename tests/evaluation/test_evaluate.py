@@ -15,6 +15,7 @@ from palpate.errors import InputError
 from palpate.evaluation.errors import ErrorSummary, angles, coverage
 from palpate.evaluation.evaluate import evaluate, evaluate_robot
 from palpate.evaluation.matching import nearest_in_time
+from palpate.evaluation.other_truth import other_truth
 from palpate.spatial.pose import Pose
 
 
@@ -200,6 +201,25 @@ def test_one_contact_after_the_other_is_one_identity_for_many_touches() -> None:
     report = evaluate(Contacts.single(np.arange(10.0), _estimate(point)), truth)
     assert [touch.error for touch in report.touches] == pytest.approx([0.0, 1e-3])
     assert report.unmatched == 0
+
+
+@pytest.mark.parametrize(
+    ("factor", "by", "lag", "said"),
+    [(1, 0, 0, ""), (1e3, 0, 0, "in mm"), (1, 1, 0, "up by a row"), (1, 0, 1, "earlier")],
+)
+def test_a_truth_that_fits_in_another_unit_row_or_clock_is_named(factor: float, by: int, lag: float, said: str) -> None:
+    rng = np.random.default_rng(6)
+    point, start, time = rng.uniform(-0.03, 0.03, (9, 3)), np.cumsum(rng.uniform(0.8, 1.6, 9)), np.arange(0, 12, 0.02)
+    where = point[np.clip(np.searchsorted(start, time) - 1, 0, 8)]
+    contacts = Contacts.single(time, _estimate(where + rng.normal(size=where.shape) * 2e-4))
+    given = factor * np.roll(point, by, axis=0)
+    for truth in (
+        TrueTouches(start + 0.1 + lag, start + 0.6 + lag, given, tuple("abcdefghi")),
+        *([] if by else [TrueSamples(start + 0.3 + lag, given)]),
+    ):
+        found = other_truth(contacts, truth, evaluate(contacts, truth))
+        assert said in found
+        assert bool(found) == bool(said)
 
 
 def test_samples_beyond_the_ends_of_the_truth_have_none_and_are_counted() -> None:

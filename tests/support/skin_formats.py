@@ -230,6 +230,7 @@ THREE: dict[str, tuple[str, Write]] = {  # file, writer
 }
 """Formats with three numbers a taxel: each is read as `XYZ`."""
 REFUSED: dict[str, tuple[str, Write, str]] = {  # file, writer, words of the reason
+    "npy_wrenches": ("t.npy", lambda path: np.save(path, FLAT[:, :11]), r"no.* log of any of.*rows of 11.*savez"),
     "plate": ("t.csv", table([f"pad{k}_kg" for k in range(4)], FLAT[:, :4]), "single-axis cells.*load_cells"),
     "untimed": ("t.csv", table([f"taxel_{k}" for k in NUMBERS], time=""), "Add --rate HZ"),
 }

@@ -18,6 +18,7 @@ from palpate.errors import InputError
 from palpate.evaluation.errors import HEADER
 from palpate.evaluation.evaluate import EvaluationReport, evaluate_robot
 from palpate.evaluation.evaluate import evaluate as compare
+from palpate.evaluation.other_truth import other_truth
 from palpate.files.contacts import read_contacts
 from palpate.files.ground_truth import read_ground_truth
 from palpate.files.models import read_provenance
@@ -102,6 +103,8 @@ def evaluate(
             ("sensor", "with a truth", "answered", "location [mm]", *HEADER[1:-1], "force [N]", "in ellipse"),
             _rows(each),
         )
+    if not each and (said := other_truth(found, known, report, tolerance=tolerance)):
+        note([said], kind="warning")
     note([*_unanswered(report), *_unpaired(report), *_unknown(found, each), *found.notes])
     if each and stated is None:
         note([f"{contacts}.toml is missing: the contacts are taken as in each sensor's own frame"], kind="warning")

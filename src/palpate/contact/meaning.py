@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import permutations
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,6 +13,7 @@ from jaxtyping import Float, Int
 from palpate.contact.estimate import Status
 from palpate.contact.locate import Locator
 from palpate.spatial.pose import Pose
+from palpate.surfaces.mesh import UNITS, plausible_size
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -24,6 +27,9 @@ TWO = 2  # and those of them on the side of the sensor
 DOUBTED = 0.6  # share of samples that a contact explains, above which the meaning is taken as right
 FITS = 0.85  # share of samples that a contact explains where the meaning is right
 BETTER = 3.0  # how many times fewer samples without an explanation the named meaning must leave
+STRAIGHTER, SURE = 2.0, 6.0  # times smaller a mean square, and nats by which another unit of the mesh is named
+FEW, NEARLY, NEAR = 6, 1.2, 5.0  # touches, mean squares that do not differ, and times smaller than what is touched
+NONE = np.inf, 1.0, ""
 ALIKE = 0.03  # shares that do not differ
 FACING = 0.7  # cosine to the direction from the sensor, beyond which a touch is on one of two sides
 ONE_SIDED = 0.7  # share of the samples that decide, for a reaction
@@ -111,6 +117,41 @@ def other_meaning(known: Known, locator: Locator, mount: Pose) -> str:
     return ""
 
 
+def smaller_body(known: Known, locator: Locator, mount: Pose) -> str:
+    """Return a warning if forces fit the body as well or far better were its mesh in a smaller unit; else "".
+
+    Lines of force that meet a small body meet one many times larger, too: near its origin, and askew if it is round.
+
+    Args:
+        known: samples in the order of time.
+        locator: on the body.
+        mount: T_sensor_surface.
+    """
+    known, touch = _loaded(known)
+    touches, size = len(np.unique(touch)), locator.surface.size
+    slope = _slope(known.wrench, locator, mount) if touches else np.inf
+    if not np.isfinite(slope):
+        return ""
+    found: list[tuple[float, float, str]] = []
+    for larger, smaller in permutations(UNITS, 2):
+        times = UNITS[larger] / UNITS[smaller]
+        if times < 2.0 or not plausible_size(size / times):
+            continue
+        if _near(known.wrench, mount.apply(locator.surface.centre / times), size / times) >= FITS:
+            found.append((_slope(known.wrench, locator, mount, times), times, f"{smaller} where {larger} is stated"))
+    least = min(found, default=(np.inf,))[0]
+    best, times, units = max((each for each in found if each[0] <= NEARLY * least), key=itemgetter(1), default=NONE)
+    if best > NEARLY * slope or touches < FEW:
+        return ""
+    unit = f"were it {times:.3g} times smaller, as in {units}: check the mesh's unit (unit in [surface])"
+    if slope < STRAIGHTER * best or touches * np.log(slope / best) < SURE:
+        if times < NEAR:
+            return ""
+        return f"all touches are where they would meet the mesh as well {unit}, unless all were near its origin"
+    lean = [np.degrees(np.arctan(np.sqrt(each))) for each in (slope, best)]
+    return f"the forces lean {lean[0]:.0f} degrees (rms) from the normals of the mesh, and {lean[1]:.0f} {unit}"
+
+
 def reversed_sign(known: Known, locator: Locator, mount: Pose) -> str:
     """Return a warning if touches press from the sensor's side of the body, where it is held, or pull; else "".
 
@@ -165,6 +206,19 @@ def _share(wrench: Float[np.ndarray, "*several n 6"], locator: Locator, mount: P
     found = locator.run(wrench.reshape(-1, 6) @ mount.inverse().wrench_matrix().T, sequential=False)
     explained = (np.asarray(found.status) <= Status.AMBIGUOUS).reshape(-1, wrench.shape[-2])
     return float(explained.any(axis=0).mean())
+
+
+def _slope(wrench: Float[np.ndarray, "n 6"], locator: Locator, mount: Pose, times: float = 1.0) -> float:
+    """Return the mean square of tan(angle between -force and normal) on a body so many times smaller; inf: no fit."""
+    scale = np.array([1.0, 1.0, 1.0, times, times, times])  # a larger torque is a smaller body
+    noise = None if locator.noise is None else locator.noise * np.outer(scale, scale)
+    other = Locator(locator.surface, locator.method, locator.friction, times * locator.torsion, noise)
+    found = other.run(wrench @ mount.inverse().wrench_matrix().T * scale, sequential=False)
+    fits = np.asarray(found.status) <= Status.AMBIGUOUS
+    force, normal = found.force[fits], found.normal[fits]
+    if fits.mean() < FITS:
+        return np.inf
+    return float(np.mean((force**2).sum(axis=1) / np.maximum((force * normal).sum(axis=1) ** 2, 1e-300) - 1.0))
 
 
 def _sides(wrench: Float[np.ndarray, "n 6"], locator: Locator, mount: Pose) -> Float[np.ndarray, " n"]:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Int8
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.contact.locate import Locator
-from palpate.contact.meaning import Known, other_meaning, reversed_sign
+from palpate.contact.meaning import Known, other_meaning, reversed_sign, smaller_body
 from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.spatial.pose import Pose, rotation_from_quaternion
@@ -21,6 +21,8 @@ LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the li
 MANY = 0.1  # of the loaded samples without an explanation: worth a sentence
 NEAR = 0.01  # of the body's size
 _Sensed = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None, Int8[np.ndarray, " n"]]
+SELDOM, LONG = 0.01, 0.2  # share of samples at rest in a stretch without rest, and of the log that it is at least
+FEW, RETURNS = 300, 4  # samples of which the most frequent force is found, and touches between which it is met again
 STICKIEST = 3.0  # friction beyond which it is none: 72 degrees
 
 
@@ -63,22 +65,54 @@ def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray
 
 
 @takes_arrays
-def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: Float[np.ndarray, " k"]) -> str:
+def never_at_rest(
+    wrenches: Float[np.ndarray, "n 6"], on: Float[np.ndarray, " k"], time: Float[np.ndarray, " n"] | None = None
+) -> str:
     """Return a warning if the force never falls below the threshold of contact, else "".
+
+    With times, a long stretch at the end or the beginning is a reason, too, if the force is the same between touches.
 
     Args:
         wrenches: (n, 6) [N, N m], force first.
         on: (n,) or (1,) force [N] at which a contact begins.
+        time: (n,) [s] in order; None: not known.
 
     Raises:
         InputError: arrays of other shapes.
     """
-    strength = np.linalg.norm(wrenches[:, :3], axis=1)
-    known = np.isfinite(strength)
-    if not known.any() or np.percentile((strength - on)[known], 1) <= 0.0:
+    force = wrenches[:, :3]
+    known = np.isfinite(force).all(axis=1)
+    force, on = force[known], np.broadcast_to(on, len(force))[known]
+    strength = np.linalg.norm(force, axis=1)
+    if not len(force):
         return ""
-    least = float(np.percentile(strength[known], 1))
-    return f"the force is never below {least:.3g} N: if nothing touches at times, bias or payload is not removed"
+    if np.percentile(strength - on, 1) > 0.0:
+        least = float(np.percentile(strength, 1))
+        return f"the force is never below {least:.3g} N: if nothing touches at times, bias or payload is not removed"
+    for way, when in ((-1, "from {} s on"), (1, "until {} s")) if time is not None else ():
+        resting = np.cumsum((strength <= on)[::way]) / np.arange(1, len(on) + 1)
+        count = int(np.flatnonzero(resting <= SELDOM).max(initial=-1)) + 1
+        rows = np.sort(np.arange(len(on))[::way][:count])
+        again = _returned_to(force[rows], float(on[rows].min())) if count > LONG * len(on) else np.arange(0)
+        if len(again):
+            level, since = np.linalg.norm(np.median(force[rows[again]], axis=0)), rows[again[0 if way < 0 else -1]]
+            return (
+                f"{when.format(f'{time[known][since]:.1f}')} the force is {level:.2g} N between touches, and nearly 0 "
+                "otherwise: the sensor's bias jumped, or something rests on it; cut the log there and tare each part"
+            )
+    return ""
+
+
+def _returned_to(force: Float[np.ndarray, "n 3"], on: float) -> Int[np.ndarray, " m"]:
+    """Return the rows at the most frequent force, if touches by more than it begin and end there; else none."""
+    some = force[:: max(1, len(force) // FEW)]
+    level = some[(np.linalg.norm(some[:, None] - some, axis=2) < on / 2).sum(axis=1).argmax()]
+    away = np.linalg.norm(force - level, axis=1)
+    near = away < on
+    seen = near | (away > max(3.0 * on, float(np.linalg.norm(level))))
+    visits = np.diff(near[seen].astype(int), prepend=0) == 1
+    steady = near.any() and np.median(away[near]) < on / 2
+    return np.flatnonzero(near & (steady and visits.sum() >= RETURNS))
 
 
 @frozen_value(eq=True)
@@ -198,10 +232,13 @@ class Plausibility:
         surface = self._locator.surface
         wrenches, covariances, _ = self._unfiltered(recording)
         sensed = wrenches @ self._mount.wrench_matrix().T  # saturated: a wrong unit does that
+        on = self._locator.least_forces(covariances)
+        if not (np.linalg.norm(sensed[:, :3], axis=1) > on).any():
+            return []
         judged = (
             *self._meanings(recording, sensed),
             lines_of_action(sensed, self._mount.apply(surface.centre), surface.size),
-            never_at_rest(sensed, self._locator.least_forces(covariances)),
+            never_at_rest(sensed, on, recording.time),
         )
         return [warning for warning in judged if warning]
 
@@ -213,7 +250,7 @@ class Plausibility:
         posed = ORIENTATION in channels
         rotation = rotation_from_quaternion(channels[ORIENTATION]) if posed else None
         known = Known(sensed, rotation, channels.get(POSITION), recording.frame, **self.stated)
-        return tuple(judge(known, self._locator, self._mount) for judge in (other_meaning, reversed_sign))
+        return tuple(judge(known, self._locator, self._mount) for judge in (other_meaning, reversed_sign, smaller_body))
 
 
 @takes_arrays

@@ -89,6 +89,6 @@ def _lacking(names: Sequence[str], counter: str | None) -> str:
         return f"its times are in two columns ({', '.join(parts)}), and one column is needed"
     if counter is not None:
         return f"{counter!r} counts the samples, and their rate is not known"
-    if made_up(names):
+    if not names or made_up(names):
         return "no column is recognised as the time"
     return f"no column looks like the time: {', '.join(names[:12])}"

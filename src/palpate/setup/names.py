@@ -127,8 +127,8 @@ def acceleration_columns(names: Sequence[str]) -> tuple[str, ...] | None:
 
 
 def made_up(names: Iterable[str]) -> bool:
-    """Return whether all names are made up (column_1, ...), because the file has none."""
-    return all(re.fullmatch(r"column_\d+", name) for name in names)
+    """Return whether there are names, and all are made up (column_1, ...), because the file has none."""
+    return bool(there := list(names)) and all(re.fullmatch(r"column_\d+", name) for name in there)
 
 
 def _groups(

@@ -136,7 +136,7 @@ def propose_rig(
     found = guess_sensor(log, body, sensor=sensor, topic=topic, rate=rate, poses=poses)
     if found is None:
         what = f"is not a log of any of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}."
-        hint = "Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand."
+        hint = "Name columns time, fx, fy, fz, tx, ty, tz (arrays by numpy.savez), or write the rig by hand."
         raise InputError(what, where=str(log), hint=hint)
     kind, guess = found
     if guess.lacking:
@@ -152,7 +152,8 @@ def propose_rig(
 def _listed(log: Path) -> str:
     """Return the first names of a log's columns and topics for a sentence."""
     there = contents(log)
-    names = [*there.names, *(f"{topic.name} ({topic.kind})" for topic in there.topics)]
+    arrays = (f"{name} (rows of {' x '.join(map(str, s))})" if s else name for name, s in there.names.items())
+    names = [*arrays, *(f"{topic.name} ({topic.kind})" for topic in there.topics)]
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "it is empty"
 
 

@@ -384,6 +384,13 @@ def test_what_cannot_be_is_said(skin: Forearm, link: Mesh, session: PokeSession)
     other = ModuleLayout.repeated(LAYOUTS["ring12"], 5)
     with pytest.raises(InputError, match="layout has 60 taxels, but the pokes have 84: it belongs to another skin"):
         calibrate_taxels(pokes, surface=link, layout=other)
+    with pytest.raises(InputError, match="pull along the normals of the start"):
+        calibrate_taxels(replace(pokes, wrench=-pokes.wrench), surface=link, start=skin.cad(RNG(1)))
+    unpaired = replace(pokes, wrench=np.roll(pokes.wrench, 1, axis=0))
+    with pytest.raises(InputError, match=r"not 6.00 mm as in the layout.*in a row are of one poke"):
+        calibrate_taxels(unpaired, surface=link, layout=skin.layout, start=skin.cad(RNG(1)), rescale=True)
+    with pytest.raises(InputError, match=r"m from the sensor.*look like mm"):
+        calibrate_taxels(replace(pokes, origin=1e3 * pokes.origin), surface=link, layout=skin.layout)
     with pytest.raises(NotIdentifiable, match="0 pokes can be used"):
         calibrate_taxels(replace(pokes, weight=np.zeros(len(pokes))), surface=link, layout=skin.layout)
     half = pokes.picked(np.isin(pokes.poke, np.unique(pokes.poke[pokes.taxel < 72]))[pokes.starts[:-1]])
@@ -391,8 +398,10 @@ def test_what_cannot_be_is_said(skin: Forearm, link: Mesh, session: PokeSession)
     with pytest.raises(NotIdentifiable, match="on modules 6"):
         calibrate_taxels(few, surface=link, layout=skin.layout)
     one = pokes.picked(pokes.configuration == 0)
-    said = calibrate_taxels(one, surface=link, start=skin.cad(RNG(1))).warnings
-    assert any("only one arm configuration" in doubt for doubt in said)
+    shifted = link.transformed(Pose.from_translation([8e-3, 0.0, 0.0]))
+    said = [calibrate_taxels(one, surface=each, start=skin.cad(RNG(1))).warnings for each in (link, shifted)]
+    assert any("only one arm configuration" in doubt for doubt in said[0])
+    assert ["mm from the surface (median)" in " ".join(each) for each in said] == [False, True]
 
 
 def test_a_planned_poke_shrinks_the_covariance_as_if_it_had_been_made(skin: Forearm, link: Mesh) -> None:

@@ -84,6 +84,8 @@ def test_a_hard_touch_of_one_cell_is_not_taken_for_a_wrap() -> None:
 def test_frames_of_another_size_are_counted_and_named() -> None:
     with pytest.raises(InputError, match=r"only 0 of 30 frames have 6 x 8 cells.*Check"):
         _examined(np.full((30, 6, 8), np.nan))
+    with pytest.raises(InputError, match=r"only 1 of 1 frames.*too short"):
+        _examined(np.zeros((1, 6, 8)))
 
 
 def test_a_start_without_touch_is_taken_at_its_word() -> None:

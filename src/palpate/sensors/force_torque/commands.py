@@ -23,11 +23,13 @@ from palpate.sensors.force_torque.section import ForceTorqueSection
 from palpate.setup.edit import update_offset
 from palpate.setup.guess import imu_topics
 from palpate.setup.names import acceleration_columns
+from palpate.signals.noise import estimate_noise
 from palpate.signals.payload import STANDARD_GRAVITY, Payload
 from palpate.signals.recording import ACCELERATION, ORIENTATION, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
 ALONE = "each on its own"
+MISFIT = 5.0, 0.01  # times the noise of a pose's mean, and share of the weight: larger residuals are the model's
 SURE = 3.0  # standard deviations from which on two clocks differ
 
 
@@ -110,7 +112,20 @@ class CalibratePayload(Calibration):
             of="poses" if averaged else "samples",
             provenance=self.record(gravity=self.gravity),
         )
-        return payload, f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if averaged else ALONE
+        if not averaged:
+            return payload, ALONE
+        used = f"{len(counts)} poses at rest of {int(counts.sum()):,} samples"
+        sensed = estimate_noise(recording.wrenches())
+        noise = 0.0 if sensed is None else float(np.sqrt((sensed.deviation[:3] ** 2).mean() / counts.mean()))
+        force, weight = payload.residual[0], float(np.linalg.norm(payload.weight))
+        if force <= max(MISFIT[0] * noise, MISFIT[1] * weight):
+            return payload, used
+        note = (
+            f"The poses' forces are {1e3 * force:.3g} mN (rms) from the fit, and their noise is {1e3 * noise:.2g} mN: "
+            f"deviations are {np.sqrt(len(counts)):.2g} times wider, as if all poses shared one error. Orientations "
+            "that are late (`palpate calibrate clock`), the gain of an axis and touches cause it."
+        )
+        return replace(payload, covariance=len(counts) * payload.covariance, notes=(*payload.notes, note)), used
 
     def _by_imu(self, recording: Recording, in_base: bool) -> tuple[Payload, str]:
         if in_base or self.gravity != "free":

@@ -94,7 +94,9 @@ def examine(
             f"only {len(cells)} of {len(raw)} frames have {body.named()}, and at least {FEWEST} are needed to know the "
             "cells at rest.",
             where=recording.source,
-            hint="Check that the rig states rows and columns as the log has them.",
+            hint="Check that the rig states rows and columns as the log has them."
+            if len(raw) >= FEWEST
+            else "The log is too short: record for longer.",
         )
     cells, wrapped = _unwrapped(cells, body)
     rest = cells

@@ -28,9 +28,11 @@ __all__ = ["METHODS", "TaxelCalibration", "calibrate_taxels"]
 METHODS = ("free", "weighted", "surface", "taxels", "modules")
 FEWEST = 3  # pokes of a module that nothing else is known of
 ENOUGH = 10  # pokes in all
+FARTHEST = 10.0  # m from the sensor to the link
 NAMED = 12  # taxels in a sentence
 RESCALED = 2  # fits with the spacing that pokes show
 NOISIER, ASTRAY = 1.3, 20.0  # ratios of residuals to noise: above them a warning, and an error
+LIKE = 3.0  # times the layout's spacing, up or down, beyond which pokes show nonsense
 ALONE = (
     "there is only one arm configuration: the sensor's bias and the error of the link's frame cannot be told from a "
     "shift of all taxels"
@@ -89,8 +91,9 @@ def calibrate_taxels(
         rescale: lay modules with the spacing that the pokes show, where it contradicts the layout's.
 
     Raises:
-        InputError: an unknown method, a missing surface or layout, a mirrored layout, another number of taxels, or
-            residuals that no places explain.
+        InputError: an unknown method, a missing surface or layout, a mirrored layout, another number of taxels,
+            a link
+            that is too far away, normals that point into the body, or residuals or a spacing that no places explain.
         NotIdentifiable: fewer than ten pokes, or too few on a module.
     """
     if method not in METHODS:
@@ -101,6 +104,10 @@ def calibrate_taxels(
                 f"the {name} has {len(given)} taxels, but the pokes have {pokes.taxels}: it belongs to another skin.",
                 where=name,
             )
+    away = np.median(np.linalg.norm(pokes.origin, axis=1)) if len(pokes) else 0.0
+    if away > FARTHEST:
+        what = f"the link is {away:.3g} m from the sensor."
+        raise InputError(what, where="pokes", hint="Write positions of poses in m: these look like mm.")
     believed = int(np.count_nonzero(pokes.weight > 0))
     if believed < ENOUGH:
         raise NotIdentifiable(
@@ -156,6 +163,14 @@ def _together(
 ) -> TaxelCalibration:
     """Fit all taxels in one, with all errors that are estimated."""
     points, outward, weight = _guessed(pokes, surface)
+    if start is not None:
+        cosine = (start.normals * outward).sum(axis=1)
+        if (cosine < 0).sum() > 4 * (cosine > 0).sum():
+            raise InputError(
+                "the forces of the pokes pull along the normals of the start, as if they pointed into the body.",
+                where="start",
+                hint="Reverse them or, if they point outward, state the other acts_on in [force_torque].",
+            )
     renumbered, doubts = list[str](), ()
     if modules:
         layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
@@ -185,8 +200,15 @@ def _together(
     stated = units.layout.spacing
     for _ in range(RESCALED if rescale and modules else 0):
         spacing = _spacing(stated, solution)
-        if not spacing.contradicted or spacing.found <= 0:
+        if not spacing.contradicted:
             break
+        if not stated / LIKE < spacing.found < stated * LIKE:
+            raise InputError(
+                f"the pokes show taxels {1e3 * spacing.found:.2f} +- {1e3 * spacing.deviation:.2f} mm from their "
+                f"neighbours, not {1e3 * stated:.2f} mm as in the layout.",
+                where="pokes",
+                hint="Check that responses and wrenches in a row are of one poke, and the unit of the layout.",
+            )
         units = replace(solution.units, layout=units.layout.spaced(spacing.found))
         begun = None if start is None else fitted(units.layout, start.positions, surface)
         solution = solve(pokes, units, priors, start=begun, deviations=deviations)
@@ -207,7 +229,21 @@ def _together(
     doubts = (*renumbered, *doubts, *_doubts(pokes, solution), *left.notes)
     if start is not None and modules:
         doubts = (*doubts, *moved_far(units.layout, start.positions, places.positions))
+    if start is not None and surface is not None:
+        doubts = (*doubts, *_beside(start, surface, priors.start))
     return TaxelCalibration(places, used, solution.noise, nuisances, left, spacing, size, _untouched(places), doubts)
+
+
+def _beside(start: TaxelPlaces, surface: Surface, deviation: float) -> tuple[str, ...]:
+    """Return a warning, or (), if the expected places are not on the surface, within their deviation [m]."""
+    known = start.positions[np.isfinite(start.positions).all(axis=1)]
+    off = float(np.median(np.linalg.norm(surface.project(known)[0] - known, axis=1))) if len(known) else 0.0
+    if not off > deviation:
+        return ()
+    return (
+        f"the expected places (start) are {1e3 * off:.2g} mm from the surface (median), and taxels are taken to lie on "
+        "it: check that the mesh is this link's, with its cover, and in the frame of the start",
+    )
 
 
 def _spacing(stated: float, solution: PlacesSolution, widening: float = 1.0) -> Spacing:

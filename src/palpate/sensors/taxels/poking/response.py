@@ -29,6 +29,7 @@ QUIET = 0.05  # weight of a silent taxel in a poke's place, relative to one that
 _ENOUGH, _MANY = 30, 1000  # pokes of which the model is learned, at least and about
 _ROUNDS = 4
 _LEAST = 0.05  # of the scatter
+_BOUNDS = np.log([[5e-4, 1.0], [3e-2, 50.0]])  # reach [m] and power, least and most
 
 
 @frozen_value(eq=True)
@@ -180,10 +181,8 @@ def learned(chart: LocalTaxels) -> Response:
             )  # each poke has its own
             return (gap - level[poke]) * np.sqrt(share)
 
-        start = np.log([known.reach, known.power])
-        found = least_squares(
-            gaps, start, bounds=(np.log([5e-4, 1.0]), np.log([3e-2, 50.0])), loss="soft_l1", f_scale=0.3
-        )
+        start = np.clip(np.log([known.reach, known.power]), *_BOUNDS)
+        found = least_squares(gaps, start, bounds=_BOUNDS, loss="soft_l1", f_scale=0.3)
         reach, power = np.exp(found.x).tolist()
         level = float(np.median(chart.log[rows] - Response(0.0, reach, power).log(square[rows])))
         free = int(rows.sum()) - 3 * len(chart.log)  # level and place of each poke are taken from its answers
