@@ -130,6 +130,7 @@ def build(level: str, part: str) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         module.output_dir, module.output_file = scratch, f"{name}.so"
         module.target_cpu = level if level.startswith("x86-64") else "generic"
+        module._extra_cflags = {"posix": ["-g0", "-O1"]}  # of numba's C files, which no kernel spends time in
         module.compile()
         final = jit.native_file(level, part)
         final.parent.mkdir(exist_ok=True)

@@ -38,6 +38,7 @@ class Job:
     servo: Servo
     lost: float = 0.0
     spikes: bool = False
+    judged: float | None = None  # s; None: a period, two of a short one
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Ran:
 
 
 def run(job: Job) -> Ran:
-    condition = sine("", job.direction, job.period, seed=job.seed, lab={"lost": job.lost})
+    condition = sine("", job.direction, job.period, judged=job.judged, seed=job.seed, lab={"lost": job.lost})
     lab: PhantomLab = LABS[job.contact](condition.settings)
     made = controller_for(lab)
     controller = AlignController(made.arm, made.estimator, FORCE, face=made.face, servo=job.servo)
@@ -76,14 +77,14 @@ def run(job: Job) -> Ran:
 def rows(small: bool) -> Iterator[Row]:
     """Force and angle by contact and period; lost commands; the state; spikes."""
     seeds, periods, ways = (1, (5,), DIRECTIONS[:1]) if small else (20, PERIODS, DIRECTIONS)
-    labs = tuple(LABS)[:1] if small else tuple(LABS)
+    labs, judged = (tuple(LABS)[:1], 2.5) if small else (tuple(LABS), None)
     rng, jobs = np.random.default_rng(SEED), list[Job]()
     for contact, period, way, seed in product(labs, periods, ways, range(SEED, SEED + seeds)):
         delay, lag = rng.uniform(-OFF, OFF, 2).tolist()
         exact = Servo()
         for servo in (exact, replace(exact, delay=exact.delay + delay, lag=exact.lag + lag)):
-            jobs.append(Job(contact, way, period, seed, servo))
-    first = Job("elastic", DIRECTIONS[0], periods[0], SEED, HARD)
+            jobs.append(Job(contact, way, period, seed, servo, judged=judged))
+    first = Job("elastic", DIRECTIONS[0], periods[0], SEED, HARD, judged=judged)
     others = [replace(first, servo=Servo(delay=0.03), lost=LOST), first, replace(first, servo=Servo(), spikes=True)]
     others = [replace(job, seed=SEED + k) for job in others for k in range(1 if small else 5)]
     lossy = [

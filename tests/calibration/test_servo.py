@@ -12,7 +12,7 @@ from palpate.calibration.servo_motion import CommandChanges, ServoMotion
 from palpate.control.servo import Servo, ServoModel
 from palpate.errors import InputError, NotIdentifiable, PalpateError
 
-short = partial(ServoLog, seconds=15.0)
+short = partial(ServoLog, seconds=11.0)
 ROUGH = [short(rate=333.0, jitter=1e-3, hidden=1e-3, lost=0.05, noise=1e-4, seed=20 + k) for k in range(4)]
 rows = cache(ServoLog.rows)
 

@@ -91,8 +91,7 @@ def calibrate_taxels(
         rescale: lay modules with the spacing that the pokes show, where it contradicts the layout's.
 
     Raises:
-        InputError: an unknown method, a missing surface or layout, a mirrored layout, another number of taxels,
-            a link
+        InputError: an unknown method, a missing surface or layout, a mirrored layout, another number of taxels, a link
             that is too far away, normals that point into the body, or residuals or a spacing that no places explain.
         NotIdentifiable: fewer than ten pokes, or too few on a module.
     """
