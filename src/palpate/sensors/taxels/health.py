@@ -135,7 +135,7 @@ def examine(
 
 
 def _moved(cells: Float[np.ndarray, "n k"], noise: Float[np.ndarray, " k"]) -> list[str]:
-    """Return a list of a warning where nearly all cells read more, or less, at the log's end by about the same."""
+    """Return a list of a warning where nearly all cells read more, or less, at the end by about the same."""
     part = len(cells) // PART
     if part < FEWEST:
         return []
@@ -144,9 +144,9 @@ def _moved(cells: Float[np.ndarray, "n k"], noise: Float[np.ndarray, " k"]) -> l
     if low < MOVED * np.median(noise) or high - low > ALIKE * middle:
         return []
     return [
-        f"nearly all cells read {middle:.2g} {'more' if np.median(shift) > 0 else 'less'} in the last tenth of the log "
-        "than in the first: if they are not all pressed alike, the zero jumped or drifts, which is followed only with "
-        "tare = SECONDS of an untouched start in [skin]"
+        f"nearly all cells read {middle:.2g} {'more' if np.median(shift) > 0 else 'less'} at the end of the first "
+        f"{len(cells):,} frames than at their start: if they are not all pressed alike, the zero jumped or drifts, which "
+        "is followed only with tare = SECONDS of an untouched start in [skin]"
     ]
 
 
