@@ -145,7 +145,7 @@ def _moved(cells: Float[np.ndarray, "n k"], noise: Float[np.ndarray, " k"]) -> l
         return []
     return [
         f"nearly all cells read {middle:.2g} {'more' if np.median(shift) > 0 else 'less'} at the end of the first "
-        f"{len(cells):,} frames than at their start: if they are not all pressed alike, the zero jumped or drifts, which "
+        f"{len(cells):,} frames than at their start: if not all are pressed alike, the zero jumped or drifts, which "
         "is followed only with tare = SECONDS of an untouched start in [skin]"
     ]
 
