@@ -218,7 +218,8 @@ def _slope(wrench: Float[np.ndarray, "n 6"], locator: Locator, mount: Pose, time
     force, normal = found.force[fits], found.normal[fits]
     if fits.mean() < FITS:
         return np.inf
-    return float(np.mean((force**2).sum(axis=1) / np.maximum((force * normal).sum(axis=1) ** 2, 1e-300) - 1.0))
+    ratio: Float[np.ndarray, " k"] = (force**2).sum(axis=1) / np.maximum((force * normal).sum(axis=1) ** 2, 1e-300)
+    return float(ratio.mean()) - 1.0
 
 
 def _sides(wrench: Float[np.ndarray, "n 6"], locator: Locator, mount: Pose) -> Float[np.ndarray, " n"]:

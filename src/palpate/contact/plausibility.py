@@ -89,7 +89,9 @@ def never_at_rest(
     if np.percentile(strength - on, 1) > 0.0:
         least = float(np.percentile(strength, 1))
         return f"the force is never below {least:.3g} N: if nothing touches at times, bias or payload is not removed"
-    for way, when in ((-1, "from {} s on"), (1, "until {} s")) if time is not None else ():
+    if time is None:
+        return ""
+    for way, when in ((-1, "from {} s on"), (1, "until {} s")):
         resting = np.cumsum((strength <= on)[::way]) / np.arange(1, len(on) + 1)
         count = int(np.flatnonzero(resting <= SELDOM).max(initial=-1)) + 1
         rows = np.sort(np.arange(len(on))[::way][:count])

@@ -37,6 +37,14 @@ def test_rest_and_noise_are_found_under_touches() -> None:
     assert health.good.all()
 
 
+@pytest.mark.parametrize(("step", "said"), [(8.0, "cells read 8 more"), (-8.0, "cells read 8 less"), (1.0, "")])
+def test_a_zero_that_moved_without_a_tare_is_named(step: float, said: str) -> None:
+    cells, _ = _frames()
+    cells[len(cells) // 3 :] += step
+    assert said in (found := "".join(_examined(cells).warnings))
+    assert bool(found) == bool(said)
+
+
 def test_a_cell_that_is_silent_between_pressed_ones_is_dead() -> None:
     cells, _ = _frames()
     cells[:, 2, 3] = 12.0

@@ -26,6 +26,8 @@ FALLS = (
     "falling = false if they rise"
 )
 OPPOSITE = -0.8  # cosine between the ways to two neighbours
+MOVED, ALIKE = 4.0, 0.5  # deviations of noise, and share of the median in which cells differ, of a zero that moved
+PART = 10  # of the log at its start and end, in which it is seen
 WRAP = 0.85  # of the range: a step of a cell alone that is no touch
 BETWEEN = 10  # frames over which differences show the noise of taxels with three axes, which a rest that drifts is not
 SPREAD = 8192  # frames, evenly spread, that show the direction of a load
@@ -135,11 +137,30 @@ def examine(
     if hysteresis > LEFT:
         share = f"{100 * hysteresis:.0f} % of a reading remains {AFTER:g} s after a touch"
         doubts.append(f"{share}: after it, forces are too large for a while (hysteresis, or slow recovery)")
+    good = ~(stuck | dead)
+    if seconds is None and good.any():
+        doubts += _moved(cells[:, good], noise[good])
     at_rest = _sideways(tangential[known][: len(rest)], rest, baseline, noise)
     noise = noise if at_rest is None else _steady(rest, np.abs(rest - baseline) <= CLOSE * noise, noise)
     baseline = -baseline if falling else baseline
     counted = (len(rest), tuple(notes), tuple(doubts), hysteresis, falling)
     return Health(frozen(baseline), frozen(noise), dead | mute | pulled, stuck, *counted, at_rest)
+
+
+def _moved(cells: Float[np.ndarray, "n k"], noise: Float[np.ndarray, " k"]) -> list[str]:
+    """Return a list of a warning where nearly all cells read more, or less, at the end by about the same."""
+    part = len(cells) // PART
+    if part < FEWEST:
+        return []
+    shift = np.median(cells[-part:], axis=0) - np.median(cells[:part], axis=0)
+    low, middle, high = np.quantile(shift * np.sign(np.median(shift)), (0.1, 0.5, 0.75))
+    if low < MOVED * np.median(noise) or high - low > ALIKE * middle:
+        return []
+    return [
+        f"nearly all cells read {middle:.2g} {'more' if np.median(shift) > 0 else 'less'} at the end of the first "
+        f"{len(cells):,} frames than at their start: if not all are pressed alike, the zero jumped or drifts, which "
+        "is followed only with tare = SECONDS of an untouched start in [skin]"
+    ]
 
 
 def _sideways(

@@ -29,7 +29,7 @@ QUIET = 0.05  # weight of a silent taxel in a poke's place, relative to one that
 _ENOUGH, _MANY = 30, 1000  # pokes of which the model is learned, at least and about
 _ROUNDS = 4
 _LEAST = 0.05  # of the scatter
-_BOUNDS = np.log([[5e-4, 1.0], [3e-2, 50.0]])  # reach [m] and power, least and most
+_BOUNDS = np.log([5e-4, 1.0]), np.log([3e-2, 50.0])  # reach [m] and power, least and most
 
 
 @frozen_value(eq=True)
