@@ -11,8 +11,6 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.evaluation.evaluate import EvaluationReport, evaluate
 
-__all__ = ["other_truth"]
-
 HELD = 0.7  # share of the ellipses that hold the truth, above which it is taken as right
 FAR_BETTER = 5.0  # times smaller a median error of another truth
 BETTER = 1.1  # times smaller, to replace a simpler explanation
