@@ -10,13 +10,15 @@ import pytest
 import palpate
 from palpate.contact.estimate import ROW
 from palpate.files.logs import join
+from palpate.files.logs.decoding import seconds
 from palpate.live.live import AnsweredSamples, Live
 from palpate.live.replay import Replay, bare
 from palpate.live.stream_buffer import StreamBuffer
 from palpate.setup.pipeline import OpenedLog
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigOrientation
-from palpate.signals.recording import UNSTEADY
+from palpate.signals.recent_motion import RecentMotion
+from palpate.signals.recording import ORIENTATION, POSITION, UNSTEADY
 from tests.conformance.fields import Case, same
 from tests.conformance.live import replayed
 from tests.conformance.sensors import SENSORS, Sensor
@@ -66,6 +68,12 @@ def test_a_replayed_log_is_answered_as_the_log_is(
     assert np.array_equal(np.concatenate([each.stamp for each in found]), stamps)
     rows = np.concatenate([each.rows for each in found])
     live.estimator.reset()
+    if live._motion is not None:
+        made, still = (
+            RecentMotion(live.estimator.sensor.payload.center_of_mass, answers=False),
+            np.zeros((len(stamps), 1)),
+        )
+        _, channels[UNSTEADY] = made.at(seconds(stamps), channels[ORIENTATION], channels[POSITION], still)
     known = live.estimator.run(replace(recording, channels=channels))
     assert np.array_equal(np.bincount(known.sample), np.concatenate([each.counts for each in found]))
     assert np.array_equal(rows[:, ROW.point], known.point, equal_nan=True)
