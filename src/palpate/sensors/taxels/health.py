@@ -317,7 +317,9 @@ def _mute(readings: Float[np.ndarray, "n k 3"]) -> Bool[np.ndarray, " k"]:
 
 def _pulled(above: Float[np.ndarray, "n k"], body: TaxelBody) -> Bool[np.ndarray, " k"]:
     """Return which cells fall where a neighbour is pressed, far more than they ever rise."""
-    beside = np.where(body.neighbours >= 0, above[:, body.neighbours], 0.0).max(axis=2)
+    beside = np.zeros_like(above)
+    for neighbour in body.neighbours.T:  # at once they would take gigabytes
+        np.maximum(beside, np.where(neighbour >= 0, above[:, neighbour], 0.0), out=beside)
     top = float(above.max(initial=0.0))
     falls = np.count_nonzero((above < -PULLED * top) & (beside > BESIDE * top), axis=0)
     return (falls >= SILENT) & (above.max(axis=0, initial=0.0) < PULLED * top)
