@@ -169,7 +169,7 @@ def pose_period(poses: Float[np.ndarray, "n 8"], settings: WindowSettings) -> fl
     """
     time, quaternion, position = poses[:, 0], poses[:, 1:5], poses[:, 5:]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        rates = np.hstack([_turns(quaternion), np.diff(position, axis=0)]) / np.diff(time)[:, None]
+        rates = np.hstack([turns(quaternion), np.diff(position, axis=0)]) / np.diff(time)[:, None]
         change = np.abs(np.diff(rates, axis=0)) * settings.step
         largest = max(1.0, float(np.max(np.abs(position), initial=0.0, where=np.isfinite(position))))
         kinked: Bool[np.ndarray, " m"] = np.any(change > ROUNDING * largest, axis=1)
@@ -184,7 +184,7 @@ def _period(kinked: Int[np.ndarray, " k"]) -> float:
     return float(np.median(np.diff(poses))) if len(poses) > 3 else 0.0
 
 
-def _turns(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "m 3"]:
+def turns(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "m 3"]:
     """Return the rotation vectors [rad], in the base, from each row to the next."""
     unit = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
     v, w, u, s = unit[:-1, :3], unit[:-1, 3:], unit[1:, :3], unit[1:, 3:]
@@ -192,7 +192,8 @@ def _turns(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "m 3"]:
     cosine = w * s + np.sum(v * u, axis=1, keepdims=True)
     sine = np.linalg.norm(vector, axis=1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, np.abs(cosine))
-    return np.where(sine > 0, angle / sine, 2.0) * np.sign(cosine) * vector
+    scale = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0)
+    return scale * np.sign(cosine) * vector
 
 
 def _odd(rows: float) -> int:

@@ -16,6 +16,7 @@ from palpate.files.logs.opening import messages_of, read_recording
 from palpate.files.logs.transforms import TreePoses, read_frames, tree_topics
 from palpate.files.messages import MessageFile, Topic
 from palpate.files.urdf import Kinematics, Urdf
+from palpate.signals._curvature import turns
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose_track import PoseTrack
 
@@ -27,6 +28,7 @@ _JUMP = 3.0  # of a joint's speed limit, beyond which a step cannot be its motio
 _FASTEST = 50.0  # rad/s, m/s: without a limit
 _BEYOND, _OFTEN = 0.05, 0.01  # of a joint's range, and share of its samples: beyond the limits by more, and more often
 _STILL, _HUNG, _CHANGES = 1.0, 100, 0.9  # s and samples that a hung encoder repeats at least; of its others that change
+_SLIGHT = 3e-5  # rad, m: errors of the interpolation that are none
 _LOST = 1.0  # s of a log without joint states, beyond which that is stated
 
 
@@ -114,14 +116,13 @@ class JointSamples:
 
         At a share s of a step h, interpolation misses what an acceleration a does: s (1 - s) h^2 a / 2.
         """
-        from scipy.spatial.transform import Rotation  # here: scipy is slow to import
-
         stamps, quaternion, position = (np.concatenate(part) for part in zip(*self._near(link, time, 1), strict=True))
         if len(stamps) < 3:
             return np.zeros((len(time), 6, 6))
-        turn, steps = Rotation.from_quat(quaternion), np.diff(stamps)
-        moved = np.column_stack([(turn[1:] * turn[:-1].inv()).as_rotvec(), np.diff(position, axis=0)])
+        steps, moved = np.diff(stamps), np.column_stack([turns(quaternion), np.diff(position, axis=0)])
         bends = np.diff(moved / steps[:, None], axis=0) / (0.5 * (steps[1:] + steps[:-1]))[:, None]
+        if steps.max() ** 2 / 8.0 * np.abs(bends).max() < _SLIGHT:
+            return np.zeros((len(time), 6, 6))
         step = np.clip(np.searchsorted(stamps, time, side="right") - 1, 0, len(steps) - 1)
         share = np.clip((time - stamps[step]) / steps[step], 0.0, 1.0)
         off = (0.5 * share * (1.0 - share) * steps[step] ** 2)[:, None]
