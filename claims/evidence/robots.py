@@ -177,10 +177,11 @@ def _live(sessions: list[Path], small: bool) -> Row:
             known = read_ground_truth(own)
             found = Contacts.of_rows(np.arange(len(times)), times, rows, ())
             every.append((evaluate(found, known), evaluate(offline, known)))
-    count = sum(live.coverage.count for live, _ in every)
-    live, log = (sum(each[k].coverage.inside * each[k].coverage.count for each in every) / count for k in (0, 1))
+    covered = [[each[k].coverage for each in every] for k in (0, 1)]
+    counts = [sum(one.count for one in each) for each in covered]
+    live, log = (sum(one.inside * one.count for one in each) / n for each, n in zip(covered, counts, strict=True))
     off = 1e3 * float(np.nanmedian(np.concatenate([live.errors for live, _ in every])))
-    got = f"{live:.1%} of {count:,} samples, {log:.1%} in the log; off by {off:.2f} mm (median)"
+    got = f"{live:.1%} of {counts[0]:,} samples, {log:.1%} in the log; off by {off:.2f} mm (median)"
     what = "humanoid, live: wrists, truth in the 95 % ellipse"
     return Row(what, "" if small else "the log's share -3 %", got, None if small else live >= log - 0.03)
 
