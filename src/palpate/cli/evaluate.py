@@ -103,8 +103,8 @@ def evaluate(
             ("sensor", "with a truth", "answered", "location [mm]", *HEADER[1:-1], "force [N]", "in ellipse"),
             _rows(each),
         )
-    if not each and (said := other_truth(found, known, report, tolerance=tolerance)):
-        note([said], kind="warning")
+    if not each and (warning := other_truth(found, known, report, tolerance=tolerance)):
+        note([warning], kind="warning")
     note([*_unanswered(report), *_unpaired(report), *_unknown(found, each), *found.notes])
     if each and stated is None:
         note([f"{contacts}.toml is missing: the contacts are taken as in each sensor's own frame"], kind="warning")

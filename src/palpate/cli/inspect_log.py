@@ -191,9 +191,14 @@ def say_contents(there: LogContents) -> None:
 
 
 def _rates(there: LogContents) -> Callable[[Topic], str]:
-    """Return what gives the rate of a topic as text: the mean, or by the median step where no duration is stated."""
-    if there.duration > 0 or (source := messages_of(there.path)) is None:
+    """Return a function of a topic that gives its rate as text.
+
+    It is the mean, or that of the median step where the log states no duration.
+    """
+    if there.duration > 0:
         return lambda topic: f"{(topic.count - 1) / there.duration:.4g}" if topic.count > 1 else "-"
+    if (source := messages_of(there.path)) is None:
+        return lambda _: "-"
     times = {topic.name: [np.empty(0, dtype=np.int64)] for topic in there.topics}
     for block in source.messages():
         for topic in there.topics:

@@ -22,7 +22,8 @@ MANY = 0.1  # of the loaded samples without an explanation: worth a sentence
 NEAR = 0.01  # of the body's size
 _Sensed = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None, Int8[np.ndarray, " n"]]
 SELDOM, LONG = 0.01, 0.2  # share of samples at rest in a stretch without rest, and of the log that it is at least
-FEW, RETURNS = 300, 4  # samples of which the most frequent force is found, and touches between which it is met again
+SAMPLED = 300  # samples, evenly spread, among which the most frequent force is searched for
+RETURNS = 4  # touches after which the force must be back at that value
 STICKIEST = 3.0  # friction beyond which it is none: 72 degrees
 
 
@@ -107,7 +108,7 @@ def never_at_rest(
 
 def _returned_to(force: Float[np.ndarray, "n 3"], on: float) -> Int[np.ndarray, " m"]:
     """Return the rows at the most frequent force, if touches by more than it begin and end there; else none."""
-    some = force[:: max(1, len(force) // FEW)]
+    some = force[:: max(1, len(force) // SAMPLED)]
     level = some[(np.linalg.norm(some[:, None] - some, axis=2) < on / 2).sum(axis=1).argmax()]
     away = np.linalg.norm(force - level, axis=1)
     near = away < on

@@ -14,8 +14,8 @@ from palpate.evaluation.evaluate import EvaluationReport, evaluate
 HELD = 0.7  # share of the ellipses that hold the truth, above which it is taken as right
 FAR_BETTER = 5.0  # times smaller a median error of another truth
 BETTER = 1.1  # times smaller, to replace a simpler explanation
-FEWEST = 4  # errors of which there is a median
-ANSWERED = 0.7  # of the stated truth's answered contacts that another truth has as well
+LEAST = 4  # compared contacts or touches whose median error is used
+MATCHED = 0.7  # share of the contacts compared with the stated truth that another truth must match as well
 MANY = 4_000  # contacts and instants that are looked at
 UNITS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "um": 1e-6}
 LAGS = np.concatenate([np.arange(0.05, 0.5, 0.05), np.arange(0.5, 5.0, 0.1)])  # s
@@ -36,24 +36,26 @@ def other_truth(contacts: Contacts, truth: _Truth, found: EvaluationReport, *, t
     """
     stated = found.location
     right = found.coverage.count and found.coverage.inside > HELD
-    if stated is None or stated.count < FEWEST or right or not np.isfinite(stated.median):
+    if stated is None or stated.count < LEAST or right or not np.isfinite(stated.median):
         return ""
     contacts = contacts[:: max(1, len(contacts) // MANY)]
     if isinstance(truth, TrueSamples):
         truth = truth[np.arange(0, len(truth.time), max(1, len(truth.time) // MANY))]
     as_stated = evaluate(contacts, truth, tolerance=tolerance).answered
-    best, said, enough = stated.median / FAR_BETTER, "", ANSWERED * as_stated
+    smallest, explanation = stated.median / FAR_BETTER, ""
     for what, other in _others(truth):
-        made = evaluate(contacts, other, tolerance=tolerance)
-        errors, apart = made.location, np.linalg.norm(other.point - np.median(other.point, axis=0), axis=1)
-        if errors is None or errors.count < FEWEST or made.answered < enough or errors.median > np.median(apart) / 2:
+        report = evaluate(contacts, other, tolerance=tolerance)
+        errors, spread = report.location, np.linalg.norm(other.point - np.median(other.point, axis=0), axis=1)
+        if errors is None or errors.count < LEAST or report.answered < MATCHED * as_stated:
+            continue
+        if errors.median > np.median(spread) / 2:
             continue  # points that a unit shrinks to one fit all that is near it
-        if errors.median < best:
-            best, said = errors.median / BETTER, what
-    if not said:
+        if errors.median < smallest:
+            smallest, explanation = errors.median / BETTER, what
+    if not explanation:
         return ""
-    errors = f"{1e3 * BETTER * best:.3g} mm in the median then, {1e3 * stated.median:.3g} mm as stated"
-    return f"the truth fits far better {said} ({errors})"
+    errors = f"{1e3 * BETTER * smallest:.3g} mm in the median then, {1e3 * stated.median:.3g} mm as stated"
+    return f"the truth fits far better {explanation} ({errors})"
 
 
 def _others(truth: _Truth) -> Iterator[tuple[str, _Truth]]:

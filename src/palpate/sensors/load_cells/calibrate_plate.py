@@ -34,11 +34,9 @@ SETTLES, ENDS = 0.3, 0.1  # of the time that a weight stands, at its beginning a
 FEWEST = 5  # samples of a weight
 ELSEWHERE = 2.0  # times the misfit of the weights: touches load the plate where no weight stood
 WORST = 0.2  # of a reading: cells that err by more do not carry these weights
-CHANCE = 1e-3  # that Gaussian errors alone name a weight of a log,
-OFF_WEIGHT, OFF_PLACE = (
-    0.02,
-    5e-3,
-)  # which must be off by this share, or by so far [m]: errors of cells are not Gaussian
+CHANCE = 1e-3  # probability that Gaussian errors alone name a weight of a log
+OFF_WEIGHT = 0.02  # share by which a named weight must be off, or
+OFF_PLACE = 5e-3  # m by which its place must be: errors of cells are not Gaussian
 NAMED = 0.01  # of the plates with cells equal to `TOLERANCE`, in which one is named
 ROUNDS = 4
 ERRORS = np.concatenate([[0.0], np.geomspace(1e-5, WORST, 100)])
@@ -179,10 +177,8 @@ def identify_plate(
     covariance = left.widening * gains.covariance + own
     cells = _divided(plate_cells(positions, gains.gains, noise, axis, limits), stood, gains)
     odd = _odd(gains)
-    bias, notes = (
-        np.mean([rest.voltage for rest in found], axis=0),
-        [stray] * bool(stray) + [*_said(gains, odd, len(positions)), *left.notes],
-    )
+    bias = np.mean([rest.voltage for rest in found], axis=0)
+    notes = (*([stray] if stray else []), *_said(gains, odd, len(positions)), *left.notes)
     known = {"bias": bias, "drift": _drift(found, noise), "correlation": correlation, "samples": len(log.time)}
     changed = with_changes(with_gains(cells, covariance), provenance=provenance, notes=notes, **known)
     return PlateCalibration(changed, stood, gains, left, odd)

@@ -275,7 +275,7 @@ class RingEstimator(ContactEstimator):
 
 
 class _Watch:
-    """What the images so far show: since when each has a contact, and how many no contact explains."""
+    """Count the images that no contact explains, and note since when every image has a contact."""
 
     def __init__(self) -> None:
         self._first = self._since = self._last = nan  # s
