@@ -24,7 +24,6 @@ def _poses_and_motion() -> None:
     from palpate.control.control_law import Sensed
     from palpate.control.probe_face import ProbeFace
     from palpate.control.stability import Admittance, DelayedRobot
-    from palpate.signals.recent_motion import RecentMotion
     from palpate.spatial.live_track import LiveTrack
     from palpate.spatial.pose import Pose
     from palpate.surfaces import Sphere
@@ -34,7 +33,6 @@ def _poses_and_motion() -> None:
     track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (20, 1)), np.zeros((20, 3)))
     track.at(time)
     track.lag(time)
-    RecentMotion(np.zeros(3)).at(time, *track.at(time), np.zeros((20, 1)))
     Pose.from_matrix(np.eye(4))
     plain = Plain(ProbeFace.of(Sphere(0.02).mesh(300)), 5.0, Admittance(10.0, 290.0), 0.5, stiffest=2500.0)
     plain.start(Sensed())

@@ -118,6 +118,7 @@ class _Live:
             if any(text.startswith("the page is at") for ring in self.rings for _, text in ring.events(0)[0]):
                 return self
             time.sleep(0.5)
+        self.__exit__()
         raise TimeoutError("palpate live of 24 sensors does not begin")
 
     def __exit__(self, *_: object) -> None:

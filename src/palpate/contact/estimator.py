@@ -266,9 +266,7 @@ class ContactEstimator(ABC):
                     self._fitting.clear()
                 self._fitting.add(form)
         arrays = cast("tuple[Times, np.ndarray, Channels]", (time, readings, extra_channels))
-        done = self._arrays(*arrays, out, counts)
-        self._samples += done
-        return done
+        return run_fitting(self, *arrays, out, counts)
 
     def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
         """Answer as many samples at a time as certainly fit; return the number of samples answered."""
@@ -288,6 +286,15 @@ class ContactEstimator(ABC):
         return Contacts.of_rows(
             first + np.repeat(np.arange(len(block)), counts), np.repeat(block.time, counts), rows, self.features
         )
+
+
+def run_fitting(
+    estimator: ContactEstimator, time: Times, readings: np.ndarray, extra_channels: Channels, out: Rows, counts: Counts
+) -> int:
+    """Do what an estimator's `run_into` does, for arrays like those that it took as they are."""
+    done = estimator._arrays(time, readings, extra_channels, out, counts)
+    estimator._samples += done
+    return done
 
 
 def instant(time: ArrayLike) -> float:

@@ -14,6 +14,7 @@ from palpate.contact.estimate import ROW
 from palpate.contact.locate import Locator
 from palpate.signals.smoothing import Forward
 from palpate.signals.wrench_sensor import Placement, WrenchSensor
+from palpate.spatial.arguments import unchecked
 
 __all__: list[str] = []  # for this package alone: arrays are checked where they come in
 
@@ -72,6 +73,7 @@ class LiveLoop:
 
         self._given, self._time = (sensor, locator, placement, forward), np.zeros(1)
         self._hold, self._pack, self._revision = sensor.hold, _live.packed, -1
+        self.inputs = unchecked(sensor.inputs)
         self._entry = by_name(sensor.loop)
         self._compiled = locator.compiled(known=sensor.noise is not None)
 

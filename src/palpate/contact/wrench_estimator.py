@@ -198,13 +198,17 @@ class WrenchEstimator(ContactEstimator):
         if sensor is None or live is None:
             return super()._arrays(time, readings, beside, out, counts)
         count = min(len(time), len(out))
-        for cut in self._wrenches.cuts(time[:count]) if count else []:
-            known = {name: part[cut] for name, part in beside.items()}
-            follower = self._wrenches.entered(float(time[cut.start]), DriftTracker.kelvin(known))
-            inputs = sensor.inputs(time[cut], readings[cut], known)
-            live.run(time[cut], out[cut], inputs)
+        given = time, readings, out, *beside.values()
+        cuts = self._wrenches.cuts(time[:count]) if count else []
+        for cut in cuts:
+            uncut = len(time) == len(out) == cut.stop - cut.start
+            when, read, rows, *rest = given if uncut else [each[cut] for each in given]
+            known = dict(zip(beside, rest, strict=True))
+            follower = self._wrenches.entered(float(when[0]), DriftTracker.kelvin(known))
+            inputs = live.inputs(when, read, known)
+            live.run(when, rows, inputs)
             if follower is not None:
-                follower.add(time[cut], follower.sensor.kept_of(inputs, cut.stop - cut.start))
+                follower.add(when, follower.sensor.kept_of(inputs, len(when)))
         self._widened(out[:count])
         counts[:count] = 1
         return count

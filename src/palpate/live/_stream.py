@@ -57,17 +57,15 @@ def answer(slots, first, rows, counts, now):
         slot[_ROWS], slot[_READY] = counts[k], now
 
 
-@entry("stamp int64 n")
-def seconds(stamp):
-    """Return stamps [ns] as times [s], bit for bit as `palpate.files.logs.decoding.seconds` does."""
-    times = np.empty(len(stamp))
+@entry("stamp int64 n, times out n")
+def seconds(stamp, times):
+    """Write stamps [ns] as times [s], bit for bit as `palpate.files.logs.decoding.seconds` returns them."""
     for k in range(len(stamp)):
         whole = stamp[k] // _BILLION
         if -_EXACT < stamp[k] < _EXACT:
             times[k] = stamp[k] / 1e9
         else:
             times[k] = whole + (stamp[k] - whole * _BILLION) / 1e9
-    return times
 
 
 @entry(

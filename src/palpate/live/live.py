@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 
 from palpate.calls import called_as
 from palpate.contact.estimate import ROW, Status
+from palpate.contact.estimator import run_fitting
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.files.logs.decoding import seconds
@@ -45,7 +46,7 @@ from palpate.signals.recording import (
     split_channels,
 )
 from palpate.signals.wrench_sensor import MovedSensor
-from palpate.spatial.arguments import frozen_value
+from palpate.spatial.arguments import frozen_value, unchecked
 
 NUMBERS = 1 << 22  # of a batch
 JUMP = 50_000_000  # ns of change between the system's clock and the monotonic one, which counts as a jump
@@ -82,7 +83,7 @@ _Answers = tuple[np.ndarray, np.ndarray, np.ndarray]  # stamps, numbers of rows 
 
 
 class _Samples(NamedTuple):
-    """Samples as arrays for an estimator; stamps and channels are those of the batch until they are copied."""
+    """Samples as arrays for an estimator, which the next batch overwrites, but for the readings."""
 
     stamp: Int[np.ndarray, " n"]
     time: Float[np.ndarray, " n"]
@@ -95,7 +96,7 @@ class _Samples(NamedTuple):
 
     def copied(self) -> _Samples:
         channels = {name: values.copy() for name, values in self.extra_channels.items()}
-        return self._replace(stamp=self.stamp.copy(), extra_channels=channels)
+        return self._replace(stamp=self.stamp.copy(), time=self.time.copy(), extra_channels=channels)
 
     def recording(self, names: tuple[str, ...], frame: str) -> Recording:
         channels = {**split_channels(names, self.readings), **self.extra_channels}
@@ -165,6 +166,7 @@ class Live:
         size = max(1, min(BATCH, NUMBERS // prod(self.source.shape)))
         self._batch, self._unsteady = Batch(self.source.shape, size, self.source.dtype), np.zeros(size)
         self._rows = self.estimator.empty(max(self.estimator.most, min(size * self.estimator.most, 4 * BATCH)))
+        self._top = self._rows[: self.estimator.most]
         self._require_enough()
         length = self.setup.start()
         self._start = _Window(length) if length else None
@@ -173,8 +175,9 @@ class Live:
         self._tare: _Window | None = None
         self._ring: StreamBuffer | None = None
         self._losses: LossCount | None = None
-        self._seconds = _stream.seconds.unchecked
-        self._seconds(self._batch.stamp)  # compiles
+        self._seconds, self._readings = _stream.seconds.unchecked, unchecked(self._samples.readings)
+        self._one = self._views(1)
+        self._seconds(self._one.stamp, self._one.time)  # compiles
         self._said: list[str] = []
         self._motion: RecentMotion | None = None
         payload = getattr(getattr(self.estimator, "sensor", None), "payload", None)
@@ -182,7 +185,7 @@ class Live:
             stated = self.setup.acceleration
             self._motion = RecentMotion(payload.center_of_mass, stated.window, answers=stated.from_poses)
             self._said += [] if stated.from_poses else [UNMOVED]
-        self._clock, self._quiet = _offset(), 0.0
+        self._clock, self._quiet, self._fits = _offset(), 0.0, False
 
     def form(self, rig: str = "") -> SlotForm:
         """Return the description of samples and contacts for a ring of this stream.
@@ -210,6 +213,7 @@ class Live:
         """Store samples in a ring as they are received, and contacts as they are known, from now on."""
         if (most := max(1, ring.safe // 2)) < len(self._batch):  # or one batch would lap its readers
             self._batch = Batch(self.source.shape, most, self.source.dtype)
+            self._one = self._views(1)
         ring.take_in(self._batch, 0, self._unsteady)  # of nothing: compiles, before samples come
         ring.answer(self._rows[:0], np.zeros(0, dtype=np.int64))
         self._ring, self._losses = ring, LossCount(ring, self.source)
@@ -315,25 +319,33 @@ class Live:
                 raise InputError(problem.what, where=self._where, hint=hint) from problem
             self.estimator.reset()
 
+    def _views(self, count: int) -> _Samples:
+        """Return views of the batch's first samples, with room for their times [s]."""
+        batch, extra = self._batch, dict[str, np.ndarray]()
+        if self._posed:
+            extra = {ORIENTATION: batch.orientation[:count], POSITION: batch.position[:count]}
+            extra[UNSTEADY] = self._unsteady[:count, None]
+        return _Samples(batch.stamp[:count], np.empty(count), batch.values[:count], extra)
+
     def _taken(self, count: int) -> _Samples:
         """Return the batch's first samples, in the estimator's units; store them in the ring."""
-        batch, unsteady, extra = self._batch, self._unsteady, dict[str, np.ndarray]()
-        stamp = batch.stamp[:count]
+        batch, unsteady = self._batch, self._unsteady
+        views = self._one if count == 1 else self._views(count)  # one, as a rule
+        stamp, time, values, extra = views
         if self._poses is not None:
             self._poses.at(stamp).into(batch)
         if self._posed:
             unsteady[:count] = TILT * batch.turned[:count]
-            extra = {ORIENTATION: batch.orientation[:count], POSITION: batch.position[:count]}
-            extra[UNSTEADY] = unsteady[:count, None]
         if self._felt:
-            extra[ACCELERATION] = self._samples.acceleration * batch.acceleration[:count]
+            extra = {**extra, ACCELERATION: self._samples.acceleration * batch.acceleration[:count]}
         if self._ring is not None and self._losses is not None:
             self._ring.take_in(batch, count, unsteady)
             if event := self._losses.add(count, int(batch.lost[0])):
                 self._said.append(event)
-        time, readings = self._seconds(stamp), self._samples.readings(batch.values[:count])
+        self._seconds(stamp, time)
+        readings = self._readings(values)
         if self._stuck is not None:
-            if event := self._stuck.add(time, batch.values[:count]):
+            if event := self._stuck.add(time, values):
                 self._said.append(event)
             if self._stuck.stuck:
                 readings[:] = np.nan
@@ -345,7 +357,12 @@ class Live:
         while total := len(rest.stamp):
             piece = rest if total <= most else rest.picked(slice(most))
             counts = np.zeros(len(piece.stamp), dtype=np.int64)
-            step = self.estimator.run_into(piece.time, piece.readings, self._rows, counts, piece.extra_channels)
+            extra = piece.extra_channels
+            if len(counts) == 1 and self._fits:  # as a rule: to check arrays again would take a tenth of a step
+                step = run_fitting(self.estimator, piece.time, piece.readings, extra, self._top, counts)
+            else:
+                step = self.estimator.run_into(piece.time, piece.readings, self._rows, counts, extra)
+                self._fits |= len(counts) == 1
             rows = self._rows[: sum(counts[:step].tolist())]  # quicker than NumPy's, for most batches hold one sample
             if self._ring is not None:
                 self._ring.answer(rows, counts[:step])
@@ -414,7 +431,7 @@ class Live:
             self._start = _Window(start.length)
             return self._refused(start.joined())
         self._said += [*made.warnings, *made.notes]
-        self.estimator, self._start = made.estimator, None
+        self.estimator, self._start, self._fits = made.estimator, None, False
         return self._answered(start.joined())
 
     def _refused(self, samples: _Samples) -> _Answers:

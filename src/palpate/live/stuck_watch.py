@@ -6,13 +6,13 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.files.logs.stuck import StuckWrenches
-from palpate.spatial.arguments import takes_arrays
+
+__all__: list[str] = []  # for this package alone: arrays are checked where they come in
 
 EVERY = 0.1  # s between two looks, each of which takes as long as many samples
 MOST = 1000  # samples that wait for one
 
 
-@takes_arrays
 class StuckWatch:
     """Watch of the wrenches of a stream, which looks at them ten times a second.
 
@@ -29,11 +29,7 @@ class StuckWatch:
         self._time, self._wrenches, self._count = np.empty(MOST), np.empty((MOST, 6)), 0
 
     def add(self, time: Float[np.ndarray, " n"], wrenches: Float[np.ndarray, "n 6"]) -> str:
-        """Add wrenches (n, 6) as recorded at times (n,) [s], and return an event, a sentence, or "".
-
-        Raises:
-            InputError: arrays of other shapes.
-        """
+        """Add wrenches (n, 6) as recorded at times (n,) [s], and return an event, a sentence, or ""."""
         first, self._count = self._count, self._count + len(time)
         if self._count < MOST:
             self._time[first : self._count], self._wrenches[first : self._count] = time, wrenches

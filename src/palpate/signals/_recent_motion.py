@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.surfaces._jit import entry, inlined, inner
+from palpate.surfaces._vectors import rotation_into
 
 PARTS = 9  # of the window, each with a mean point
 WIDTH = 9  # columns of a path: a point, or a rotation matrix where the positions are unknown
@@ -20,11 +21,7 @@ _CENTRE, _STEP, _SIZE, _TERMS, _MISFIT, _QUARTIC = 105, 109, 113, 118, 136, 137 
 @inlined
 def _point(quaternion, position, lever, reach, turn, path):
     """Write the rotation matrix and the path's point; return its columns."""
-    x, y, z, w = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    s = 2.0 / (x * x + y * y + z * z + w * w)
-    turn[0, 0], turn[0, 1], turn[0, 2] = 1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)
-    turn[1, 0], turn[1, 1], turn[1, 2] = s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)
-    turn[2, 0], turn[2, 1], turn[2, 2] = s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)
+    rotation_into(quaternion, turn)
     if position[0] + position[1] + position[2] != position[0] + position[1] + position[2]:
         for j in range(3):
             for k in range(3):
@@ -122,10 +119,10 @@ def follow(time, quaternions, positions, lever, window, gap, reach, unknown, sta
     for i in range(len(time)):
         now = time[i]
         accelerations[i] = 0.0
-        if not np.isfinite(now) or not np.sum(quaternions[i] ** 2) > 0.0:
+        used = _point(quaternions[i], positions[i], lever, reach, turn, path)
+        if not np.isfinite(now) or not np.isfinite(turn[0, 0]):
             state[_LAST] = np.nan
             continue
-        used = _point(quaternions[i], positions[i], lever, reach, turn, path)
         step = now - state[_LAST]
         if not 0.0 <= step <= gap or used != int(state[_USED]):
             state[_FILLED] = 0.0

@@ -7,10 +7,10 @@ from jaxtyping import Float
 
 from palpate.signals._curvature import LONGEST
 from palpate.signals.motion import ARM, UNKNOWN
-from palpate.spatial.arguments import takes_arrays
+
+__all__: list[str] = []  # for this package alone: arrays are checked where they come in
 
 
-@takes_arrays
 class RecentMotion:
     """A payload's acceleration at each sample, from the poses up to it; `Motion` needs later ones too.
 
@@ -50,11 +50,7 @@ class RecentMotion:
             quaternion: (n, 4) x, y, z, w: sensor in base; NaN: unknown.
             position: (n, 3) [m]; NaN: unknown, for which a lever is assumed.
             unsteady: (n, 1) [m/s^2] deviations from other causes, which are added.
-
-        Raises:
-            InputError: arrays of other shapes.
         """
         accelerations, deviations = np.empty((len(time), 3)), unsteady.copy()
-        given = map(np.ascontiguousarray, (time, quaternion, position))  # which is all that is unchecked
-        self._follow(*given, self._lever, *self._settings, self._state, accelerations, deviations)
+        self._follow(time, quaternion, position, self._lever, *self._settings, self._state, accelerations, deviations)
         return accelerations, deviations

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial, wraps
 from inspect import Parameter, isfunction, signature, unwrap
 from operator import is_
-from types import NoneType
+from types import MethodType, NoneType
 from typing import Any, ForwardRef, NamedTuple, TypeVar, cast, dataclass_transform, get_args, get_origin, overload
 
 import numpy as np
@@ -77,6 +77,12 @@ def takes_arrays(made: _Made) -> _Made:
             compute with the numbers, in which case the message names an argument that is empty or not finite.
     """
     return cast("_Made", _class(made) if isinstance(made, type) else _function(made, unwrap(made).__module__))
+
+
+def unchecked(function: _Made) -> _Made:
+    """Return a function or method without the checks of `takes_arrays`, for a loop that makes the arrays itself."""
+    plain, owner = unwrap(function), getattr(function, "__self__", None)
+    return cast("_Made", plain if owner is None or plain is function else MethodType(plain, owner))
 
 
 @overload

@@ -21,6 +21,21 @@ def cross_into(a, b, out):
 
 
 @inner
+def rotation_into(quaternion, out):
+    """Write the rotation matrix of a quaternion x, y, z, w into out (3, 3); NaN of a length that is far from 1."""
+    q, r = quaternion, out
+    length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    if not 0.5 < length < 2.0:
+        length = np.nan
+    x, y, z, w = q[0] / length, q[1] / length, q[2] / length, q[3] / length
+    xx, yy, zz = 2.0 * x * x, 2.0 * y * y, 2.0 * z * z
+    r[0, 0], r[1, 1], r[2, 2] = 1.0 - yy - zz, 1.0 - zz - xx, 1.0 - xx - yy
+    r[1, 2], r[2, 1] = 2.0 * y * z - 2.0 * x * w, 2.0 * y * z + 2.0 * x * w
+    r[2, 0], r[0, 2] = 2.0 * z * x - 2.0 * y * w, 2.0 * z * x + 2.0 * y * w
+    r[0, 1], r[1, 0] = 2.0 * x * y - 2.0 * z * w, 2.0 * x * y + 2.0 * z * w
+
+
+@inner
 def copy_into(values, out):
     """Copy `values` into `out` of one length; `out[:] = values` costs seconds to compile, for its error message."""
     for k in range(len(out)):

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.signals._placing import mounting_errors, row, to_surface
-from palpate.surfaces._jit import inner, released
-from palpate.surfaces._vectors import copy_into, cross_into
+from palpate.surfaces._jit import entry, inner, released
+from palpate.surfaces._vectors import copy_into, cross_into, rotation_into
 
 _SATURATED, _INVALID, _NO_POSE = 6, 7, 8
 _LARGEST = 1e9  # signals.recording.LARGEST
@@ -41,16 +41,26 @@ def _hang(rotation, acceleration, load, weight):
 def rotate(quaternions, rotations):
     """Compute `rotation_from_quaternion` of quaternions (n, 4) that are `sound_quaternions`; NaN of the others."""
     for i in range(len(quaternions)):
-        q, r = quaternions[i], rotations[i]
-        length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-        if not 0.5 < length < 2.0:
-            length = np.nan
-        x, y, z, w = q[0] / length, q[1] / length, q[2] / length, q[3] / length
-        xx, yy, zz = 2.0 * x * x, 2.0 * y * y, 2.0 * z * z
-        r[0, 0], r[1, 1], r[2, 2] = 1.0 - yy - zz, 1.0 - zz - xx, 1.0 - xx - yy
-        r[1, 2], r[2, 1] = 2.0 * y * z - 2.0 * x * w, 2.0 * y * z + 2.0 * x * w
-        r[2, 0], r[0, 2] = 2.0 * z * x - 2.0 * y * w, 2.0 * z * x + 2.0 * y * w
-        r[0, 1], r[1, 0] = 2.0 * x * y - 2.0 * z * w, 2.0 * x * y + 2.0 * z * w
+        rotation_into(quaternions[i], rotations[i])
+
+
+@entry("readings n 6, quaternions q 4, accelerations a 3, unsteady u 1, ages g 1, inputs out 20n")
+def gather(readings, quaternions, accelerations, unsteady, ages, inputs):
+    """Lay out n samples as `Compensation.inputs` does; of arrays without rows, rotations are the identity, others 0."""
+    n = len(readings)
+    for i in range(n):
+        copy_into(readings[i], inputs[6 * i : 6 * i + 6])
+        rotation = inputs[6 * n + 9 * i : 6 * n + 9 * i + 9].reshape((3, 3))
+        if len(quaternions) == n:
+            rotation_into(quaternions[i], rotation)
+        else:
+            for j in range(3):
+                for k in range(3):
+                    rotation[j, k] = 1.0 if j == k else 0.0
+        for k in range(3):
+            inputs[15 * n + 3 * i + k] = accelerations[i, k] if len(accelerations) == n else 0.0
+        inputs[18 * n + i] = unsteady[i, 0] if len(unsteady) == n else 0.0
+        inputs[19 * n + i] = ages[i, 0] if len(ages) == n else 0.0
 
 
 @released(

@@ -28,6 +28,7 @@ EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains 
 ITSELF = Placement(Pose.identity())
 SATURATED = 6  # contact.Status.SATURATED, which this layer does not import
 _UPRIGHT = frozen(np.eye(3)[None])
+_NO_ROTATION, _NO_ACCELERATION, _NO_NUMBER = np.zeros((0, 4)), np.zeros((0, 3)), np.zeros((0, 1))
 LEAST_ERROR = 0.02, 0.5e-3  # of the weight, and m of the centre: what a hose, a screw or a gain does to a payload
 LEARNT = 0.8  # of the prior standard deviation of the payload's weight: below it, the weight was learnt
 SURE = 5.0  # times its standard deviation: a smaller tare is no touch
@@ -83,7 +84,7 @@ class Compensation:
 
         self.sensor, self.payload, self.motion = sensor, payload, motion
         self._compensate, self._place = _compensation.compensate, _compensation.place
-        self._rotate = _compensation.rotate
+        self._rotate, self._gather = _compensation.rotate, _compensation.gather
         load = Payload() if payload is None else payload
         self._weighs = bool(load.weight.any() or load.covariance[:3, :3].any())
         self._turned, self._drifts = sensor.frame == "base", bool(sensor.drift.any())
@@ -221,14 +222,16 @@ class Compensation:
         count = len(time)
         if readings.shape != (count, 6):
             raise InputError(f"the readings of {count} samples must have shape ({count}, 6), not {readings.shape}.")
-        made = np.zeros(20 * count)
-        made[: 6 * count] = readings.ravel()
-        rotations, accelerations, unsteady = self._moves(extra_channels, "the stream")
-        made[6 * count : 15 * count].reshape(count, 3, 3)[:] = rotations
-        made[15 * count : 18 * count].reshape(count, 3)[:] = accelerations
-        made[18 * count : 19 * count].reshape(count, 1)[:] = unsteady
-        if self._drifts:
-            made[19 * count :] = self._aged(time)[:, 0]
+        made, ages = np.empty(20 * count), self._aged(time) if self._drifts else _NO_NUMBER
+        if self._imu is not None:
+            rotations, *moves = self._moves(extra_channels, "the stream")
+            self._gather(readings, _NO_ROTATION, moves[0], moves[1].repeat(count, axis=0), ages, made)
+            made[6 * count : 15 * count] = rotations.ravel()
+            return made
+        quaternions = self._quaternions(extra_channels, "the stream") if self._turns else _NO_ROTATION
+        known: Mapping[str, np.ndarray] = extra_channels if self._weighs else {}
+        moves = known.get(ACCELERATION, _NO_ACCELERATION), known.get(UNSTEADY, _NO_NUMBER)
+        self._gather(readings, quaternions, *moves, ages, made)
         return made
 
     @takes_arrays
@@ -610,6 +613,12 @@ class Compensation:
         """Return sensor in base, NaN for an invalid quaternion; one identity where it is not needed."""
         if not self.needs_orientation:
             return _UPRIGHT
+        quaternions = self._quaternions(channels, source)
+        rotations = np.empty((len(quaternions), 3, 3))
+        self._rotate(quaternions, rotations)
+        return rotations
+
+    def _quaternions(self, channels: Mapping[str, np.ndarray], source: str) -> Float[np.ndarray, "n 4"]:
         quaternions = channels.get(ORIENTATION)
         if quaternions is None:
             raise InputError(
@@ -618,10 +627,7 @@ class Compensation:
                 hint="Add columns qx, qy, qz, qw (sensor in base), or name them, a topic of poses, or two frames of /tf"
                 " (base, sensor) in [orientation].",
             )
-        quaternions = shaped(quaternions, (None, 4), "the orientation")
-        rotations = np.empty((len(quaternions), 3, 3))
-        self._rotate(quaternions, rotations)
-        return rotations
+        return shaped(quaternions, (None, 4), "the orientation")
 
     def __repr__(self) -> str:
         return f"Compensation({self.sensor!r}, {self.payload!r})"

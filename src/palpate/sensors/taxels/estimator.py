@@ -27,6 +27,7 @@ from palpate.signals.recording import CELLS, LARGEST, Recording
 from palpate.signals.smoothing import BothWays, Forward, known_rate, require_forward
 from palpate.signals.wrench_sensor import Tare
 from palpate.spatial._arrays import frozen, shaped
+from palpate.spatial.arguments import unchecked
 from palpate.spatial.pose import Pose
 
 FEATURES = ("area", "load", "peak", "pressure", "axis_long", "axis_short", "angle", "cells")
@@ -99,6 +100,7 @@ class TaxelEstimator(ContactEstimator):
         features = (*(("row", "column") if body.rows else ()), *FEATURES, *(SHEAR if body.response is not None else ()))
         super().__init__((CELLS,), features, MOST, mount, filter)
         self.body, self.settings, self.rate, self.intensity = body, settings or TaxelSettings(), rate, intensity
+        self._whole, self._split = unchecked(body.frames), unchecked(body.split)
         self.health: Health | None = None
         self._tared, self._looked = Tare("", ""), health is not None
         self._ahead = filter is not None and filter.zero_phase
@@ -236,10 +238,8 @@ class TaxelEstimator(ContactEstimator):
 
     def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
         self.require_rest()
-        if not len(out):
-            return 0
-        loads = self.body.split(self.body.frames(readings, "the stream"))
-        return self._frames.run(time, *loads, out, counts, self._frames.no_forces)[0]
+        parts = self._split(self._whole(readings, "the stream"))
+        return self._frames.run(time, *parts, out, counts, self._frames.no_forces)[0] if len(out) else 0
 
     def _know(self, health: Health) -> None:
         if health.baseline.shape != (len(self.body),):

@@ -341,8 +341,9 @@ class TaxelBody(Value):
                 hint = 'Three numbers a taxel need axes = ["x", "y", "z"] in [skin].'
             raise InputError(what, where=source, hint=hint)
         rows = np.ascontiguousarray(cells).reshape(len(cells), *self.one).view()
-        if (large := np.abs(rows) > LARGEST).any():  # a fault of the log
-            rows = np.where(large, np.nan, rows)
+        size = np.abs(rows)
+        if not size.max(initial=0.0) <= LARGEST:  # a fault of the log; NaN too
+            rows = np.where(size > LARGEST, np.nan, rows)
         rows.flags.writeable = False
         return rows
 

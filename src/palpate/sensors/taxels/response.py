@@ -106,7 +106,7 @@ class TaxelResponse(Value):
         Raises:
             InputError: readings of another shape.
         """
-        full = self.full(readings)
+        full = self._full(readings)
         found = np.einsum("kab,nkb->nak", self.gains, np.where(full, np.nan, readings) if full.any() else readings)
         return np.ascontiguousarray(found[:, 2]), found[:, :2].reshape(len(found), 2 * readings.shape[1])
 
@@ -138,6 +138,9 @@ class TaxelResponse(Value):
         Raises:
             InputError: readings of another shape.
         """
+        return self._full(readings)
+
+    def _full(self, readings: Float[np.ndarray, "n k 3"]) -> Bool[np.ndarray, "n k 3"]:
         return (readings <= self.limits[0]) | (readings >= self.limits[1])
 
     def numbers(self) -> Float[np.ndarray, " m"]:
