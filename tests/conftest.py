@@ -17,7 +17,7 @@ import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
-from tests.support.checked import cache_apart, check_first_calls, start_counting
+from tests.support.checked import cache_apart, check_first_calls, require_places, start_counting
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests/conformance/outside"))  # a package with sensors that are not Palpate's
@@ -49,6 +49,7 @@ numpy.typing.ArrayLike = object  # numpy's is a protocol at run time, and no tup
 cache_apart()
 check_first_calls()
 install_import_hook(_checked_modules(), "beartype.beartype")  # here only: production pays nothing for it
+require_places()
 
 # The default is the same examples on every machine, with no clock; `--hypothesis-profile=explore` looks for new ones.
 settings.register_profile("seeded", derandomize=True, deadline=None, max_examples=50)

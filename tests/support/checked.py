@@ -7,6 +7,7 @@ made at its first call: making all of them cost each worker a third of the time 
 
 import functools
 import re
+import sys
 from collections.abc import Callable
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -18,6 +19,10 @@ import jaxtyping._import_hook as hook
 import numpy as np
 from jaxtyping import AbstractArray
 
+PLACED = "palpate.files.", "palpate.setup."
+UNPLACED = re.compile(  # of arguments, or with a path in front
+    r"/|link must|unknown unit|neither a rig|unit belongs|the rig has|no topic|no sample|(found|contacts) must|there "
+)
 CALLS = 1  # of a function in a test: with 20, the checks were a quarter of the time of all tests
 _until = [CALLS]  # of a function's count of checked calls: each test adds `CALLS`
 _counts: dict[CodeType, list[int]] = {}  # checked calls of a function, those of earlier tests taken for made
@@ -59,6 +64,20 @@ def _spoilt(make: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
 
 _NUMPY = ModuleType("numpy")  # as checked modules know it
 vars(_NUMPY).update(vars(np) | {name: _spoilt(getattr(np, name)) for name in ("empty", "empty_like")})
+
+
+def require_places() -> None:
+    """From now on, an `InputError` of a file or a rig names its place, but for some in `UNPLACED`."""
+    from palpate.errors import InputError  # here, as modules that are imported before the hook are not checked
+
+    made = InputError.__init__
+
+    def placed(self: InputError, what: str, *, where: str = "", hint: str = "") -> None:
+        module = sys._getframe(1).f_globals["__name__"]
+        assert where or not module.startswith(PLACED) or UNPLACED.match(what), f"an error without a place: {what}"
+        made(self, what, where=where, hint=hint)
+
+    InputError.__init__ = placed
 
 
 def start_counting() -> None:

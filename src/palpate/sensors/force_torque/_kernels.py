@@ -44,23 +44,23 @@ def rotate(quaternions, rotations):
         rotation_into(quaternions[i], rotations[i])
 
 
-@entry("readings n 6, quaternions q 4, accelerations a 3, unsteady u 1, ages g 1, inputs out 20n")
+@entry("readings n 6, quaternions n|0 4, accelerations n|0 3, unsteady n|0 1, ages n|0 1, inputs out 20n")
 def gather(readings, quaternions, accelerations, unsteady, ages, inputs):
     """Lay out n samples as `Compensation.inputs` does; of arrays without rows, rotations are the identity, others 0."""
     n = len(readings)
     for i in range(n):
         copy_into(readings[i], inputs[6 * i : 6 * i + 6])
         rotation = inputs[6 * n + 9 * i : 6 * n + 9 * i + 9].reshape((3, 3))
-        if len(quaternions) == n:
+        if len(quaternions) > 0:
             rotation_into(quaternions[i], rotation)
         else:
             for j in range(3):
                 for k in range(3):
                     rotation[j, k] = 1.0 if j == k else 0.0
         for k in range(3):
-            inputs[15 * n + 3 * i + k] = accelerations[i, k] if len(accelerations) == n else 0.0
-        inputs[18 * n + i] = unsteady[i, 0] if len(unsteady) == n else 0.0
-        inputs[19 * n + i] = ages[i, 0] if len(ages) == n else 0.0
+            inputs[15 * n + 3 * i + k] = accelerations[i, k] if len(accelerations) > 0 else 0.0
+        inputs[18 * n + i] = unsteady[i, 0] if len(unsteady) > 0 else 0.0
+        inputs[19 * n + i] = ages[i, 0] if len(ages) > 0 else 0.0
 
 
 @released(
