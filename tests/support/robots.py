@@ -1,5 +1,10 @@
 """Logs of robots that are made in seconds: a simulated hand, an arm that turns once, two sensors of an arm."""
 
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -40,13 +45,25 @@ source = {{ kind = "replay", address = "{log}", speed = {speed} }}
 """
 
 
-def small_hand(folder: Path) -> Path:
-    """A hand for eight seconds, with five fingertips, roughly calibrated pads and ten touches."""
-    options = ("--seconds", "8", "--touches", "10", "--free", "6", "--seed", "5", "-o", str(folder))
+@contextmanager
+def rough_pads() -> Iterator[None]:
+    """Pads of simulated robots are calibrated with few presses: in two seconds instead of five."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("palpate_lab.cli.robot_models._PRESSES", 40)
-        assert main(["simulate", "hand", *options]) == 0
-    return folder
+        patch.setattr("palpate.sensors.taxels.calibrate_response.FOLDS", 4)
+        yield
+
+
+def small_hand(made: pytest.TempPathFactory) -> Path:
+    """A hand for eight seconds, with five fingertips, roughly calibrated pads and ten touches; made once a run."""
+    base = made.getbasetemp()
+    kept = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "small_hand"
+    with rough_pads(), kept.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not kept.exists():
+            options = ("--seconds", "8", "--touches", "10", "--free", "6", "--seed", "5", "-o", str(kept))
+            assert main(["simulate", "hand", *options]) == 0
+    return Path(shutil.copytree(kept, made.mktemp("robot") / "hand"))
 
 
 def rotation(angle: float) -> np.ndarray:
