@@ -36,7 +36,7 @@ FULL = Sizes(
 SMALL = replace(
     FULL,
     coarse=True,
-    protocol=Protocol(12, (0.002, 0.006, 0.01), hold=1, pause=1, dragged=0),
+    protocol=Protocol(12, (0.002, 0.004, 0.006, 0.008, 0.01), hold=1, pause=1, dragged=0),
     angles=4,
     steps=5,
     pairs=2,
