@@ -6,13 +6,16 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 
 from claims.evidence.logs_written import write_mcap
 from claims.evidence.robot import KINDS, URDF, WRENCH, joints, wrench
+from claims.evidence.three_axis_skins import few_folds
 from palpate.cli import main
+from palpate_lab.cli import robot_models
 from tests.support.arms import joint
 
 TIME = np.arange(400) / 100.0
@@ -48,9 +51,7 @@ source = {{ kind = "replay", address = "{log}", speed = {speed} }}
 @contextmanager
 def rough_pads() -> Iterator[None]:
     """Pads of simulated robots are calibrated with few presses: in two seconds instead of five."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("palpate_lab.cli.robot_models._PRESSES", 40)
-        patch.setattr("palpate.sensors.taxels.calibrate_response.FOLDS", 4)
+    with few_folds(True), mock.patch.object(robot_models, "_PRESSES", 40):
         yield
 
 
