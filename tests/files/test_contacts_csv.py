@@ -18,40 +18,8 @@ HEADER = (
 )
 
 
-def _estimate(count: int, seed: int) -> tuple[np.ndarray, ContactEstimate]:
-    rng = np.random.default_rng(seed)
-    wild = rng.normal(size=(count, 11)) * 10.0 ** rng.integers(-300, 300, size=(count, 11)).astype(float)
-    root = rng.normal(size=(count, 3, 2))
-    status = rng.integers(0, len(Status), count).astype(np.int8)
-    empty = status == Status.NO_CONTACT
-    wild[empty, 1:] = np.nan
-    covariance = root @ np.swapaxes(root, 1, 2)
-    covariance[empty] = np.nan
-    estimate = ContactEstimate(
-        wild[:, 1:4].copy(),
-        wild[:, 4:7].copy(),
-        wild[:, 7:10].copy(),
-        wild[:, 10].copy(),
-        (covariance + np.swapaxes(covariance, 1, 2)) / 2,
-        np.zeros(count),
-        rng.integers(0, 5, count),
-        status,
-    )
-    return wild[:, 0].copy(), estimate
-
-
 def test_the_header_is_the_one_that_was_agreed() -> None:
     assert ",".join(COLUMNS) == HEADER
-
-
-def test_what_is_written_reads_back_to_the_last_bit(tmp_path: Path) -> None:
-    time, estimate = _estimate(2000, seed=1)
-    write_contacts(tmp_path / "contacts.csv", Contacts.single(time, estimate))
-    back = read_contacts(tmp_path / "contacts.csv")
-    assert back.sample.tolist() == list(range(2000))
-    assert np.array_equal(back.time, time)
-    for name in ("point", "normal", "force", "torque", "covariance", "candidates", "status"):
-        assert np.array_equal(getattr(back.estimate, name), getattr(estimate, name), equal_nan=True), name
 
 
 def test_where_there_is_none_the_field_is_empty_and_status_is_lower_case(tmp_path: Path) -> None:
