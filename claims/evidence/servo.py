@@ -77,7 +77,7 @@ def run(job: Job) -> Ran:
 def rows(small: bool) -> Iterator[Row]:
     """Force and angle by contact and period; lost commands; the state; spikes."""
     seeds, periods, ways = (1, (5,), DIRECTIONS[:1]) if small else (20, PERIODS, DIRECTIONS)
-    labs, judged = (tuple(LABS)[:1], 1.8) if small else (tuple(LABS), None)
+    labs, judged = (tuple(LABS)[:1], 2.5) if small else (tuple(LABS), None)
     rng, jobs = np.random.default_rng(SEED), list[Job]()
     for contact, period, way, seed in product(labs, periods, ways, range(SEED, SEED + seeds)):
         delay, lag = rng.uniform(-OFF, OFF, 2).tolist()
