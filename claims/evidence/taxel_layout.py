@@ -214,7 +214,7 @@ def _icub(small: bool) -> Iterator[Row]:
             ("spacing found", layout, True),
             ("5.5 mm", layout.spaced(SPACING), False),
             ("6 mm", layout, False),
-        ):
+        )[: 2 if small else 3]:
             found = place_modules(places, given, link, rescale=rescale)
             away = np.linalg.norm(found.places.positions - authors.positions, axis=1)[both]
             means.append(1e3 * float(away.mean()))

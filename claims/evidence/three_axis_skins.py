@@ -9,8 +9,10 @@ pillars is the resultant on them and its centre.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from time import process_time
+from unittest import mock
 
 import numpy as np
 
@@ -19,6 +21,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95
 from palpate.contact.ground_truth import TrueSamples
 from palpate.sensors.fused.locator import FusedLocator, FusionSettings
+from palpate.sensors.taxels import calibrate_response
 from palpate.sensors.taxels.calibrate_response import identify_response
 from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.sensors.taxels.model import TaxelBody
@@ -60,16 +63,24 @@ class Errors:
 def rows(small: bool) -> Iterator[Row]:
     """Force, place, certainty, torque and two touches of each kind and size of skin."""
     units, presses, touches = (1, 44, 25) if small else (12, 240, 150)  # touches of a unit share its calibration
-    for name, make in SKINS.items():
-        for size in SIZES[: 1 if small else None]:
-            skins = [make(*size, unit) for unit in range(units)]
-            of = f"{units} skins of {size[0] * size[1]} {name}, {touches} touches each"
-            trained = [(skin, calibrated(skin, presses, 10 + unit)) for unit, skin in enumerate(skins)]
-            yield from _single(of, trained, touches, small)
-            yield from _twisted(of, trained, touches)
-            yield _pairs(of, trained, touches, small)
-    yield _fused(presses, touches, small)
+    with few_folds(small):
+        for name, make in SKINS.items():
+            for size in SIZES[: 1 if small else None]:
+                skins = [make(*size, unit) for unit in range(units)]
+                of = f"{units} skins of {size[0] * size[1]} {name}, {touches} touches each"
+                trained = [(skin, calibrated(skin, presses, 10 + unit)) for unit, skin in enumerate(skins)]
+                yield from _single(of, trained, touches, small)
+                yield from _twisted(of, trained, touches)
+                yield _pairs(of, trained, touches, small)
+        yield _fused(presses, touches, small)
     yield _fast(small)
+
+
+@contextmanager
+def few_folds(few: bool) -> Iterator[None]:
+    """Calibrate with a third of the presses left out at a time: half of the processor."""
+    with mock.patch.object(calibrate_response, "FOLDS", 3 if few else calibrate_response.FOLDS):
+        yield
 
 
 def calibrated(

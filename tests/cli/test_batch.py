@@ -25,8 +25,8 @@ from palpate.errors import InputError
 from palpate.setup import load_rig
 from palpate_lab.simulation.session import simulate_session
 from palpate_lab.simulation.session_files import write_session
-from tests.files.test_batch_datasets import _batch as label
-from tests.files.test_batch_datasets import _rows, _table
+from tests.files.test_datasets import _batch as label
+from tests.files.test_datasets import _rows, _table
 from tests.support.logs_torn import torn_pages
 
 pytest.importorskip("matplotlib")

@@ -1,4 +1,4 @@
-"""The laws of an estimator, for every sensor, from Python alone."""
+"""The laws of an estimator, for every sensor, from Python, and as the only sensor of a robot."""
 
 import copy
 import itertools
@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import palpate
+from palpate.contact.contacts import Contacts
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import PalpateError
 from palpate.signals.recording import ORIENTATION, POSITION, UNSTEADY, Recording
@@ -327,3 +329,31 @@ def _numbered(single: list[Any]) -> pl.DataFrame:
     """Contacts of one sample each, counted from 0."""
     numbered = [replace(found, sample=np.full(len(found), k)) for k, found in enumerate(single)]
     return palpate.Contacts.joined(numbered).to_polars()
+
+
+def as_robot(rig: Path, name: str) -> Path:
+    """Write the tables of a rig as those of a robot's sensor, next to it."""
+    text = re.sub(r"(?m)^(\s*)\[(?=[a-z])", rf"\1[sensors.{name}.", rig.read_text())
+    robot = rig.with_name(f"robot_{rig.name}")
+    robot.write_text(text)
+    return robot
+
+
+def assert_same(found: Contacts, alone: Contacts, count: int = 1, place: int = 0) -> None:
+    """Assert equal rows; identities are those of sensor number `place` of `count`."""
+    np.testing.assert_array_equal(found.identity, alone.identity * count + place)
+    np.testing.assert_array_equal(found.rows()[:, :-1], alone.rows()[:, :-1])
+    np.testing.assert_array_equal(found.time, alone.time)
+    np.testing.assert_array_equal(found.sample, alone.sample)
+
+
+@pytest.mark.parametrize("sensor", SENSORS, ids=lambda sensor: sensor.name)
+def test_a_robot_of_one_sensor_answers_as_its_rig(sensor: Sensor, case_of: Callable[[Sensor], Case]) -> None:
+    files = case_of(sensor).files
+    alone = palpate.estimate(files.log, files.rig)
+    found = palpate.estimate(files.log, as_robot(files.rig, "finger"))
+    assert_same(found, alone)
+    assert set(found.sensor) == {"finger"}
+    touches, known = found.touches(), alone.touches()
+    np.testing.assert_array_equal(touches.point, known.point)
+    assert list(touches.sensor) == ["finger"] * len(known)

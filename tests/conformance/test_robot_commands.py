@@ -32,7 +32,7 @@ PLACE = 1.0  # mm
 
 @pytest.fixture(scope="module")
 def hand(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return small_hand(tmp_path_factory.mktemp("robot") / "hand")
+    return small_hand(tmp_path_factory)
 
 
 @pytest.fixture(scope="module")

@@ -366,21 +366,6 @@ def test_every_answer_is_consistent_with_its_status() -> None:
 # -------------------------------------------------------------------------------------------------------------- calling
 
 
-@pytest.mark.parametrize("shape", [(), (1,), (7,), (2, 3), (0,), (2, 0)])
-def test_locate_keeps_leading_axes(shape: tuple[int, ...]) -> None:
-    vector = np.broadcast_to(press(5.0), (*shape, 6))
-    answer = locate(Wrench.from_vector(vector, np.diag(NOISE**2)), lid())
-    assert answer.point.shape == (*shape, 3)
-    assert answer.covariance.shape == (*shape, 3, 3)
-    if shape:
-        assert answer.status.shape == shape
-        assert answer.status.dtype == np.int8
-    else:
-        assert answer.status is Status.CONTACT
-    assert np.allclose(answer.point, TOP, rtol=0, atol=1e-12)
-    assert np.all(answer.status == Status.CONTACT)
-
-
 def test_locate_takes_six_numbers_rows_of_them_and_a_wrench() -> None:
     rows = np.array([press(5.0), press(3.0, 0.2)])
     expected = locate(Wrench.from_vector(rows), lid(), noise=NOISE)

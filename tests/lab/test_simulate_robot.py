@@ -14,6 +14,7 @@ from palpate.cli import main
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.robot.bodies import humanoid
 from tests.conformance.fields import run
+from tests.support.robots import rough_pads
 
 pytest.importorskip("mujoco")
 pytest.importorskip("rosbags")
@@ -23,11 +24,10 @@ _TABLES = ("filter", "estimate", "contacts")
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Sessions of both robots, whose pads are calibrated roughly: in a second instead of five."""
+    """Sessions of both robots, whose pads are calibrated roughly."""
     made = tmp_path_factory.mktemp("robots")
     asked = {"hand": (13, "--touches 12 --free 6 --encoder 0.2"), "humanoid": (14, "--touches 24 --free 0")}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("palpate_lab.cli.robot_models._PRESSES", 40)
+    with rough_pads():
         for robot, (joints, words) in asked.items():
             said = run("simulate", robot, "-o", str(made / robot), "--seed", "2", "--seconds", "8", *words.split())
             assert f"{joints} joints" in said

@@ -32,7 +32,7 @@ Change = Callable[[str, bytes], bytes | None]
 @pytest.fixture(scope="session")
 def hand(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session of eight seconds, with roughly calibrated pads."""
-    return small_hand(tmp_path_factory.mktemp("robot") / "hand")
+    return small_hand(tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

@@ -1,13 +1,21 @@
 """Logs of robots that are made in seconds: a simulated hand, an arm that turns once, two sensors of an arm."""
 
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 
 from claims.evidence.logs_written import write_mcap
 from claims.evidence.robot import KINDS, URDF, WRENCH, joints, wrench
+from claims.evidence.three_axis_skins import few_folds
 from palpate.cli import main
+from palpate_lab.cli import robot_models
 from tests.support.arms import joint
 
 TIME = np.arange(400) / 100.0
@@ -40,13 +48,23 @@ source = {{ kind = "replay", address = "{log}", speed = {speed} }}
 """
 
 
-def small_hand(folder: Path) -> Path:
-    """A hand for eight seconds, with five fingertips, roughly calibrated pads and ten touches."""
-    options = ("--seconds", "8", "--touches", "10", "--free", "6", "--seed", "5", "-o", str(folder))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("palpate_lab.cli.robot_models._PRESSES", 40)
-        assert main(["simulate", "hand", *options]) == 0
-    return folder
+@contextmanager
+def rough_pads() -> Iterator[None]:
+    """Pads of simulated robots are calibrated with few presses: in two seconds instead of five."""
+    with few_folds(True), mock.patch.object(robot_models, "_PRESSES", 40):
+        yield
+
+
+def small_hand(made: pytest.TempPathFactory) -> Path:
+    """A hand for eight seconds, with five fingertips, roughly calibrated pads and ten touches; made once a run."""
+    base = made.getbasetemp()
+    kept = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "small_hand"
+    with rough_pads(), kept.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not kept.exists():
+            options = ("--seconds", "8", "--touches", "10", "--free", "6", "--seed", "5", "-o", str(kept))
+            assert main(["simulate", "hand", *options]) == 0
+    return Path(shutil.copytree(kept, made.mktemp("robot") / "hand"))
 
 
 def rotation(angle: float) -> np.ndarray:

@@ -47,6 +47,7 @@ def test_every_body_of_a_file_is_read(tmp_path: Path) -> None:
     scene = trimesh.Scene([trimesh.Trimesh(vertices * 1e3 + offset, faces, process=False) for offset in (0, 100)])
     scene.export(tmp_path / "two.obj")
     assert len(Mesh.load(tmp_path / "two.obj", unit="mm").faces) == 24
+    assert Mesh.load(tmp_path / "two.obj", unit="mm", smooth=False).crease == 0.0
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("m", 1.0), ("cm", 1e2), ("mm", 1e3), ("um", 1e6), ("in", 1 / 0.0254)])
@@ -56,25 +57,12 @@ def test_units_give_the_same_body(tmp_path: Path, unit: str, scale: float) -> No
     assert mesh.notes == ()
 
 
-def test_millimetres_declared_as_metres_are_doubted(tmp_path: Path) -> None:
-    mesh = Mesh.load(write(tmp_path / "box.stl"), unit="m")
-    (note,) = mesh.notes
-    assert "check the unit" in note
-    assert "mm" in note
-
-
 def test_a_region_is_in_metres_whatever_the_unit(tmp_path: Path) -> None:
     path = write(tmp_path / "box.stl")
     upper = Mesh.load(path, unit="mm", region=((-1, -1, 0.4 * R), (1, 1, R)))
     assert len(upper.faces) == 2
     with pytest.raises(GeometryError, match=r"box.stl: no facet is in the region"):
         Mesh.load(path, unit="mm", region=((-1, -1, 0.9), (1, 1, 2)))
-
-
-def test_crease_and_smooth_pass_through(tmp_path: Path) -> None:
-    path = write(tmp_path / "box.stl")
-    assert Mesh.load(path, unit="mm", crease=0.5).crease == 0.5
-    assert Mesh.load(path, unit="mm", smooth=False).crease == 0.0
 
 
 SPOILT = {  # name -> content, or what is cut off a good file

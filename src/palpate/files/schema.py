@@ -5,6 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
 from inspect import Parameter, signature
 from math import copysign, inf, isnan, nan
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -30,6 +31,7 @@ _NAMES: Mapping[Any, str] = {
 }
 _LARGEST = 1e18  # no quantity here is larger in SI, nor the variance of one, and powers of it stay finite
 _ROUNDING = 1e-6  # of a correlation that a file states in seven digits
+_hints, _signature = cache(get_type_hints), cache(signature)  # a model may have hundreds of tables of one class
 
 
 @dataclass(frozen=True)
@@ -94,12 +96,12 @@ def parse(
     """
     form = forms.get(model, TableForm({}))
     build = form.build or model
-    hints = get_type_hints(build)  # of a class its fields: other parameters of its constructor are not keys
-    parameters = {name: each for name, each in signature(build).parameters.items() if name in hints or name == "rest"}
+    hints = _hints(build)  # of a class its fields: other parameters of its constructor are not keys
+    parameters = {name: each for name, each in _signature(build).parameters.items() if name in hints or name == "rest"}
     if "rest" in parameters:
-        own = signature(model).parameters
+        own = _signature(model).parameters
         parameters = {name: parameters.get(name) or own[name] for name in (*parameters, *form.keys) if name != "rest"}
-        hints = get_type_hints(model) | hints
+        hints = _hints(model) | hints
     names = {form.called.get(name, name): name for name in parameters}
     for name in table:
         if name not in names:

@@ -54,7 +54,8 @@ def imu_at_rest(recording: Recording, motion: Motion) -> Imu | None:
             -1, 6
         )
         away = (middles - directions @ turn.T - state[3:]).ravel()
-        covariance = np.linalg.inv(slope.T @ slope / noise**2 + np.diag(least))
+        information: Float[np.ndarray, "6 6"] = slope.T @ slope / noise**2 + np.diag(least)
+        covariance = np.linalg.inv(information)
         state = state + covariance @ (slope.T @ away / noise**2 - least * state)
         noise = _deviation(_imu(state, covariance, noise).forces(readings) - forces)
     return _imu(state, covariance, noise)

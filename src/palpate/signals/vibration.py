@@ -87,7 +87,8 @@ class Vibration:
     def _numbers(self, wrenches: _Wrenches, blocks: Iterator[Recording]) -> Iterator[Float[np.ndarray, "m 1"]]:
         """Yield the numbers of the rows; windows are counted from the first row, and known ones are forgotten."""
         held, step, length, done = HeldRows(), WINDOW, 0, 0
-        path, covariance = np.zeros((0, 12)), np.zeros((0, 36))  # of windows from `first` on
+        path: Float[np.ndarray, "w 12"] = np.zeros((0, 12))  # of windows from `first` on
+        covariance: Float[np.ndarray, "w 36"] = np.zeros((0, 36))
         first = answered = 0
         for block in chain(blocks, [None]):
             if block is not None:

@@ -157,7 +157,9 @@ class ZeroFilter:
         self.channels, self.known = len(drift.walk), len(drift.walk) + len(coefficients)
         self._rates = bool(drift.warm_up.any())
         size = self.known + self.channels * self._rates
-        self.time, self.state, self.covariance = np.nan, np.zeros(size), np.zeros((size, size))
+        self.time = np.nan
+        self.state: np.ndarray = np.zeros(size)
+        self.covariance: np.ndarray = np.zeros((size, size))
         self._each, self._walks = np.arange(self.channels), drift.walk**2
         nothing = self.state, self.covariance, np.eye(size)
         self._asked: tuple[float, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] = np.nan, nothing[1], nothing
@@ -249,7 +251,8 @@ class ZeroFilter:
         noise = window.noise + window.stays
         inverse = np.linalg.inv(seen @ self.covariance @ seen.T + noise)
         back = seen.T @ inverse  # H' S^-1
-        gain, left = self.covariance @ back, window.value - seen @ self.state
+        gain: np.ndarray = self.covariance @ back
+        left: np.ndarray = window.value - seen @ self.state
         keeps = np.eye(len(self.state)) - gain @ seen
         whole = keeps @ self.covariance @ keeps.T + gain @ noise @ gain.T
         self.state, self.covariance = self.state + gain @ left, (whole + whole.T) / 2.0
@@ -308,7 +311,8 @@ def smoothed(
     """
     wanted = len(nodes) if count is None else count
     size = len(nodes[-1].state) if nodes else 0
-    pull, weight = np.zeros(size), np.zeros((size, size))
+    pull: np.ndarray = np.zeros(size)
+    weight: np.ndarray = np.zeros((size, size))
     for number in range(len(nodes) - 1, -1, -1):
         node = nodes[number]
         if node.gained is not None:

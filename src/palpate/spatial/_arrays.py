@@ -129,16 +129,18 @@ def _picklable(value: Any) -> Any:
 
 
 def _converted(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any]) -> np.ndarray:
-    wanted = f"{name} must be {dtype} of shape {_said(shape)}"
+    def unlike(given: str) -> InputError:
+        return InputError(f"{name} must be {dtype} of shape {_said(shape)}{given}.")
+
     try:
         given = np.asarray(values)
     except (ValueError, TypeError) as problem:  # lists of different lengths, for one
-        raise InputError(f"{wanted}: {problem}.") from problem
+        raise unlike(f": {problem}") from problem
     if given.size and given.dtype.kind not in _KINDS[dtype.kind]:
-        raise InputError(f"{wanted}, not {given.dtype} of shape {given.shape}.")
+        raise unlike(f", not {given.dtype} of shape {given.shape}")
     array = np.array(given, dtype=dtype, order="C", subok=False)
     if dtype != FLOAT and not np.array_equal(array, given):
-        raise InputError(f"{wanted}; some of the given {given.dtype} numbers do not fit into it.")
+        raise unlike(f"; some of the given {given.dtype} numbers do not fit into it")
     return array
 
 

@@ -11,6 +11,9 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import frozen_value, takes_arrays
 
+_EYE = np.eye(3)
+_ROUNDED = 1e-6 + 1e-5 * _EYE  # by how much a rotation times its transpose may be off
+
 
 def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     """Return the matrix [v]x with [v]x u = v x u, (*batch, 3, 3).
@@ -115,7 +118,7 @@ class Pose(Value):
         object.__setattr__(self, "rotation", frozen(rotation, tail=(3, 3), name="rotation"))
         object.__setattr__(self, "translation", frozen(translation, tail=(3,), name="translation"))
         gram = self.rotation @ np.swapaxes(self.rotation, -1, -2)
-        if not np.allclose(gram, np.eye(3), atol=1e-6) or np.any(np.linalg.det(self.rotation) < 0):
+        if not (np.abs(gram - _EYE) <= _ROUNDED).all() or np.any(np.linalg.det(self.rotation) < 0):
             raise InputError("rotation is not a rotation matrix (orthonormal, determinant +1).")
         try:  # one of them may be for all of the other
             np.broadcast_shapes(self.rotation.shape[:-2], self.translation.shape[:-1])

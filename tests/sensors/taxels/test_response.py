@@ -190,7 +190,7 @@ def test_what_follows_late_of_a_heavy_touch_is_taken_off_a_light_one() -> None:
 
 @pytest.mark.parametrize(("make", "sums"), [(magnetic_skin, False), (pillar_array, True)])
 def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
-    make: Callable[[int, int, int], ThreeAxisSkin], sums: bool
+    make: Callable[[int, int, int], ThreeAxisSkin], sums: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     skin = make(4, 4, 1)
     loads = three_axis_touches(skin.positions, np.random.default_rng(2), 44)
@@ -198,6 +198,7 @@ def test_a_calibration_knows_pillars_that_bear_all_of_a_force(
     body = TaxelBody.anywhere(skin.positions, skin.normals, along=(1.0, 0.0, 0.0))
     recording = Recording(np.arange(len(cells)) / RATE, {CELLS: cells})
     known = TrueSamples(truth.frame / RATE, truth.place, force=truth.force)
+    monkeypatch.setattr("palpate.sensors.taxels.calibrate_response.FOLDS", 3)
     found = identify_response(body, recording, known)
     assert found.sums == sums
     assert "left_out" in found.provenance
