@@ -18,9 +18,8 @@ from palpate.files.atomic import reserve_output, sibling_folder
 from palpate_lab.cli.arena_setup import ArenaRequest, robot_skin
 
 if TYPE_CHECKING:
-    from palpate_lab.cli.arena_run import ArenaMoment, ArenaResult, ArenaRun
-    from palpate_lab.simulation.arena.layout import ArenaLayout
-    from palpate_lab.viewer.arena import Arena, ArenaScene
+    from palpate_lab.cli.arena_run import ArenaRun
+    from palpate_lab.simulation.arena.moment import ArenaMoment, ArenaResult
 
     Show = Callable[[ArenaMoment], None]
 
@@ -173,15 +172,15 @@ def _filmed(run: ArenaRun, path: Path | None, stack: ExitStack) -> list[Show]:
     from palpate.viewer.video import Video
     from palpate_lab.viewer.arena_picture import SIZE, ArenaPicture
 
-    layout = run.settings.layout
-    picture, video = ArenaPicture(_drawn(run)), stack.enter_context(closing(Video(path, SIZE, PICTURES)))
+    picture = ArenaPicture(run.settings.layout, run.robot.radius)
+    video = stack.enter_context(closing(Video(path, SIZE, PICTURES)))
     last = -1
 
     def show(moment: ArenaMoment) -> None:
         nonlocal last
         last += 1
         if last % FRAMED == 0 or moment.arrived.all():
-            video.add(picture.draw(_scene(moment, layout)))
+            video.add(picture.draw(moment))
 
     return [show]
 
@@ -192,37 +191,14 @@ def _live(run: ArenaRun, port: int | None, stack: ExitStack) -> list[Show]:
         return []
     from palpate_lab.viewer.live_arena import LiveArena
 
-    layout = run.settings.layout
-    page = stack.enter_context(LiveArena(_drawn(run), port=port))
+    page = stack.enter_context(LiveArena(run.settings.layout, run.robot.radius, port=port))
     announce(f"open {page.address} in a browser; Ctrl-C ends the run and leaves no file")
 
     def show(moment: ArenaMoment) -> None:
-        page.show(_scene(moment, layout), now=bool(moment.arrived.all()))
+        page.show(moment, now=bool(moment.arrived.all()))
         page.wait(moment.time)
 
     return [show]
-
-
-def _drawn(run: ArenaRun) -> Arena:
-    """Return the arena of a run, as it is drawn."""
-    from palpate_lab.viewer.arena import Arena
-
-    layout: ArenaLayout = run.settings.layout
-    half = np.array([block.half for block in layout.blocks]).reshape(-1, 2)
-    movable = np.array([block.mass is not None for block in layout.blocks], dtype=bool)
-    return Arena(layout.size, half, movable, layout.goals, run.robot.radius, layout.name)
-
-
-def _scene(moment: ArenaMoment, layout: ArenaLayout) -> ArenaScene:
-    """Return a moment, as it is drawn."""
-    from palpate_lab.viewer.arena import ArenaScene
-
-    blocks = np.array([(block.x, block.y, block.turn) for block in layout.blocks]).reshape(-1, 3)
-    blocks[[block.mass is not None for block in layout.blocks]] = moment.blocks  # those that can move, in this order
-    frames = None if moment.frames is None else tuple(moment.frames)
-    return ArenaScene(
-        moment.time, moment.poses, blocks, tuple(moment.touches), moment.states, moment.whys, moment.arrived, frames
-    )
 
 
 def _figures(result: ArenaResult) -> list[tuple[str, object]]:

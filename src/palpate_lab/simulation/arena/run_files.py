@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -15,6 +15,7 @@ from jaxtyping import Float, UInt8
 from palpate.errors import InputError
 from palpate.opencv import opencv
 from palpate_lab.simulation.arena.layout import ArenaLayout
+from palpate_lab.simulation.arena.moment import ArenaMoment
 from palpate_lab.simulation.bags import header, open_bag
 
 QUALITY = 85  # of JPEG
@@ -39,61 +40,6 @@ RIG = """# The ring of one robot in {name}.mcap. What really touched it is in {n
 model = "{name}_ring.toml"
 topic = "/robot_1/camera/compressed"
 """
-
-
-@runtime_checkable
-class RecordedFrame(Protocol):
-    """A moment of a run, as a recorder takes it."""
-
-    @property
-    def time(self) -> float:
-        """Time [s]."""
-        ...
-
-    @property
-    def poses(self) -> Float[np.ndarray, "n 3"]:
-        """True x, y, heading of the robots, (n, 3) [m], [rad]."""
-        ...
-
-    @property
-    def tracked(self) -> Float[np.ndarray, "n 3"]:
-        """Poses that the robots were given, (n, 3) [m], [rad]."""
-        ...
-
-    @property
-    def blocks(self) -> Float[np.ndarray, "m 3"]:
-        """True x, y, turn of the movable blocks, (m, 3) [m], [rad]."""
-        ...
-
-    @property
-    def touches(self) -> Sequence[Float[np.ndarray, "_ 2"] | None]:
-        """Angle [rad] and force [N] of contacts that each robot feels, (k, 2); None while its skin gives no reading."""
-        ...
-
-    @property
-    def truths(self) -> Sequence[Float[np.ndarray, "_ 5"]]:
-        """Angle [rad], force [N], shear [N], depth [m] and kind of each robot's true contacts, (k, 5)."""
-        ...
-
-    @property
-    def wheels(self) -> Float[np.ndarray, "n 2"]:
-        """Commanded speeds of the tracks, (n, 2) [m/s]."""
-        ...
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """State of each robot, in a word or two."""
-        ...
-
-    @property
-    def whys(self) -> tuple[str, ...]:
-        """Reason for each state, in a sentence."""
-        ...
-
-    @property
-    def frames(self) -> Sequence[UInt8[np.ndarray, "h w 3"]] | None:
-        """Image of each camera, (h, w, 3): blue, green, red; None without images."""
-        ...
 
 
 def files_of(recording: Path, robots: int, images: bool) -> dict[str, Path]:
@@ -172,7 +118,7 @@ class RunRecorder:
         self._single = [self._table(files[f"truth {k + 1}"], TOUCHES) for k in range(robots)] if images else []
         self._states, self._blocks = [""] * robots, np.zeros((0, 3))
 
-    def add(self, frame: RecordedFrame) -> None:
+    def add(self, frame: ArenaMoment) -> None:
         """Write the next moment to all files of the run.
 
         Raises:
@@ -251,7 +197,7 @@ class RunRecorder:
         head = header(self._bag.types, stamp, "arena")
         self._bag.write(stamp, BLOCKS, self._type("PoseArray")(head, [self._posed(each) for each in blocks]))
 
-    def _rows(self, frame: RecordedFrame) -> None:
+    def _rows(self, frame: ArenaMoment) -> None:
         time = f"{frame.time:.6f}"
         for robot, felt in enumerate(frame.touches):
             rows: list[list[float]] = [] if felt is None else felt.tolist()
