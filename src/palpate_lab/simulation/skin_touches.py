@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
-from palpate_lab.simulation.forearm import Skin, places_near
+from palpate_lab.simulation.forearm import Forearm, places_near
 from palpate_lab.simulation.poke_bench import PokeBench
 
 RATE = 50.0  # Hz, of frames
@@ -152,7 +152,7 @@ def hertz_discs(
     return x, y, newtons[:, None] * weight / weight.sum()
 
 
-def _pairs(skin: Skin, rng: np.random.Generator, count: int, apart: float, reach: float) -> Float[np.ndarray, "m 3"]:
+def _pairs(skin: Forearm, rng: np.random.Generator, count: int, apart: float, reach: float) -> Float[np.ndarray, "m 3"]:
     """Draw pairs of points, both near a taxel, at the distance `apart` along the skin."""
     from scipy.spatial import cKDTree
 
