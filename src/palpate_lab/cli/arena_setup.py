@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
+from palpate_lab.cli.simulate import require_known
 
 if TYPE_CHECKING:
     from palpate.sensors.marker_ring.model import MarkerRing
@@ -60,12 +61,12 @@ class ArenaRequest:
         if self.own:
             require_solvable(self.arena(0), RobotSettings().radius)  # before a ring is calibrated
         else:
-            _require_known(self.layout, (*LAYOUTS, "FILE.toml"), "layout")
-        _require_known(self.method, METHODS, "method")
+            require_known(self.layout, (*LAYOUTS, "FILE.toml"), "layout")
+        require_known(self.method, METHODS, "method")
         if self.fault is not None:
-            _require_known(self.fault, FAULTS, "fault")
+            require_known(self.fault, FAULTS, "fault")
         if self.density is not None:
-            _require_known(self.density, tuple(DENSITIES), "density")
+            require_known(self.density, tuple(DENSITIES), "density")
         if not 0.0 < self.seconds <= 3600.0:
             raise InputError(f"must be more than 0 and at most 3600, not {self.seconds:g}.", where="--seconds")
         if self.robots is not None and not 1 <= self.robots <= MOST:
@@ -153,11 +154,6 @@ def command(request: ArenaRequest, seed: int) -> str:
         if value != getattr(ArenaRequest(), name):
             words.append(f"--{name}" if value is True else f"--{name} {value}")
     return " ".join([*words, f"--seed {seed}", "--view"])
-
-
-def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
-    if value not in known:
-        raise InputError(f"the {what} {value!r} is unknown.", where=f"--{what}", hint=f"Use one of {', '.join(known)}.")
 
 
 def _ring(rig: str | Path) -> MarkerRing:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -11,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.console.console import Quantity, announce, counting, lines, note, progress, title, wait
+from palpate.console.console import Quantity, announce, lines, note, progress, title, wait
 from palpate.console.options import CountOption, FileOption, NameOption, require_port
 from palpate.errors import InputError
-from palpate.files.atomic import reserve_output, sibling_folder
 from palpate_lab.cli.arena_setup import ArenaRequest, robot_skin
+from palpate_lab.cli.simulate import complete_run, require_new_run
 
 if TYPE_CHECKING:
     from palpate_lab.cli.arena_run import ArenaRun
@@ -89,16 +88,14 @@ def simulate_arena(
         return
     _require_single(jobs, backend)
     asked.check()
-    _require_new(output, film, asked, len(asked.arena(seed).starts))
+    from palpate_lab.simulation.arena.run_files import files_of
+
+    hint = "Name it RUN.mcap; a page of many runs needs --seeds."
+    require_new_run(output, film, files_of(output, asked.arena(seed).robots, asked.images), hint)
     wait("loading compiled loops")
     run = asked.run(seed)
-    with sibling_folder(output) as part, counting():
-        video = None if film is None else part / f"{output.stem}.mp4"
-        result = _recorded(run, asked, part / output.name, video, port if view else None)
-        if film is not None and video is not None:
-            shutil.move(video, film)
-        for file in sorted(part.iterdir()):
-            file.replace(output.parent / file.name)
+    with complete_run(output, film) as (recording, video):
+        result = _recorded(run, asked, recording, video, port if view else None)
     title(f"{len(result.arrived)} robots, {run.settings.layout.name}, method {method} -> {output}")
     lines(_figures(result))
     note(_next(output, asked))
@@ -116,21 +113,6 @@ def _require_single(jobs: int | None, backend: str) -> None:
         raise InputError(
             "is for many runs only.", where="--jobs" if jobs is not None else "--backend", hint="Add --seeds N."
         )
-
-
-def _require_new(output: Path, film: Path | None, asked: ArenaRequest, robots: int) -> None:
-    from palpate_lab.simulation.arena.run_files import files_of
-
-    if output.suffix != ".mcap":
-        hint = "Name it RUN.mcap; a page of many runs needs --seeds."
-        raise InputError("is not the name of an MCAP file.", where=str(output), hint=hint)
-    if film is not None and film.suffix != ".mp4":
-        raise InputError("is not the name of a video.", where=str(film), hint="Name it RUN.mp4.")
-    for file in [output, *([film] if film is not None else [])]:
-        reserve_output(file)
-    for file in [*files_of(output, robots, asked.images).values(), *([film] if film is not None else [])]:
-        if file.exists() or file.is_symlink():
-            raise InputError("is already there.", where=str(file), hint="Name another output.")
 
 
 def _recorded(run: ArenaRun, asked: ArenaRequest, recording: Path, film: Path | None, port: int | None) -> ArenaResult:

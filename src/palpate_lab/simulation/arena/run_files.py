@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from palpate.errors import InputError
+from palpate.files.models.toml import toml_lines
 from palpate.opencv import opencv
 from palpate_lab.simulation.arena.layout import ArenaLayout
 from palpate_lab.simulation.arena.moment import ArenaMoment
@@ -74,22 +75,15 @@ def write_arena(file: Path, layout: ArenaLayout, settings: Mapping[str, object])
         OSError: the file cannot be written.
     """
     lines = ["# Lengths in metres, angles in radians; a block without a mass is fixed."]
-    lines += [f"{name} = {_toml(value)}" for name, value in settings.items()]
-    lines += [f"name = {_toml(layout.name)}", f"size = {_toml(list(layout.size))}"]
-    lines += [f"starts = {_toml(layout.starts.tolist())}", f"goals = {_toml(layout.goals.tolist())}"]
+    stated = {**settings, "name": layout.name, "size": layout.size, "starts": layout.starts.tolist()}
+    lines += _lines({**stated, "goals": layout.goals.tolist()})
     for block in layout.blocks:
-        stated = {name: getattr(block, name) for name in ("x", "y", "turn", "half", "mass", "friction")}
-        known = {name: value for name, value in stated.items() if value is not None}
-        lines += ["", "[[block]]", *(f"{name} = {_toml(value)}" for name, value in known.items())]
+        lines += ["", "[[block]]", *_lines({name: value for name, value in vars(block).items() if value is not None})]
     file.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
-def _toml(value: object) -> str:
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(_toml(each) for each in cast('Sequence[object]', value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value) if isinstance(value, int | float) else '"{}"'.format(str(value).replace('"', "'"))
+def _lines(table: Mapping[str, object]) -> list[str]:
+    return [line for name, value in table.items() for line in toml_lines(name, value)]
 
 
 class RunRecorder:
