@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.files.models.kinds import write_model
 from palpate.signals.recording import CELLS
 from palpate_lab.benchmark.task import MadeTask, TaskTruth, write_body, write_table
 from palpate_lab.simulation.skin_bench import PaperSheet, Rolled
@@ -66,7 +67,7 @@ def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
     write_body(folder / "body.stl", *link_mesh(settings, 60))
     noise = settings.force_noise / np.sqrt(settings.wrench_rate // settings.skin_rate)
     torque = settings.torque_noise / np.sqrt(settings.wrench_rate // settings.skin_rate)
-    (folder / "intensity.toml").write_text(intensity_model(), encoding="utf-8")
+    write_model(folder / "intensity.toml", intensity_model())
     numbers = {"rows": sheet.rows, "columns": sheet.columns, "tare": QUIET - 0.5, "unequal": settings.unequal}
     pose = {"xyz": settings.mount.translation.tolist(), "quaternion_xyzw": settings.mount.quaternion().tolist()}
     placed = {"xyz": pose["xyz"], "quaternion": pose["quaternion_xyzw"]}
