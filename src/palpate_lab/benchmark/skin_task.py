@@ -10,8 +10,9 @@ from palpate.files.models.kinds import write_model
 from palpate.signals.recording import CELLS
 from palpate_lab.benchmark.task import MadeTask, TaskTruth, write_body, write_table
 from palpate_lab.simulation.skin_bench import PaperSheet, Rolled
-from palpate_lab.simulation.touched import ForearmSettings, simulate_forearm
 from palpate_lab.simulation.touched.files import intensity_model, link_mesh
+from palpate_lab.simulation.touched.run import simulate_forearm
+from palpate_lab.simulation.touched.settings import ForearmSettings
 
 LEAST = 1.0  # N: a frame with a lighter contact is not judged
 QUIET = 1.5  # s at the start

@@ -56,7 +56,9 @@ class ArenaRequest:
                 cannot be read or solved, or a rig without a ring.
         """
         from palpate_lab.cli.arena_run import FAULTS, METHODS
-        from palpate_lab.simulation.arena import DENSITIES, RobotSettings, require_solvable
+        from palpate_lab.simulation.arena.planner import require_solvable
+        from palpate_lab.simulation.arena.random_layouts import DENSITIES
+        from palpate_lab.simulation.arena.settings import RobotSettings
 
         if self.own:
             require_solvable(self.arena(0), RobotSettings().radius)  # before a ring is calibrated
@@ -100,7 +102,8 @@ class ArenaRequest:
             InputError: the file is no valid arena, the layout is unknown, or no random arena can be solved.
         """
         from palpate_lab.cli.arena_file import read_arena
-        from palpate_lab.simulation.arena import paper_layout, random_layout, trap_layout
+        from palpate_lab.simulation.arena.fixed_layouts import paper_layout, trap_layout
+        from palpate_lab.simulation.arena.random_layouts import random_layout
 
         if self.own:
             return read_arena(self.layout)
