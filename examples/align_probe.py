@@ -14,8 +14,9 @@ import numpy as np
 import palpate
 from palpate.control import Limits, Servo
 from palpate.files.arm import load_arm
-from palpate_lab.simulation.phantom import LabSettings, PhantomLab, motion
 from palpate_lab.simulation.phantom.elfin3 import urdf
+from palpate_lab.simulation.phantom.lab import LabSettings, PhantomLab
+from palpate_lab.simulation.phantom.motion import motion
 
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 20.0
 NOISE = (0.04, 0.04, 0.04, 1.5e-3, 1.5e-3, 1.5e-3)  # N, N m: what the sensor's maker states

@@ -38,8 +38,8 @@ from palpate.viewer.guard import LARGEST
 from palpate.viewer.scene import no_contacts, prepare
 from palpate.viewer.server import Page, Served
 from palpate.viewer.viser_door import CLIENTS
+from palpate_lab.simulation.arena.layout import ArenaLayout, Block
 from palpate_lab.simulation.shapes import EllipsoidBody
-from palpate_lab.viewer.arena import Arena
 from palpate_lab.viewer.live_arena import LiveArena
 from palpate_lab.viewer.live_probe import LiveProbe
 
@@ -204,8 +204,8 @@ def _view() -> AbstractContextManager[Target]:
 
 
 def _arena() -> AbstractContextManager[Target]:
-    goals = np.array([[2.5, 1.0]])
-    return _here(LiveArena(Arena((3.0, 2.0), np.full((1, 2), 0.1), np.array([True]), goals), port=0))
+    block, start, goal = Block(1.0, 1.0, 0.0, (0.1, 0.1), mass=1.0), np.array([[0.5, 1.0, 0.0]]), np.array([[2.5, 1.0]])
+    return _here(LiveArena(ArenaLayout((3.0, 2.0), (block,), start, goal), port=0))
 
 
 def _phantom() -> AbstractContextManager[Target]:

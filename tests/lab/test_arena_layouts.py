@@ -8,7 +8,10 @@ import pytest
 from scipy import ndimage
 
 from palpate.errors import InputError
-from palpate_lab.simulation.arena import ArenaLayout, Block, paper_layout, random_layout, require_solvable, trap_layout
+from palpate_lab.simulation.arena.fixed_layouts import paper_layout, trap_layout
+from palpate_lab.simulation.arena.layout import ArenaLayout, Block
+from palpate_lab.simulation.arena.planner import require_solvable
+from palpate_lab.simulation.arena.random_layouts import random_layout
 
 RADIUS = 0.065  # of a robot, and 10 mm
 SEEDS = range(5)

@@ -1,9 +1,11 @@
 """The arena from above: the same moment gives the same pixels, and each thing is where it should be."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from palpate_lab.viewer.arena import FORCE, ArenaScene, Trails, colour, mixed, newtons
+from palpate_lab.viewer.arena import FORCE, Trails, colour, mixed, newtons, outline
 from palpate_lab.viewer.arena_picture import HEAD, SIZE, ArenaPicture, senses
 from tests.support.arena_scenes import BLOCKS, arena, scene
 
@@ -41,18 +43,18 @@ def test_robots_and_blocks_are_where_they_are() -> None:
     fixed, pushed = _seen(picture, 1.0, 0.5), _seen(picture, 1.93, 1.0)
     assert len({fixed, pushed, (255, 255, 255)}) == 3
     assert _seen(picture, 2.4, 1.2) == (255, 255, 255)
-    moved = scene(10.0)
-    elsewhere = ArenaScene(**(vars(moved) | {"blocks": BLOCKS + [[0.5, 0.0, 0.0]] * 3}))
-    assert _seen(ArenaPicture(arena()).draw(elsewhere), 1.5, 0.5) == fixed
+    elsewhere = replace(scene(10.0), blocks=np.array([[2.4, 1.2, 0.0]]))
+    assert _seen(ArenaPicture(arena()).draw(elsewhere), 2.33, 1.2) == pushed
 
 
 def test_nothing_of_a_block_is_beyond_the_walls() -> None:
     """The third block reaches 0.1 m into the field and as far beyond: only the inner half is drawn."""
-    outline = arena().outline(2, BLOCKS[2])
-    assert outline[:, 1].max() == pytest.approx(2.0)
-    assert outline[:, 1].min() == pytest.approx(1.9)
-    assert len(arena().outline(2, np.array([1.5, 2.5, 0.4]))) == 0
-    turned = arena().outline(0, np.array([1.0, 0.5, 0.3]))
+    size = arena().size
+    inside = outline(BLOCKS[2], size)
+    assert inside[:, 1].max() == pytest.approx(2.0)
+    assert inside[:, 1].min() == pytest.approx(1.9)
+    assert len(outline(replace(BLOCKS[2], y=2.5, turn=0.4), size)) == 0
+    turned = outline(BLOCKS[0], size)
     np.testing.assert_allclose(turned.mean(axis=0), [1.0, 0.5])
     np.testing.assert_allclose(np.hypot(*(turned - [1.0, 0.5]).T), np.hypot(0.2, 0.1))
     picture = ArenaPicture(arena()).draw(scene())
@@ -70,9 +72,9 @@ def test_an_arrow_grows_with_the_force_and_stands_outside_the_skin() -> None:
 
 
 def test_cameras_and_blindness_are_shown() -> None:
-    rings = senses(scene(blind=True), 0.055, 100)
+    rings = senses(scene(blind=True), 8, 100)
     assert rings.shape == (100, 204, 3)
-    images = senses(scene(images=True), 0.055, 48)
+    images = senses(scene(images=True), 8, 48)
     assert images.shape == (48, 132, 3)
     assert images[40, 30].tolist() == [40, 40, 40]
     assert images[40, 110].tolist() == [200, 200, 200]

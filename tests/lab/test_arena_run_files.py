@@ -1,13 +1,14 @@
 """A run's files say what they were given: topics a robot, states at changes, blocks when they move, tables beside."""
 
 import tomllib
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from palpate_lab.simulation.arena.layout import ArenaLayout, Block
+from palpate_lab.simulation.arena.moment import ArenaMoment
 from palpate_lab.simulation.arena.run_files import RunRecorder, files_of, write_arena, write_rig
 from tests.support.read_back import messages, rows
 
@@ -16,25 +17,21 @@ pytest.importorskip("rosbags")
 NONE = np.zeros((0, 5))
 
 
-@dataclass(frozen=True)
-class Moment:
-    """Two robots: the first is pressed from its left by a corner, the second is blind from half a second on."""
-
-    time: float
-    poses: np.ndarray = field(default_factory=lambda: np.array([[1.0, 2.0, np.pi / 2], [0.5, 0.5, 0.0]]))
-    tracked: np.ndarray = field(default_factory=lambda: np.array([[1.001, 2.0, np.pi / 2], [0.5, 0.5, 0.0]]))
-    blocks: np.ndarray = field(default_factory=lambda: np.array([[1.0, 1.0, 0.0]]))
-    touches: list[np.ndarray | None] = field(default_factory=lambda: [np.array([[np.pi / 2, 2.0]]), np.zeros((0, 2))])
-    truths: list[np.ndarray] = field(default_factory=lambda: [np.array([[np.pi / 2, 2.1, 0.5, 0.004, 1.0]]), NONE])
-    wheels: np.ndarray = field(default_factory=lambda: np.array([[0.05, 0.04], [0.0, 0.0]]))
-    states: tuple[str, ...] = ("push", "arrived")
-    whys: tuple[str, ...] = ("it moves", "at its goal")
-    frames: list[np.ndarray] | None = None
+def _moment(time: float, frames: list[np.ndarray] | None) -> ArenaMoment:
+    """Two robots: the first is pressed from its left by a corner."""
+    poses, tracked = np.array([[1.0, 2.0, np.pi / 2], [0.5, 0.5, 0.0]]), [[1.001, 2.0, np.pi / 2], [0.5, 0.5, 0.0]]
+    touches, truth = [np.array([[np.pi / 2, 2.0]]), np.zeros((0, 2))], np.array([[np.pi / 2, 2.1, 0.5, 0.004, 1.0]])
+    wheels, states, whys = np.array([[0.05, 0.04], [0.0, 0.0]]), ("push", "arrived"), ("it moves", "at its goal")
+    blocks, arrived = np.array([[1.0, 1.0, 0.0]]), np.array([False, True])
+    return ArenaMoment(
+        time, poses, np.array(tracked), blocks, touches, [truth, NONE], wheels, states, whys, frames, arrived
+    )
 
 
-def _run(images: bool) -> list[Moment]:
+def _run(images: bool) -> list[ArenaMoment]:
+    """The second robot is blind from half a second on, and a block moves."""
     frames = [np.full((48, 64, 3), 90, np.uint8)] * 2 if images else None
-    moments = [Moment(k / 30.0, frames=frames) for k in range(30)]
+    moments = [_moment(k / 30.0, frames) for k in range(30)]
     for k in range(15, 30):
         felt = [*moments[k].touches[:1], None]
         moved = np.add(moments[k].blocks, [0.001 * (k - 14), 0.0, 0.0])

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate_lab.simulation.arena import FRAME, ArenaLayout, ArenaWorld, Block, RobotSettings
+from palpate_lab.simulation.arena.layout import ArenaLayout, Block
+from palpate_lab.simulation.arena.settings import FRAME, RobotSettings
+from palpate_lab.simulation.arena.world import ArenaWorld
 
 pytest.importorskip("mujoco")
 

@@ -30,8 +30,8 @@ def test_what_is_fed_is_drawn() -> None:
         assert "1 of 2 arrived" in page._words.content
         assert "10.0 s" in page._words.content
         assert "blind" in page._words.content
-        assert page._blocks[0] is None  # a fixed one stands for good
-        np.testing.assert_allclose(page._blocks[1].position[:2], [2.0, 1.0])
+        (pushed,) = page._blocks  # fixed ones stand for good
+        np.testing.assert_allclose(pushed.position[:2], [2.0, 1.0])
 
 
 def test_the_clock_of_the_run_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.signals.drift import Drift
-from palpate_lab.simulation.arena import ArenaWorld, random_layout
+from palpate_lab.simulation.arena.random_layouts import random_layout
+from palpate_lab.simulation.arena.world import ArenaWorld
 from palpate_lab.simulation.contacts import touch_wrenches
 from palpate_lab.simulation.drift import simulate_drift
 from palpate_lab.simulation.load_cell_bench import Bench
@@ -23,7 +24,8 @@ from palpate_lab.simulation.session import simulate_session
 from palpate_lab.simulation.skin_touches import simulate_touches
 from palpate_lab.simulation.three_axis_skins import magnetic_skin, pillar_array
 from palpate_lab.simulation.three_axis_touches import three_axis_touches
-from palpate_lab.simulation.touched import ForearmSettings, simulate_forearm
+from palpate_lab.simulation.touched.run import simulate_forearm
+from palpate_lab.simulation.touched.settings import ForearmSettings
 from tests.support.state import differences
 
 for _module in ("cv2", "mujoco", "skfem"):

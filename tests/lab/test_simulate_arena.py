@@ -13,9 +13,10 @@ from palpate.cli import main
 from palpate_lab.cli import arena_batch
 from palpate_lab.cli.arena_batch import read_results
 from palpate_lab.cli.arena_file import read_arena
-from palpate_lab.cli.arena_run import ArenaResult
 from palpate_lab.cli.arena_setup import ArenaRequest, command
-from palpate_lab.simulation.arena import ArenaLayout, Block, random_layout
+from palpate_lab.simulation.arena.layout import ArenaLayout, Block
+from palpate_lab.simulation.arena.moment import ArenaResult
+from palpate_lab.simulation.arena.random_layouts import random_layout
 from palpate_lab.simulation.arena.run_files import write_arena
 
 pytest.importorskip("mujoco")

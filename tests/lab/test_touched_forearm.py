@@ -18,17 +18,11 @@ from palpate.signals.drift import Drift
 from palpate.signals.payload import Payload
 from palpate.signals.recording import CELLS, ORIENTATION
 from palpate_lab.simulation.skin_bench import PaperSheet, Patch, Rolled, press
-from palpate_lab.simulation.touched import (
-    ForearmRun,
-    ForearmSettings,
-    simulate_forearm,
-    simulate_free,
-    simulate_presses,
-)
 from palpate_lab.simulation.touched.body import simulate_physics
 from palpate_lab.simulation.touched.files import link_mesh, write_forearm
+from palpate_lab.simulation.touched.run import ForearmRun, simulate_forearm, simulate_free, simulate_presses
 from palpate_lab.simulation.touched.sensors import motion
-from palpate_lab.simulation.touched.settings import GRAVITY
+from palpate_lab.simulation.touched.settings import GRAVITY, ForearmSettings
 
 pytest.importorskip("mujoco")
 

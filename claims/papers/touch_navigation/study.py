@@ -21,8 +21,9 @@ from claims.papers.touch_navigation.conditions import JUDGED, Condition, arena_s
 from palpate.console.parallel import begin_results, from_row, read_rows, run_kept
 from palpate.sensors.marker_ring.estimator import RingEstimator
 from palpate_lab.cli.arena_ring import RingWear
-from palpate_lab.cli.arena_run import FELT, ArenaMoment, ArenaRun
+from palpate_lab.cli.arena_run import FELT, ArenaRun
 from palpate_lab.simulation.arena.camera import TableCamera
+from palpate_lab.simulation.arena.moment import ArenaMoment
 
 BIN = 0.05  # N of the histogram of forces
 BINS = 400

@@ -99,10 +99,7 @@ def evaluate(
     title(f"{contacts} against {truth}")
     _say(report)
     if each:
-        table(
-            ("sensor", "with a truth", "answered", "location [mm]", *HEADER[1:-1], "force [N]", "in ellipse"),
-            _rows(each),
-        )
+        table(_OF_SENSOR, _rows(each))
     if not each and (warning := other_truth(found, known, report, tolerance=tolerance)):
         note([warning], kind="warning")
     note([*_unanswered(report), *_unpaired(report), *_unknown(found, each), *found.notes])

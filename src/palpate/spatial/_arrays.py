@@ -61,6 +61,17 @@ def require_finite(array: np.ndarray, name: str) -> None:
         raise InputError(f"{name} must be finite.")
 
 
+def require_complete(whole: np.ndarray) -> None:
+    """Require a row without a missing value.
+
+    Raises:
+        InputError: none of the rows is whole (n,).
+    """
+    if not whole.any():
+        what = f"none of the {len(whole)} rows is complete: each has a missing value."
+        raise InputError(what, hint="Find the column that is empty.")
+
+
 def require_batch(array: np.ndarray, batch: tuple[int, ...], name: str) -> None:
     """Require matrices (..., 6, 6) that can be broadcast to one for each of a batch.
 

@@ -175,6 +175,16 @@ def box(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:
 
 
 @takes_arrays
+def corners(bounds: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "8 3"]:
+    """Return the corners (8, 3) [m] of a box.
+
+    Raises:
+        InputError: bounds has another shape.
+    """
+    return np.stack(np.meshgrid(*bounds.T, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@takes_arrays
 def simpler(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], most: int
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.shown import three_digits
-from palpate.viewer.drawing import box, simpler
+from palpate.viewer.drawing import box, corners, simpler
 from palpate.viewer.heat import FineMesh
 from palpate.viewer.scene import Scene
 
@@ -87,11 +87,11 @@ class RobotLayer:
     def places(self) -> Float[np.ndarray, "n 3"]:
         """Return corners of all links over the motion, (n, 3) [m]."""
         seen = np.linspace(0, max(len(self._moved) - 1, 0), 20).astype(int)
-        corners = [_corners(vertices) for vertices, _ in self._links.values()]
+        boxes = [corners(box(vertices)) for vertices, _ in self._links.values()]
         made = [
             corner @ rotation_from_quaternion(self._turned[i, k]).T + self._moved[i, k]
             for i in np.unique(seen)
-            for k, corner in enumerate(corners)
+            for k, corner in enumerate(boxes)
             if np.isfinite(self._moved[i, k]).all()
         ]
         return np.concatenate([np.zeros((1, 3)), *made])
@@ -171,11 +171,6 @@ def _state(force: float) -> str:
     if np.isnan(force):
         return "no readings"
     return f"{three_digits(force)} N" if force > 0 else "nothing touches"
-
-
-def _corners(vertices: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "8 3"]:
-    """Return the corners of the box about vertices."""
-    return np.stack(np.meshgrid(*box(vertices).T, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _filled(values: Float[np.ndarray, "m k w"]) -> Float[np.ndarray, "m k w"]:

@@ -20,7 +20,7 @@ from palpate.contact.touch_finder import find_touches
 from palpate.errors import InputError
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces import Surface
-from palpate.viewer.drawing import box
+from palpate.viewer.drawing import box, corners
 from palpate.viewer.heat import FineMesh, density, refined
 from palpate.viewer.samples import sample_starts, strongest, thinned, totals
 from palpate.viewer.timeline import Timeline, downsampled
@@ -246,7 +246,7 @@ class Scene:
     def outline(self) -> Float[np.ndarray, "k 3"]:
         """Outermost points of the body, or of the layers' places, (k, 3) [m]."""
         if self.body is None:
-            return _corners(self.bounds)
+            return corners(self.bounds)
         return self.body.vertices[np.unique((self.body.vertices @ _directions().T).argmax(axis=0))]
 
     @cached_property
@@ -258,14 +258,14 @@ class Scene:
     def seen_with(self, contacts: Sequence[ShownContact]) -> Float[np.ndarray, "k 3"]:
         """Return points of the body and of the contacts' arrows, (k, 3) [m]; without arrows, with room for some."""
         tails = self._tails(contacts)
-        room = _corners(self.bounds + _ROOM * self.size * np.array([[-1.0], [1.0]]))
+        room = corners(self.bounds + _ROOM * self.size * np.array([[-1.0], [1.0]]))
         axes = np.clip(self.axes[:, 1], room.min(axis=0), room.max(axis=0))  # a frame may be far from its body
         return np.concatenate([self.outline, axes, tails if len(tails) else room])
 
     def seen_near(self, contact: ShownContact) -> Float[np.ndarray, "k 3"]:
         """Return points of a located contact's arrow and surroundings, (k, 3) [m]."""
         about = contact.point + _ABOUT * self.size * np.array([[-1.0] * 3, [1.0] * 3])
-        return np.concatenate([_corners(about), self._tails([contact])])
+        return np.concatenate([corners(about), self._tails([contact])])
 
     def _tails(self, contacts: Sequence[ShownContact]) -> Float[np.ndarray, "k 3"]:
         """Return the places of the arrows' labels, (k, 3) [m]."""
@@ -561,11 +561,6 @@ def _newton(size: float, shown: Contacts) -> float:
     """Return the length of an arrow per newton [m]."""
     strong = float(np.nanquantile(np.linalg.norm(shown.force, axis=1), _STRONG)) if len(shown) else 1.0
     return _ARROW * size / max(strong, 1e-9)
-
-
-def _corners(box: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "8 3"]:
-    """Return the corners of a box."""
-    return np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 @cache

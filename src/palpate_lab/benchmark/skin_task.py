@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.files.models.kinds import write_model
 from palpate.signals.recording import CELLS
 from palpate_lab.benchmark.task import MadeTask, TaskTruth, write_body, write_table
 from palpate_lab.simulation.skin_bench import PaperSheet, Rolled
-from palpate_lab.simulation.touched import ForearmSettings, simulate_forearm
 from palpate_lab.simulation.touched.files import intensity_model, link_mesh
+from palpate_lab.simulation.touched.run import simulate_forearm
+from palpate_lab.simulation.touched.settings import ForearmSettings
 
 LEAST = 1.0  # N: a frame with a lighter contact is not judged
 QUIET = 1.5  # s at the start
@@ -66,7 +68,7 @@ def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
     write_body(folder / "body.stl", *link_mesh(settings, 60))
     noise = settings.force_noise / np.sqrt(settings.wrench_rate // settings.skin_rate)
     torque = settings.torque_noise / np.sqrt(settings.wrench_rate // settings.skin_rate)
-    (folder / "intensity.toml").write_text(intensity_model(), encoding="utf-8")
+    write_model(folder / "intensity.toml", intensity_model())
     numbers = {"rows": sheet.rows, "columns": sheet.columns, "tare": QUIET - 0.5, "unequal": settings.unequal}
     pose = {"xyz": settings.mount.translation.tolist(), "quaternion_xyzw": settings.mount.quaternion().tolist()}
     placed = {"xyz": pose["xyz"], "quaternion": pose["quaternion_xyzw"]}

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from palpate.files.models.toml import toml_lines
 
 UNITS = "m, N, N m, s, rad; a wrench is force, then torque about the frame's origin, of the environment on the body"
 TRUTH = ("sample", "px", "py", "pz", "fx", "fy", "fz")
@@ -81,21 +81,12 @@ def write_task(task: MadeTask, folder: Path, seed: int, *, small: bool) -> None:
         "most": task.most,
         **task.facts,
     }
-    lines = [f"{key} = {_toml(value)}" for key, value in keys.items()]
-    lines += ["", "[files]", *(f"{json.dumps(name)} = {json.dumps(text)}" for name, text in task.files.items()), ""]
+    lines = [line for key, value in keys.items() for line in toml_lines(key, value)]
+    lines += ["", "[files]", *(line for name, text in task.files.items() for line in toml_lines(name, text)), ""]
     (folder / "task.toml").write_text("\n".join(lines), encoding="utf-8")
     truth = task.truth
     rows = np.column_stack([truth.sample, truth.point, truth.force])
     write_table(folder / "truth.csv", dict(zip(TRUTH, rows.T, strict=True)), integers=("sample",), digits=9)
-
-
-def _toml(value: object) -> str:
-    """Return a value as one line of TOML: JSON of texts, numbers and lists of them is TOML too."""
-    if isinstance(value, dict):
-        return (
-            f"{{ {', '.join(f'{key} = {_toml(each)}' for key, each in cast('Mapping[str, object]', value).items())} }}"
-        )
-    return json.dumps(value)
 
 
 def write_table(path: Path, columns: Mapping[str, np.ndarray], *, integers: tuple[str, ...] = (), digits: int) -> None:

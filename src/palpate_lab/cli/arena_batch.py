@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
@@ -14,9 +14,9 @@ from palpate.console.parallel import begin_results, from_row, read_rows, require
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.viewer.report import render, require_report
-from palpate_lab.cli.arena_run import ArenaResult
 from palpate_lab.cli.arena_setup import ArenaRequest, command
-from palpate_lab.viewer.arena_summary import Judged, compose, figures
+from palpate_lab.simulation.arena.moment import ArenaResult
+from palpate_lab.viewer.arena_summary import compose, figures
 
 MOST = 100_000  # runs
 JOBS, RESULTS = "--jobs", "results of runs in the arena"
@@ -105,23 +105,6 @@ def _one(asked: ArenaRequest, seed: int) -> ArenaResult:
     return asked.run(seed).play()
 
 
-def _judged(asked: ArenaRequest, results: Iterable[ArenaResult]) -> list[Judged]:
-    return [
-        Judged(
-            seed=each.seed,
-            arrived=each.arrived,
-            path=each.path,
-            force=each.force,
-            greatest=max(each.greatest, default=0.0),
-            pushes=sum(each.pushes),
-            deadlocks=sum(each.deadlocks),
-            states=each.state,
-            command=command(asked, each.seed),
-        )
-        for each in results
-    ]
-
-
 def _so_far(results: list[ArenaResult], total: int) -> str:
     times = [time for each in results for time in each.arrived]
     share = sum(map(isfinite, times)) / max(len(times), 1)
@@ -129,11 +112,10 @@ def _so_far(results: list[ArenaResult], total: int) -> str:
 
 
 def _report(asked: ArenaRequest, results: list[ArenaResult], output: Path) -> None:
-    judged = _judged(asked, results)
     settings = tuple((name, str(value)) for name, value in asked.key().items() if value not in (None, ""))
-    write_text(output, render(compose(judged, settings)))
-    title(f"{len(judged)} runs of seeds {judged[0].seed} to {judged[-1].seed} -> {output}")
-    lines((name, Quantity(text, value)) for name, text, value in figures(judged))
-    lost = [each for each in judged if not each.complete]
-    note(f"not all arrive: {each.command}" for each in lost[:5])
+    write_text(output, render(compose(results, settings, partial(command, asked))))
+    title(f"{len(results)} runs of seeds {results[0].seed} to {results[-1].seed} -> {output}")
+    lines((name, Quantity(text, value)) for name, text, value in figures(results))
+    lost = [each for each in results if not each.complete]
+    note(f"not all arrive: {command(asked, each.seed)}" for each in lost[:5])
     note([f"and {len(lost) - 5} more, see {output}"] if len(lost) > 5 else [])

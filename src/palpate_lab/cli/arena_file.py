@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from palpate.files.inputs import load_toml
 from palpate.files.schema import parse
-from palpate_lab.simulation.arena import ArenaLayout, Block
+from palpate_lab.simulation.arena.layout import ArenaLayout, Block
 
 RUN = ("seed", "method", "sensing", "seconds", "fault")  # how it was run: not of the arena
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
+from palpate_lab.cli.simulate import require_known
 
 if TYPE_CHECKING:
     from palpate.sensors.marker_ring.model import MarkerRing
@@ -55,17 +56,19 @@ class ArenaRequest:
                 cannot be read or solved, or a rig without a ring.
         """
         from palpate_lab.cli.arena_run import FAULTS, METHODS
-        from palpate_lab.simulation.arena import DENSITIES, RobotSettings, require_solvable
+        from palpate_lab.simulation.arena.planner import require_solvable
+        from palpate_lab.simulation.arena.random_layouts import DENSITIES
+        from palpate_lab.simulation.arena.settings import RobotSettings
 
         if self.own:
             require_solvable(self.arena(0), RobotSettings().radius)  # before a ring is calibrated
         else:
-            _require_known(self.layout, (*LAYOUTS, "FILE.toml"), "layout")
-        _require_known(self.method, METHODS, "method")
+            require_known(self.layout, (*LAYOUTS, "FILE.toml"), "layout")
+        require_known(self.method, METHODS, "method")
         if self.fault is not None:
-            _require_known(self.fault, FAULTS, "fault")
+            require_known(self.fault, FAULTS, "fault")
         if self.density is not None:
-            _require_known(self.density, tuple(DENSITIES), "density")
+            require_known(self.density, tuple(DENSITIES), "density")
         if not 0.0 < self.seconds <= 3600.0:
             raise InputError(f"must be more than 0 and at most 3600, not {self.seconds:g}.", where="--seconds")
         if self.robots is not None and not 1 <= self.robots <= MOST:
@@ -99,7 +102,8 @@ class ArenaRequest:
             InputError: the file is no valid arena, the layout is unknown, or no random arena can be solved.
         """
         from palpate_lab.cli.arena_file import read_arena
-        from palpate_lab.simulation.arena import paper_layout, random_layout, trap_layout
+        from palpate_lab.simulation.arena.fixed_layouts import paper_layout, trap_layout
+        from palpate_lab.simulation.arena.random_layouts import random_layout
 
         if self.own:
             return read_arena(self.layout)
@@ -153,11 +157,6 @@ def command(request: ArenaRequest, seed: int) -> str:
         if value != getattr(ArenaRequest(), name):
             words.append(f"--{name}" if value is True else f"--{name} {value}")
     return " ".join([*words, f"--seed {seed}", "--view"])
-
-
-def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
-    if value not in known:
-        raise InputError(f"the {what} {value!r} is unknown.", where=f"--{what}", hint=f"Use one of {', '.join(known)}.")
 
 
 def _ring(rig: str | Path) -> MarkerRing:

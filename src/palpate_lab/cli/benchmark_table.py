@@ -9,7 +9,7 @@ from importlib.metadata import version
 from math import isfinite
 
 from palpate import __version__
-from palpate.viewer.report import Report, ReportTable, Section, render
+from palpate.viewer.report import Report, ReportTable, Section, percent, render
 from palpate_lab.benchmark.files import Task
 from palpate_lab.benchmark.scoring import NEAR, Score
 
@@ -44,12 +44,12 @@ def cells(row: Row) -> tuple[str, ...]:
     got = row.score
     return (
         row.name,
-        _share(got.answered),
+        percent(got.answered),
         _length(got.median),
         _length(got.p95),
-        _share(got.near),
+        percent(got.near),
         f"{got.force:.3f}" if isfinite(got.force) else "-",
-        _share(got.coverage.inside) if got.coverage.count else "-",
+        percent(got.coverage.inside) if got.coverage.count else "-",
         f"{got.false:,}",
         _time(row.seconds),
     )
@@ -102,10 +102,6 @@ def _made(tasks: Mapping[str, Task]) -> str:
 
 def _line(row: Sequence[str]) -> str:
     return "| " + " | ".join(row) + " |"
-
-
-def _share(value: float) -> str:
-    return f"{100 * value:.1f} %"
 
 
 def _length(value: float) -> str:

@@ -91,7 +91,7 @@ def write_robot_models(robot: LabRobot, rng: np.random.Generator, folder: Path) 
     A pad's response is that of one calibrated pad, by the gains of both, which their maker knows.
     """
     if any(isinstance(each, SheetPatch) for each in robot.sensors):
-        (folder / _INTENSITY).write_text(intensity_model(), encoding="utf-8")
+        write_model(folder / _INTENSITY, intensity_model())
     pads = [each for each in robot.sensors if isinstance(each, PadPatch)]
     response = _calibrated(robot.pillars, rng) if pads else None
     for sensor in robot.sensors:

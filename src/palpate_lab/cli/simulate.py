@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +14,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 from palpate.console.console import counting, lines, note, progress, title, wait
 from palpate.console.options import CountOption
 from palpate.errors import InputError
-from palpate.files.atomic import PART, reserve_output
+from palpate.files.atomic import PART, reserve_output, sibling_folder
 
 Flag = Annotated[bool, FlagCreatePairsOff]
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
@@ -79,6 +79,46 @@ def require_within(**bounds: tuple[int | float, int | float, int | float]) -> No
         if not least <= given <= most:
             option = f"--{name.replace('_', '-')}"
             raise InputError(f"must be from {least:g} to {most:g}, not {given:g}.", where=option)
+
+
+def require_known(value: str, known: Iterable[str], what: str) -> None:
+    """Check that an option is one of the known words.
+
+    Raises:
+        InputError: it is not.
+    """
+    if value not in known:
+        raise InputError(f"the {what} {value!r} is unknown.", where=f"--{what}", hint=f"Use one of {', '.join(known)}.")
+
+
+def require_new_run(output: Path, film: Path | None, files: Mapping[str, Path], hint: str) -> None:
+    """Check that a recording, its film and the files of the run can be made, and keep other processes from the two.
+
+    Raises:
+        InputError: a name ends otherwise (`hint` is on that of the recording), exists, or another process makes it.
+    """
+    if output.suffix != ".mcap":
+        raise InputError("is not the name of an MCAP file.", where=str(output), hint=hint)
+    if film is not None and film.suffix != ".mp4":
+        raise InputError("is not the name of a video.", where=str(film), hint="Name it RUN.mp4.")
+    films = [] if film is None else [film]
+    for file in (output, *films):
+        reserve_output(file)
+    for file in (*files.values(), *films):
+        if file.exists() or file.is_symlink():
+            raise InputError("is already there.", where=str(file), hint="Name another output.")
+
+
+@contextmanager
+def complete_run(output: Path, film: Path | None) -> Generator[tuple[Path, Path | None]]:
+    """Yield where to record a run and its film; they, and the files next to them, take their names at the end."""
+    with sibling_folder(output) as part, counting():
+        video = None if film is None else part / f"{output.stem}.mp4"
+        yield part / output.name, video
+        if film is not None and video is not None:
+            shutil.move(video, film)
+        for file in sorted(part.iterdir()):
+            file.replace(output.parent / file.name)
 
 
 @contextmanager

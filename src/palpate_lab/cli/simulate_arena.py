@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -11,16 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.console.console import Quantity, announce, counting, lines, note, progress, title, wait
+from palpate.console.console import Quantity, announce, lines, note, progress, title, wait
 from palpate.console.options import CountOption, FileOption, NameOption, require_port
 from palpate.errors import InputError
-from palpate.files.atomic import reserve_output, sibling_folder
 from palpate_lab.cli.arena_setup import ArenaRequest, robot_skin
+from palpate_lab.cli.simulate import complete_run, require_new_run
 
 if TYPE_CHECKING:
-    from palpate_lab.cli.arena_run import ArenaMoment, ArenaResult, ArenaRun
-    from palpate_lab.simulation.arena.layout import ArenaLayout
-    from palpate_lab.viewer.arena import Arena, ArenaScene
+    from palpate_lab.cli.arena_run import ArenaRun
+    from palpate_lab.simulation.arena.moment import ArenaMoment, ArenaResult
 
     Show = Callable[[ArenaMoment], None]
 
@@ -90,16 +88,14 @@ def simulate_arena(
         return
     _require_single(jobs, backend)
     asked.check()
-    _require_new(output, film, asked, len(asked.arena(seed).starts))
+    from palpate_lab.simulation.arena.run_files import files_of
+
+    hint = "Name it RUN.mcap; a page of many runs needs --seeds."
+    require_new_run(output, film, files_of(output, asked.arena(seed).robots, asked.images), hint)
     wait("loading compiled loops")
     run = asked.run(seed)
-    with sibling_folder(output) as part, counting():
-        video = None if film is None else part / f"{output.stem}.mp4"
-        result = _recorded(run, asked, part / output.name, video, port if view else None)
-        if film is not None and video is not None:
-            shutil.move(video, film)
-        for file in sorted(part.iterdir()):
-            file.replace(output.parent / file.name)
+    with complete_run(output, film) as (recording, video):
+        result = _recorded(run, asked, recording, video, port if view else None)
     title(f"{len(result.arrived)} robots, {run.settings.layout.name}, method {method} -> {output}")
     lines(_figures(result))
     note(_next(output, asked))
@@ -117,21 +113,6 @@ def _require_single(jobs: int | None, backend: str) -> None:
         raise InputError(
             "is for many runs only.", where="--jobs" if jobs is not None else "--backend", hint="Add --seeds N."
         )
-
-
-def _require_new(output: Path, film: Path | None, asked: ArenaRequest, robots: int) -> None:
-    from palpate_lab.simulation.arena.run_files import files_of
-
-    if output.suffix != ".mcap":
-        hint = "Name it RUN.mcap; a page of many runs needs --seeds."
-        raise InputError("is not the name of an MCAP file.", where=str(output), hint=hint)
-    if film is not None and film.suffix != ".mp4":
-        raise InputError("is not the name of a video.", where=str(film), hint="Name it RUN.mp4.")
-    for file in [output, *([film] if film is not None else [])]:
-        reserve_output(file)
-    for file in [*files_of(output, robots, asked.images).values(), *([film] if film is not None else [])]:
-        if file.exists() or file.is_symlink():
-            raise InputError("is already there.", where=str(file), hint="Name another output.")
 
 
 def _recorded(run: ArenaRun, asked: ArenaRequest, recording: Path, film: Path | None, port: int | None) -> ArenaResult:
@@ -173,15 +154,15 @@ def _filmed(run: ArenaRun, path: Path | None, stack: ExitStack) -> list[Show]:
     from palpate.viewer.video import Video
     from palpate_lab.viewer.arena_picture import SIZE, ArenaPicture
 
-    layout = run.settings.layout
-    picture, video = ArenaPicture(_drawn(run)), stack.enter_context(closing(Video(path, SIZE, PICTURES)))
+    picture = ArenaPicture(run.settings.layout, run.robot.radius)
+    video = stack.enter_context(closing(Video(path, SIZE, PICTURES)))
     last = -1
 
     def show(moment: ArenaMoment) -> None:
         nonlocal last
         last += 1
         if last % FRAMED == 0 or moment.arrived.all():
-            video.add(picture.draw(_scene(moment, layout)))
+            video.add(picture.draw(moment))
 
     return [show]
 
@@ -192,37 +173,14 @@ def _live(run: ArenaRun, port: int | None, stack: ExitStack) -> list[Show]:
         return []
     from palpate_lab.viewer.live_arena import LiveArena
 
-    layout = run.settings.layout
-    page = stack.enter_context(LiveArena(_drawn(run), port=port))
+    page = stack.enter_context(LiveArena(run.settings.layout, run.robot.radius, port=port))
     announce(f"open {page.address} in a browser; Ctrl-C ends the run and leaves no file")
 
     def show(moment: ArenaMoment) -> None:
-        page.show(_scene(moment, layout), now=bool(moment.arrived.all()))
+        page.show(moment, now=bool(moment.arrived.all()))
         page.wait(moment.time)
 
     return [show]
-
-
-def _drawn(run: ArenaRun) -> Arena:
-    """Return the arena of a run, as it is drawn."""
-    from palpate_lab.viewer.arena import Arena
-
-    layout: ArenaLayout = run.settings.layout
-    half = np.array([block.half for block in layout.blocks]).reshape(-1, 2)
-    movable = np.array([block.mass is not None for block in layout.blocks], dtype=bool)
-    return Arena(layout.size, half, movable, layout.goals, run.robot.radius, layout.name)
-
-
-def _scene(moment: ArenaMoment, layout: ArenaLayout) -> ArenaScene:
-    """Return a moment, as it is drawn."""
-    from palpate_lab.viewer.arena import ArenaScene
-
-    blocks = np.array([(block.x, block.y, block.turn) for block in layout.blocks]).reshape(-1, 3)
-    blocks[[block.mass is not None for block in layout.blocks]] = moment.blocks  # those that can move, in this order
-    frames = None if moment.frames is None else tuple(moment.frames)
-    return ArenaScene(
-        moment.time, moment.poses, blocks, tuple(moment.touches), moment.states, moment.whys, moment.arrived, frames
-    )
 
 
 def _figures(result: ArenaResult) -> list[tuple[str, object]]:

@@ -13,7 +13,8 @@ from palpate.console.options import Scalar
 from palpate_lab.cli.simulate import complete_session, require_new, require_within
 
 if TYPE_CHECKING:
-    from palpate_lab.simulation.touched import ForearmRun, ForearmSettings
+    from palpate_lab.simulation.touched.run import ForearmRun
+    from palpate_lab.simulation.touched.settings import ForearmSettings
 
 Flag = Annotated[bool, FlagCreatePairsOff]
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
@@ -58,7 +59,7 @@ def simulate_forearm_command(
     )
     require_within(touches=(1, touches, 5), unequal=(0.0, unequal, 0.5), clock_offset=(-1.0, clock_offset, 1.0))
     from palpate_lab.simulation.skin_bench import Rolled  # here: with them come scipy and the engine
-    from palpate_lab.simulation.touched import MILD_DRIFT, ForearmSettings
+    from palpate_lab.simulation.touched.settings import MILD_DRIFT, ForearmSettings
 
     settings = ForearmSettings(
         sheet=Rolled(rows=rows),
@@ -79,8 +80,8 @@ def simulate_forearm_command(
 
 def _record(settings: ForearmSettings, folder: Path, seed: int, free: float) -> ForearmRun:
     """Simulate a run and write its files."""
-    from palpate_lab.simulation.touched import simulate_forearm, simulate_free
     from palpate_lab.simulation.touched.files import write_forearm
+    from palpate_lab.simulation.touched.run import simulate_forearm, simulate_free
 
     run = simulate_forearm(np.random.default_rng(seed), settings, progress)
     log = simulate_free(np.random.default_rng([seed, 1]), settings, free, run.mass) if free > 0.0 else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.console.console import Quantity, announce, counting, lines, note, progress, title, wait
+from palpate.console.console import Quantity, announce, lines, note, progress, title, wait
 from palpate.console.options import FileOption, Scalar
 from palpate.errors import InputError
-from palpate.files.atomic import reserve_output, sibling_folder
+from palpate_lab.cli.simulate import complete_run, require_known, require_new_run
 
 if TYPE_CHECKING:
     from palpate.control.align import AlignController
@@ -74,50 +73,23 @@ def simulate_phantom(
         raise InputError(f"must be more than 0 and at most 3600, not {seconds:g}.", where="--seconds")
     if seed < 0:
         raise InputError("must not be negative.", where="--seed")
-    _require_method(method)
-    _require_new(output, film)
+    from palpate_lab.cli.phantom_run import METHODS, controller_for
+    from palpate_lab.simulation.phantom.run_files import files_of
+
+    require_known(method, METHODS, "method")
+    require_new_run(output, film, files_of(output), "Name it RUN.mcap.")
     if film is not None:
         from palpate_lab.simulation.phantom.film import choose_renderer
 
         choose_renderer()
     lab = _lab(motion, period, probe, seed)
     wait("loading compiled loops")
-    from palpate_lab.cli.phantom_run import controller_for
-
-    with sibling_folder(output) as part, counting():
-        video = None if film is None else part / f"{output.stem}.mp4"
+    with complete_run(output, film) as (recording, video):
         run = _recorded(lab, controller_for(lab, method), seconds, video, port if view else None)
-        _write(run, lab, part / output.name)
-        if film is not None and video is not None:
-            shutil.move(video, film)
-        for file in sorted(part.iterdir()):
-            file.replace(output.parent / file.name)
+        _write(run, lab, recording)
     title(f"{probe} probe on a phantom, {motion}, method {method} -> {output}")
     lines(_figures(run, lab))
     note(["truth is on /truth/* and in _truth.csv; neither the controller nor an estimate sees it"])
-
-
-def _require_method(method: str) -> None:
-    from palpate_lab.cli.phantom_run import METHODS
-
-    if method not in METHODS:
-        raise InputError(
-            f"the method {method!r} is unknown.", where="--method", hint=f"Use one of {', '.join(METHODS)}."
-        )
-
-
-def _require_new(output: Path, film: Path | None) -> None:
-    from palpate_lab.simulation.phantom.run_files import files_of
-
-    if output.suffix != ".mcap":
-        raise InputError("is not the name of an MCAP file.", where=str(output), hint="Name it RUN.mcap.")
-    if film is not None and film.suffix != ".mp4":
-        raise InputError("is not the name of a video.", where=str(film), hint="Name it RUN.mp4.")
-    for file in [output, *([film] if film is not None else [])]:
-        reserve_output(file)
-    for file in [*files_of(output).values(), *([film] if film is not None else [])]:
-        if file.exists() or file.is_symlink():
-            raise InputError("is already there.", where=str(file), hint="Name another output.")
 
 
 def _lab(name: str, period: float | None, probe: str, seed: int) -> PhantomLab:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import shutil
 import tempfile
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -104,18 +104,34 @@ def poses(
     topic: str,
     time: Float[np.ndarray, " n"],
     quaternions: Float[np.ndarray, "n 4"],
-    position: tuple[float, float, float],
+    positions: Float[np.ndarray, "n 3"] | tuple[float, float, float],
 ) -> Iterator[Stamped]:
     """Yield (stamp [ns], topic, message) with a PoseStamped in the base for each orientation x, y, z, w.
 
-    They are about a fixed point [m]; stamps before 0 are omitted.
+    A single position [m] is that of all; stamps before 0 are omitted.
     """
     point, turn, pose, stamped = (
         types[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Pose", "PoseStamped")
     )
-    for stamp, row in zip(nanoseconds(time), quaternions.tolist(), strict=True):
+    places = np.broadcast_to(positions, (len(time), 3)).tolist()
+    for stamp, place, row in zip(nanoseconds(time), places, quaternions.tolist(), strict=True):
         if stamp >= 0:
-            yield stamp, topic, stamped(header(types, stamp, "base"), pose(point(*position), turn(*row)))
+            yield stamp, topic, stamped(header(types, stamp, "base"), pose(point(*place), turn(*row)))
+
+
+def joint_states(
+    types: Any,
+    topic: str,
+    time: Float[np.ndarray, " n"],
+    names: Sequence[str],
+    positions: Float[np.ndarray, "n k"],
+    velocities: Float[np.ndarray, "n _"] | None = None,
+) -> Iterator[Stamped]:
+    """Yield (stamp [ns], topic, message) with a JointState for each row of positions, and of velocities if given."""
+    state, none = types["sensor_msgs/msg/JointState"], np.zeros(0)
+    fast = np.zeros((len(time), 0)) if velocities is None else velocities
+    for stamp, row, speeds in zip(nanoseconds(time), positions, fast, strict=True):
+        yield stamp, topic, state(header(types, stamp, ""), list(names), row, speeds, none)
 
 
 def readings(

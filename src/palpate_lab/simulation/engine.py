@@ -1,7 +1,8 @@
-"""Load the physics engine, MuJoCo, where it is installed."""
+"""Load the physics engine, MuJoCo, where it is installed, and write numbers of its models."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib import import_module
 from typing import Any
 
@@ -19,3 +20,8 @@ def engine(what: str) -> Any:
     """
     with importing_extra("the simulation needs MuJoCo", "simulation", where=what):
         return import_module("mujoco")
+
+
+def words(values: Iterable[float]) -> str:
+    """Return numbers as an attribute of XML, exact to the last bit."""
+    return " ".join(repr(float(value)) for value in values)

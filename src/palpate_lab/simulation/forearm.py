@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import atan, ceil, cos, pi, radians, sin, sqrt
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,41 +19,6 @@ from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial._arrays import Value, frozen
 
 _TRIES = 200  # rounds of drawing places before an error
-
-
-@runtime_checkable
-class Skin(Protocol):
-    """A link as pokes see it: the true places of its taxels, and its surface around them."""
-
-    @property
-    def places(self) -> TaxelPlaces:
-        """True places [m] and normals of the taxels, in the frame of the link, as `TaxelPlaces`."""
-        ...
-
-    def offset_from(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-        """Return points (n, 3) [m] of the surface nearest to offsets (n, 2) [m] in the tangent planes of taxels (n,).
-
-        Raises:
-            IndexError: there is no taxel of an index.
-        """
-        ...
-
-    def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
-        """Return axes (n, 3, 3) at points of the surface, and the curvature (n,) [1/m] along the first.
-
-        The rows of the axes are two tangents and the outward normal.
-        """
-        ...
-
-    def offsets(
-        self, points: Float[np.ndarray, "n 3"], poke: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"]
-    ) -> Float[np.ndarray, "m 2"]:
-        """Return offsets (m, 2) [m] of taxels (m,) from points[poke] (n, 3) [m], in the tangent planes there.
-
-        Raises:
-            IndexError: there is no point or taxel of an index.
-        """
-        ...
 
 
 @dataclass(frozen=True)
@@ -219,13 +184,9 @@ class Forearm(Value):
         """True flat places of the taxels, (k, 2) [m]."""
         return self._laid(self.centres, self.angles)
 
-    @property
+    @cached_property
     def places(self) -> TaxelPlaces:
         """True places [m] and normals of the taxels on the link, as `TaxelPlaces`."""
-        return self._places
-
-    @cached_property
-    def _places(self) -> TaxelPlaces:
         return self._on_link(self.flat)
 
     def _laid(self, centres: Float[np.ndarray, "m 2"], angles: Float[np.ndarray, " m"]) -> Float[np.ndarray, "k 2"]:
@@ -286,7 +247,7 @@ def nearby(tree: Any, points: Float[np.ndarray, "n 3"], reach: float) -> tuple[n
 
 
 def places_near(
-    skin: Skin,
+    skin: Forearm,
     rng: np.random.Generator,
     count: int,
     *,

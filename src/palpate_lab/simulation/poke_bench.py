@@ -26,7 +26,7 @@ from jaxtyping import Float, Int
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import Pose
-from palpate_lab.simulation.forearm import Forearm, Skin, nearby, places_near
+from palpate_lab.simulation.forearm import Forearm, nearby, places_near
 
 FAR = 9e-3  # m from all that presses: 15 N there are less than a quarter of a count
 
@@ -219,7 +219,7 @@ class PokeBench(Value):
         cross_talk: (6, 6) C; torque from force in m, force from torque in 1/m.
     """
 
-    skin: Skin
+    skin: Forearm
     errors: PokeErrors
     arm: Elbow
     tip: Tip
@@ -238,7 +238,7 @@ class PokeBench(Value):
         cls,
         rng: np.random.Generator,
         *,
-        skin: Skin | None = None,
+        skin: Forearm | None = None,
         errors: PokeErrors = MIX,
         arm: Elbow | None = None,
         tip: Tip | None = None,

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial.pose import quaternion_from_rotation
-from palpate_lab.simulation.bags import Stamped, header, nanoseconds, readings, wrenches, write_bag
+from palpate_lab.simulation.bags import Stamped, joint_states, readings, wrenches, write_bag
 from palpate_lab.simulation.forearm import Cone
 from palpate_lab.simulation.poke_bench import PokeSession
 from palpate_lab.simulation.poke_log import EVERY, PokeLog, Timing, simulate_poke_log
 from palpate_lab.simulation.skin_touches import SkinTouches, simulate_touches
+from palpate_lab.simulation.tables import formatted, write_rows
 
 WRENCH_TOPIC, TAXEL_TOPIC, JOINT_TOPIC = "/ft_sensor/wrench", "/skin/taxels", "/joint_states"
 JOINTS = ("elbow_pitch", "elbow_roll")
+_FORM = ".7g"
 _WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 _URDF = """<robot name="arm">
   <link name="ft_sensor"/>
@@ -72,13 +72,14 @@ def write_poke_session(
     folder.mkdir(parents=True, exist_ok=True)
     log = simulate_poke_log(session, rng, timing)
     write_poke_log(log, folder / "pokes.mcap")
-    _write_rows(folder / "pokes_log.csv", *log.table())
+    names, numbers = log.table()
+    write_rows(folder / "pokes_log.csv", names, formatted(numbers, _FORM))
     _write_pokes(session, folder / "pokes.csv")
     write_arm(session.bench.arm.upper, cone, folder)
     write_places(cad, folder / "cad.txt")
     places = session.bench.skin.places
     rows = np.column_stack([places.positions, places.normals, places.module])
-    _write_rows(folder / "truth.csv", ("x", "y", "z", "nx", "ny", "nz", "module"), rows)
+    write_rows(folder / "truth.csv", ("x", "y", "z", "nx", "ny", "nz", "module"), formatted(rows, _FORM))
     write_touches(simulate_touches(session.bench, rng, touches), folder, "touches")
     write_touches(simulate_touches(session.bench, rng, touches, spacing=12e-3), folder, "pairs")
     return log
@@ -94,7 +95,7 @@ def write_poke_log(log: PokeLog, path: Path) -> None:
     def made(types: Any) -> Iterable[Iterable[Stamped]]:
         return (
             wrenches(types, WRENCH_TOPIC, log.time, log.wrench),
-            _joints(types, log.time[::2], log.joints[::2]),
+            joint_states(types, JOINT_TOPIC, log.time[::2], JOINTS, log.joints[::2]),
             readings(types, TAXEL_TOPIC, log.time[::EVERY], log.taxels, ("taxel",)),
         )
 
@@ -115,9 +116,10 @@ def write_touches(touches: SkinTouches, folder: Path, name: str) -> None:
         lambda types: (readings(types, TAXEL_TOPIC, touches.time, counts, ("taxel",)),),
     )
     taxels = tuple(f"t{k}" for k in range(touches.frames.shape[1]))
-    _write_rows(folder / f"{name}.csv", ("time", *taxels), np.column_stack([touches.time, touches.frames]))
+    frames = np.column_stack([touches.time, touches.frames])
+    write_rows(folder / f"{name}.csv", ("time", *taxels), formatted(frames, _FORM))
     point = ("px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz")
-    _write_rows(folder / f"{name}_truth.csv", ("time", *point), touches.truth())
+    write_rows(folder / f"{name}_truth.csv", ("time", *point), formatted(touches.truth(), _FORM))
 
 
 def write_arm(upper: float, cone: Cone, folder: Path) -> None:
@@ -145,17 +147,4 @@ def _write_pokes(session: PokeSession, path: Path) -> None:
     rows = [pokes.time, pokes.configuration, pokes.wrench, quaternion_from_rotation(pokes.rotation), pokes.origin]
     pose = ("qx", "qy", "qz", "qw", "x", "y", "z")
     names = ("time", "configuration", *_WRENCH, *pose, *(f"t{k}" for k in range(pokes.taxels)))
-    _write_rows(path, names, np.column_stack([*rows, answers]))
-
-
-def _joints(types: Any, time: Float[np.ndarray, " n"], joints: Float[np.ndarray, "n 2"]) -> Iterator[Stamped]:
-    kind, none = types["sensor_msgs/msg/JointState"], np.zeros(0)
-    for stamp, row in zip(nanoseconds(time), joints, strict=True):
-        yield stamp, JOINT_TOPIC, kind(header(types, stamp, ""), list(JOINTS), row, none, none)
-
-
-def _write_rows(path: Path, names: tuple[str, ...], rows: Float[np.ndarray, "n k"]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows([f"{value:.7g}" for value in row] for row in rows.tolist())
+    write_rows(path, names, formatted(np.column_stack([*rows, answers]), _FORM))

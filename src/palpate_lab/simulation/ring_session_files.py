@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -14,6 +13,7 @@ from palpate.errors import InputError
 from palpate.opencv import opencv
 from palpate_lab.simulation.ring_camera import RingCamera
 from palpate_lab.simulation.ring_session import RATE, RingSession, RingUnit
+from palpate_lab.simulation.tables import formatted, write_rows
 
 Images = Literal["video", "folder"]
 RIG = """# A ring of markers inside a barrel of silicone, seen by a fisheye camera. Lengths in metres.
@@ -61,7 +61,7 @@ def write_calibration_run(
     """
     _write_unit(session.unit, folder)
     numbers = np.column_stack([session.time, _units(session)[:, 0]])
-    _write_rows(folder / "truth.csv", CALIBRATION, numbers)
+    write_rows(folder / "truth.csv", CALIBRATION, formatted(numbers, ".6f"))
     _write_frames(session, folder, images, watch)
 
 
@@ -84,7 +84,7 @@ def write_touching_run(
     inward, shear = session.force[rows, contacts][:, None], session.shear[rows, contacts][:, None]
     place, force = session.unit.barrel.radius * out, shear * along - inward * out
     numbers = np.column_stack([session.time[rows], place, out, force, _units(session)[rows, contacts]])
-    _write_rows(folder / "truth.csv", TOUCHES, numbers)
+    write_rows(folder / "truth.csv", TOUCHES, formatted(numbers, ".6f"))
     _write_frames(session, folder, images, watch)
 
 
@@ -132,11 +132,3 @@ def _write_frames(session: RingSession, folder: Path, images: Images, watch: Cal
             watch(at + 1, (at + 1) / len(session.time))
     finally:
         writer.release()
-
-
-def _write_rows(path: Path, header: Sequence[str], numbers: np.ndarray) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        rows: Iterable[list[str]] = ([f"{value:.6f}" for value in row] for row in numbers.tolist())
-        writer.writerows(rows)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from jaxtyping import Float
 from palpate.signals.recording import ORIENTATION, Recording
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.session import NOISE, Session, SessionTouches
+from palpate_lab.simulation.tables import write_rows
 
 WRENCH_TOPIC, POSE_TOPIC = "/ft_sensor/wrench", "/arm/sensor_pose"
 LOG = ("time", "fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
@@ -64,10 +64,10 @@ def write_session(session: Session, folder: Path) -> None:
     import trimesh
 
     folder.mkdir(parents=True, exist_ok=True)
-    _write_rows(folder / "free_motion.csv", LOG, _log(session.free_motion))
-    _write_rows(folder / "touches.csv", LOG, _log(session.touches))
-    _write_rows(folder / "marks.csv", TOUCH, _touches(session.truth, session.truth.mark, slice(0, None, 2)))
-    _write_rows(folder / "truth.csv", TOUCH, _touches(session.truth, session.truth.point, slice(1, None, 2)))
+    write_rows(folder / "free_motion.csv", LOG, _log(session.free_motion))
+    write_rows(folder / "touches.csv", LOG, _log(session.touches))
+    write_rows(folder / "marks.csv", TOUCH, _touches(session.truth, session.truth.mark, slice(0, None, 2)))
+    write_rows(folder / "truth.csv", TOUCH, _touches(session.truth, session.truth.point, slice(1, None, 2)))
     trimesh.Trimesh(1e3 * session.vertices, session.faces, process=False).export(folder / "probe.stl")
     (folder / "rig.toml").write_text(_rig(session.nominal), encoding="utf-8")
 
@@ -93,10 +93,3 @@ def _touches(touches: SessionTouches, points: Float[np.ndarray, "n 3"], rows: sl
     return (
         [*(f"{value:.6f}" for value in row), label] for row, label in zip(numbers, touches.label[rows], strict=True)
     )
-
-
-def _write_rows(path: Path, header: tuple[str, ...], rows: Iterable[list[str]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)

@@ -14,32 +14,16 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
-from palpate_lab.simulation.forearm import Skin, places_near
+from palpate_lab.simulation.forearm import Forearm, places_near
 from palpate_lab.simulation.poke_bench import PokeBench
 
 RATE = 50.0  # Hz, of frames
+RADIUS = 3e-3  # m: a1, of the disc at 1 N: 4 to 6 mm from 2 to 8 N
+FORCES = 2.0, 8.0  # N, bounds of a finger's force, evenly between, along the inward normal
+REACH = 4e-3  # m from a taxel within which a finger lands
+HOLD, PAUSE = 12, 8  # samples of each touch, and of rest before it
+RAMP = 3  # samples at each end of a touch during which the force rises or falls
 _TRIES = 400
-
-
-@dataclass(frozen=True)
-class Finger:
-    """The touches of fingers.
-
-    Args:
-        radius: a1 [m], of the disc at 1 N: 4 to 6 mm from 2 to 8 N.
-        light, heavy: bounds of the force [N], evenly between, along the inward normal.
-        reach: distance [m] from a taxel within which a finger lands.
-        hold, pause: number of samples of each touch, and of rest before it.
-        ramp: number of samples at each end of a touch during which the force rises or falls.
-    """
-
-    radius: float = 3e-3
-    light: float = 2.0
-    heavy: float = 8.0
-    reach: float = 4e-3
-    hold: int = 12
-    pause: int = 8
-    ramp: int = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +72,6 @@ def simulate_touches(
     touches: int = 100,
     *,
     spacing: float | None = None,
-    finger: Finger | None = None,
     counts: bool = True,
 ) -> SkinTouches:
     """Simulate touches at random places all over the skin, and return the `SkinTouches`.
@@ -98,36 +81,34 @@ def simulate_touches(
         rng: random numbers of places, forces, rest and noise.
         touches: number of touches.
         spacing: distance [m] between two at once, along the skin; None: one at a time.
-        finger: None: the usual one.
         counts: True for integer counts of 8 bits, False for floats with noise, without a limit.
 
     Raises:
         InputError: no two places at this distance are both on the skin.
     """
-    finger = finger or Finger()
-    points = _pairs(bench.skin, rng, touches, spacing, finger.reach) if spacing else None
-    points = points if points is not None else places_near(bench.skin, rng, touches, reach=finger.reach)
+    skin = bench.skin
+    points = _pairs(skin, rng, touches, spacing) if spacing else places_near(skin, rng, touches, reach=REACH)
     touch = np.repeat(np.arange(touches), 2 if spacing else 1)
-    newtons = rng.uniform(finger.light, finger.heavy, len(points))
-    x, y, load = hertz_discs(finger.radius * np.cbrt(newtons), newtons)
+    newtons = rng.uniform(*FORCES, len(points))
+    x, y, load = hertz_discs(RADIUS * np.cbrt(newtons), newtons)
     which, taxel, exact = bench.answers(points, x, y, load)
-    peaks = np.zeros((touches, len(bench.skin.places)))
+    peaks = np.zeros((touches, len(skin.places)))
     np.add.at(peaks, (touch[which], taxel), exact)
-    period = finger.hold + finger.pause
-    phase = np.arange(period) - finger.pause
-    share = np.clip(np.minimum(phase + 1, finger.hold - phase) / (finger.ramp + 1), 0.0, 1.0)
+    period = HOLD + PAUSE
+    phase = np.arange(period) - PAUSE
+    share = np.clip(np.minimum(phase + 1, HOLD - phase) / (RAMP + 1), 0.0, 1.0)
     frames = np.concatenate([(peaks[:, None] * share[:, None]).reshape(touches * period, -1), 0 * peaks[:1]])
     rest = rng.integers(3, 9, peaks.shape[1]).astype(np.float64)
     frames = rest + frames + bench.layer.noise * rng.standard_normal(frames.shape)
-    start = touch * period + finger.pause + finger.ramp
-    normal = bench.skin.frame(points)[0][:, 2]
+    start = touch * period + PAUSE + RAMP
+    normal = skin.frame(points)[0][:, 2]
     return SkinTouches(
         np.arange(len(frames)) / RATE,
         np.clip(np.rint(frames), 0.0, 255.0) if counts else frames,
         rest,
         touch,
         start,
-        start + finger.hold - 2 * finger.ramp - 1,
+        start + HOLD - 2 * RAMP - 1,
         points,
         normal,
         -newtons[:, None] * normal,
@@ -152,7 +133,7 @@ def hertz_discs(
     return x, y, newtons[:, None] * weight / weight.sum()
 
 
-def _pairs(skin: Skin, rng: np.random.Generator, count: int, apart: float, reach: float) -> Float[np.ndarray, "m 3"]:
+def _pairs(skin: Forearm, rng: np.random.Generator, count: int, apart: float) -> Float[np.ndarray, "m 3"]:
     """Draw pairs of points, both near a taxel, at the distance `apart` along the skin."""
     from scipy.spatial import cKDTree
 
@@ -162,10 +143,10 @@ def _pairs(skin: Skin, rng: np.random.Generator, count: int, apart: float, reach
     for _ in range(_TRIES):
         taxel = there[rng.integers(len(there), size=4 * count)]
         angle, turn = rng.uniform(0.0, 2 * pi, (2, len(taxel)))
-        near = (reach * np.sqrt(rng.random(len(taxel))))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        near = (REACH * np.sqrt(rng.random(len(taxel))))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         away = near + apart * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
         pair = np.stack([skin.offset_from(taxel, near), skin.offset_from(taxel, away)], axis=1)
-        kept.append(pair[np.asarray(tree.query(pair)[0]).max(axis=1) < reach])
+        kept.append(pair[np.asarray(tree.query(pair)[0]).max(axis=1) < REACH])
         if sum(map(len, kept)) >= count:
             return np.concatenate(kept)[:count].reshape(-1, 3)
     raise InputError(f"no two places of the skin have a distance of {1e3 * apart:.0f} mm.", where="touches")

@@ -1,85 +1,39 @@
-"""The drawn arena: its fixed parts, one moment of a run, the colours of the robots and their trails."""
+"""What is drawn of an arena: its blocks, the colours of the robots and their trails."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.spatial.arguments import frozen_value, takes_arrays
+from palpate.spatial.arguments import takes_arrays
 from palpate.viewer._style import AXES, STATUS, mixed
+from palpate_lab.simulation.arena.layout import ArenaLayout, Block
 
 STEP = 0.01  # m between two points of a trail
 _COLOURS = (AXES[2], AXES[1], STATUS[6], STATUS[1], STATUS[7], STATUS[5])  # vermilion is kept for forces
 
 
-@frozen_value
-class Arena:
-    """The fixed parts of an arena that is drawn.
-
-    Attributes:
-        size: (width, height) of the field [m]; its corner is the origin.
-        half: (m, 2) half sizes of the blocks along their own axes [m].
-        movable: (m,) True for blocks that can be pushed.
-        goals: (n, 2) goal of each robot [m].
-        radius: radius of a robot [m].
-        name: name of the layout.
-    """
-
-    size: tuple[float, float]
-    half: Float[np.ndarray, "m 2"]
-    movable: Bool[np.ndarray, " m"]
-    goals: Float[np.ndarray, "n 2"]
-    radius: float = 0.055
-    name: str = ""
-
-    @property
-    def robots(self) -> int:
-        """Number of robots."""
-        return len(self.goals)
-
-    def outline(self, block: int, place: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 2"]:
-        """Return the corners (k, 2) of a block within the walls [m], counter-clockwise; (0, 2) if all of it is outside.
-
-        Args:
-            block: index of the block.
-            place: its x, y [m] and turn [rad].
-
-        Raises:
-            InputError: place has another shape.
-        """
-        x, y, turn = place.tolist()
-        turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        corners = _SQUARE * self.half[block] @ turned.T + [x, y]
-        for axis, size in enumerate(self.size):
-            corners = _cut(_cut(corners, axis, 1.0, 0.0), axis, -1.0, -size)
-        return corners
+def standing(layout: ArenaLayout, moved: Float[np.ndarray, "m 3"]) -> Iterator[Block]:
+    """Yield the blocks of an arena, the movable ones at the poses of a moment."""
+    places = iter(moved.tolist())
+    for block in layout.blocks:
+        if block.mass is None:
+            yield block
+        else:
+            x, y, turn = next(places)
+            yield replace(block, x=x, y=y, turn=turn)
 
 
-@frozen_value
-class ArenaScene:
-    """A moment of a run, as it is drawn.
-
-    Attributes:
-        time: time [s].
-        poses: (n, 3) x, y and heading of the robots [m], [rad].
-        blocks: (m, 3) x, y and turn of the blocks [m], [rad].
-        touches: (k, 2) for each robot: angle in its own frame and inward force [rad], [N]; None while its skin gives
-            no reading.
-        states: state of each robot, in a word or two.
-        whys: reason for each state, in a sentence.
-        arrived: (n,) True for robots that have arrived.
-        frames: image of each robot's camera, blue, green, red; None without images.
-    """
-
-    time: float
-    poses: Float[np.ndarray, "n 3"]
-    blocks: Float[np.ndarray, "m 3"]
-    touches: tuple[Float[np.ndarray, "_ 2"] | None, ...]
-    states: tuple[str, ...]
-    whys: tuple[str, ...]
-    arrived: Bool[np.ndarray, " n"]
-    frames: tuple[UInt8[np.ndarray, "h w 3"], ...] | None = None
+def outline(block: Block, size: tuple[float, float]) -> Float[np.ndarray, "k 2"]:
+    """Return the corners of a block within a field of this size [m], counter-clockwise; (0, 2) if all is outside."""
+    corners = block.corners()
+    for axis, length in enumerate(size):
+        corners = _cut(_cut(corners, axis, 1.0, 0.0), axis, -1.0, -length)
+    return corners
 
 
 @takes_arrays
@@ -147,5 +101,4 @@ def _cut(corners: Float[np.ndarray, "k 2"], axis: int, sign: float, least: float
     return np.array(kept).reshape(-1, 2)
 
 
-_SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 FORCE = mixed(AXES[0], 0.0)

@@ -11,7 +11,10 @@ from jaxtyping import Float, UInt8
 from palpate.opencv import opencv
 from palpate.viewer._style import DARK, MUTED, RULE, STATUS, mixed
 from palpate.viewer.ink import Ink
-from palpate_lab.viewer.arena import FORCE, Arena, ArenaScene, Trails, colour, newtons
+from palpate_lab.simulation.arena.layout import ArenaLayout
+from palpate_lab.simulation.arena.moment import ArenaMoment
+from palpate_lab.simulation.arena.settings import RobotSettings
+from palpate_lab.viewer.arena import FORCE, Trails, colour, newtons, outline, standing
 
 SIZE = (960, 720)
 HEAD, FOOT, SIDE = 48, 118, 24  # px above, below and at the sides of the field
@@ -28,20 +31,21 @@ class ArenaPicture:
 
     Args:
         arena: arena to draw.
+        radius: radius of a robot [m].
 
     Raises:
         InputError: OpenCV is not installed.
     """
 
-    def __init__(self, arena: Arena) -> None:
-        self.arena, self._trails = arena, Trails(arena.robots)
+    def __init__(self, arena: ArenaLayout, radius: float = RobotSettings.radius) -> None:
+        self.arena, self._radius, self._trails = arena, radius, Trails(arena.robots)
         self._ink = Ink(opencv())
         width, height = arena.size
         self._scale = min((SIZE[0] - 2 * SIDE) / width, (SIZE[1] - HEAD - FOOT) / height)
         self._corner = (SIZE[0] - self._scale * width) / 2, HEAD + self._scale * height
         self._empty = self._ground()
 
-    def draw(self, scene: ArenaScene) -> UInt8[np.ndarray, "720 960 3"]:
+    def draw(self, scene: ArenaMoment) -> UInt8[np.ndarray, "720 960 3"]:
         """Return the picture of a moment, (720, 960, 3): blue, green, red."""
         self._trails.add(scene.poses)
         picture = self._empty.copy()
@@ -84,8 +88,8 @@ class ArenaPicture:
                 self._ink.line(picture, self._placed(self._trails.of(robot)), mixed(colour(robot), 0.45), 2)
 
     def _draw_blocks(self, picture: np.ndarray, blocks: Float[np.ndarray, "m 3"]) -> None:
-        for block, place in enumerate(blocks):
-            corners, movable = self._placed(self.arena.outline(block, place)), bool(self.arena.movable[block])
+        for block in standing(self.arena, blocks):
+            corners, movable = self._placed(outline(block, self.arena.size)), block.mass is not None
             if len(corners) < 3:
                 continue
             self._ink.area(picture, corners, _PUSHED if movable else _FIXED)
@@ -94,10 +98,10 @@ class ArenaPicture:
                 self._ink.line(picture, corners[[0, 2]], mixed(STATUS[5], 0.2), 1)
                 self._ink.line(picture, corners[[1, 3]], mixed(STATUS[5], 0.2), 1)
 
-    def _draw_robot(self, picture: np.ndarray, scene: ArenaScene, robot: int) -> None:
+    def _draw_robot(self, picture: np.ndarray, scene: ArenaMoment, robot: int) -> None:
         """Draw a disc with the skin as its rim, a nose in the direction of its heading, and its number."""
         ink, (x, y, heading) = self._ink, scene.poses[robot].tolist()
-        at, radius, own = self._placed(np.array([x, y])), self._scale * self.arena.radius, colour(robot)
+        at, radius, own = self._placed(np.array([x, y])), self._scale * self._radius, colour(robot)
         pale = 0.5 if scene.arrived[robot] else 0.0
         ink.disc(picture, at, radius, mixed(own, pale))
         ink.ring(picture, at, radius, _BLIND if scene.touches[robot] is None else mixed(DARK, pale), 2)
@@ -110,11 +114,11 @@ class ArenaPicture:
         """Draw an arrow for each contact force, its tip at the contact point."""
         for angle, force in felt.tolist():
             out = np.array([np.cos(pose[2] + angle), np.sin(pose[2] + angle)])
-            tip = pose[:2] + self.arena.radius * out
+            tip = pose[:2] + self._radius * out
             tail = tip + min(LONG * force, LONGEST) * out
             self._ink.arrow(picture, self._placed(np.stack([tail, tip])), FORCE)
 
-    def _caption(self, picture: np.ndarray, scene: ArenaScene) -> None:
+    def _caption(self, picture: np.ndarray, scene: ArenaMoment) -> None:
         ink, robots = self._ink, self.arena.robots
         ink.text(picture, f"{scene.time:6.1f} s", (SIDE, 32), 0.75, DARK, 2)
         words = f"{int(scene.arrived.sum())} of {robots} arrived"
@@ -123,14 +127,14 @@ class ArenaPicture:
             ink.middle(picture, self.arena.name, np.array([SIZE[0] / 2, 25.0]), 0.5, mixed(MUTED, 0.0))
         (self._cells if robots <= CELLS else self._counts)(picture, scene)
 
-    def _cells(self, picture: np.ndarray, scene: ArenaScene) -> None:
+    def _cells(self, picture: np.ndarray, scene: ArenaMoment) -> None:
         """Draw each robot's camera image or skin, its forces, its state and the reason."""
         ink, robots = self._ink, self.arena.robots
         wide, top = (SIZE[0] - 2 * 14) // max(robots, 3), SIZE[1] - FOOT + 12
         high = FOOT - 22
         for robot in range(robots):
             left = 14 + robot * wide
-            view = _view(ink, scene, robot, self.arena.radius, high)
+            view = _view(ink, scene, robot, high)
             view = view[:, (view.shape[1] - high) // 2 :][:, :high]  # a camera's middle
             picture[top : top + high, left : left + view.shape[1]] = view
             x, room = left + view.shape[1] + 8, wide - view.shape[1] - 14
@@ -141,7 +145,7 @@ class ArenaPicture:
             for row, words in enumerate(_wrapped(ink, scene.whys[robot], 0.34, room, rows=4)):
                 ink.text(picture, words, (x, top + 48 + 14 * row), 0.34, mixed(MUTED, 0.0))
 
-    def _counts(self, picture: np.ndarray, scene: ArenaScene) -> None:
+    def _counts(self, picture: np.ndarray, scene: ArenaMoment) -> None:
         """Draw the number of robots in each state."""
         counted = sorted(Counter(scene.states).items(), key=lambda each: (-each[1], each[0]))[:12]
         for at, (state, count) in enumerate(counted):
@@ -150,12 +154,12 @@ class ArenaPicture:
             self._ink.text(picture, f"{count:3d}  {state}", place, 0.5, DARK)
 
 
-def senses(scene: ArenaScene, radius: float, height: int, columns: int = 2) -> UInt8[np.ndarray, "h w 3"]:
+def senses(scene: ArenaMoment, most: int, height: int, columns: int = 2) -> UInt8[np.ndarray, "h w 3"]:
     """Draw each robot's camera image, or its skin as a ring with the contact forces, side by side with numbers.
 
     Args:
         scene: moment of one robot or more.
-        radius: radius of a robot [m].
+        most: largest number of robots that are shown.
         height: height of each view [px].
         columns: number of views in a row.
 
@@ -166,7 +170,7 @@ def senses(scene: ArenaScene, radius: float, height: int, columns: int = 2) -> U
         InputError: OpenCV is not installed.
     """
     ink = Ink(opencv())
-    views = [_view(ink, scene, robot, radius, height) for robot in range(len(scene.poses))]
+    views = [_view(ink, scene, robot, height) for robot in range(min(most, len(scene.poses)))]
     for robot, view in enumerate(views):
         ink.disc(view, np.array([14.0, 14.0]), 10.0, colour(robot))
         ink.middle(view, str(robot + 1), np.array([14.0, 14.0]), 0.42, (255, 255, 255))
@@ -179,7 +183,7 @@ def senses(scene: ArenaScene, radius: float, height: int, columns: int = 2) -> U
     return picture
 
 
-def _view(ink: Ink, scene: ArenaScene, robot: int, radius: float, height: int) -> UInt8[np.ndarray, "h w 3"]:
+def _view(ink: Ink, scene: ArenaMoment, robot: int, height: int) -> UInt8[np.ndarray, "h w 3"]:
     """Draw one robot's camera image, or its skin as a ring with the robot's front at the top."""
     if scene.frames is not None:
         frame = scene.frames[robot]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Float
 from palpate.viewer._style import AXES, INK, figure, plotted
 from palpate.viewer.report import Report, ReportTable, Section, Tile, first_rows, percent, picture
 from palpate.viewer.samples import median
+from palpate_lab.simulation.arena.moment import ArenaResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,43 +20,7 @@ SHOWN = 200  # runs in the table of all
 GOOD, POOR = 0.95, 0.7  # shares of the robots
 
 
-@dataclass(frozen=True)
-class Judged:
-    """The result of one run.
-
-    Attributes:
-        seed: seed of the run.
-        arrived: time [s] at which each robot arrived; NaN if it did not.
-        path: length of each robot's path [m].
-        force: contact force [N] that is not exceeded in 99 % of the contact time.
-        greatest: largest contact force [N].
-        pushes, deadlocks: number of each, over all robots.
-        states: state of each robot at the end.
-        command: command that shows the run.
-    """
-
-    seed: int
-    arrived: tuple[float, ...]
-    path: tuple[float, ...]
-    force: float
-    greatest: float
-    pushes: int
-    deadlocks: int
-    states: tuple[str, ...]
-    command: str
-
-    @property
-    def count(self) -> int:
-        """Number of robots that arrived."""
-        return int(np.isfinite(self.arrived).sum())
-
-    @property
-    def complete(self) -> bool:
-        """True if all robots arrived."""
-        return self.count == len(self.arrived)
-
-
-def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
+def figures(runs: Sequence[ArenaResult]) -> list[tuple[str, str, float]]:
     """Return a list of (name, text, number), one for each summary figure of many runs.
 
     Args:
@@ -66,7 +30,8 @@ def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
     whole, there = float(np.mean([run.complete for run in runs])), len(times) / total
     last = median(np.array([max(run.arrived) if run.complete else np.nan for run in runs]))
     force = np.array([run.force for run in runs])
-    pushes, deadlocks = sum(run.pushes for run in runs), sum(run.deadlocks for run in runs)
+    greatest = max(max(run.greatest) for run in runs)
+    pushes, deadlocks = sum(sum(run.pushes) for run in runs), sum(sum(run.deadlocks) for run in runs)
     return [
         ("all arrive", f"{percent(whole)} of {len(runs)} runs", whole),
         ("robots arrive", f"{percent(there)} of {total} robots", there),
@@ -74,18 +39,21 @@ def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
         ("last robot", f"{_number(last)} s, median of the runs in which all arrive", last),
         ("force", f"{_number(median(force), 2)} N at 99 % of a run's contact time, median of the runs", median(force)),
         ("force, worst run", f"{_number(float(force.max()), 2)} N likewise", float(force.max())),
-        ("greatest force", f"{_number(max(run.greatest for run in runs), 2)} N", max(run.greatest for run in runs)),
+        ("greatest force", f"{_number(greatest, 2)} N", greatest),
         ("pushes", f"{pushes}", float(pushes)),
         ("deadlocks", f"{deadlocks}", float(deadlocks)),
     ]
 
 
-def compose(runs: Sequence[Judged], settings: tuple[tuple[str, str], ...]) -> Report:
+def compose(
+    runs: Sequence[ArenaResult], settings: tuple[tuple[str, str], ...], command: Callable[[int], str]
+) -> Report:
     """Compose the page about many runs, a `Report`.
 
     Args:
         runs: at least one run.
         settings: settings that all runs share, as names and values.
+        command: returns the command that shows the run of a seed.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -96,7 +64,7 @@ def compose(runs: Sequence[Judged], settings: tuple[tuple[str, str], ...]) -> Re
     sections = (
         Section("In figures", settings=facts),
         _over_time(runs),
-        _failures(runs),
+        _failures(runs, command),
         Section("All runs", tables=(_table(runs),)),
         Section("Settings", settings=settings),
     )
@@ -125,7 +93,7 @@ def _tone(share: float) -> str:
     return "good" if share >= GOOD else "poor" if share < POOR else ""
 
 
-def _times(runs: Sequence[Judged]) -> Float[np.ndarray, " n"]:
+def _times(runs: Sequence[ArenaResult]) -> Float[np.ndarray, " n"]:
     """Return the arrival times [s] of all robots that arrived."""
     times = np.array([time for run in runs for time in run.arrived], dtype=np.float64)
     return times[np.isfinite(times)]
@@ -135,7 +103,7 @@ def _number(value: float, digits: int = 0) -> str:
     return f"{value:.{digits}f}" if np.isfinite(value) else "-"
 
 
-def _over_time(runs: Sequence[Judged]) -> Section:
+def _over_time(runs: Sequence[ArenaResult]) -> Section:
     times = _times(runs)
     if not len(times):
         return Section("When they arrive", text=("No robot arrived.",))
@@ -162,12 +130,12 @@ def arrivals(times: Float[np.ndarray, " n"]) -> Figure:
     return drawn
 
 
-def _failures(runs: Sequence[Judged]) -> Section:
+def _failures(runs: Sequence[ArenaResult], command: Callable[[int], str]) -> Section:
     """List each robot that did not arrive, its last state, and the command that shows it."""
     rows = [
-        (f"{run.seed}", f"{robot + 1}", state, run.command)
+        (f"{run.seed}", f"{robot + 1}", state, command(run.seed))
         for run in runs
-        for robot, (time, state) in enumerate(zip(run.arrived, run.states, strict=True))
+        for robot, (time, state) in enumerate(zip(run.arrived, run.state, strict=True))
         if not np.isfinite(time)
     ]
     if not rows:
@@ -176,7 +144,7 @@ def _failures(runs: Sequence[Judged]) -> Section:
     return Section("Robots that do not arrive", tables=(table,))
 
 
-def _table(runs: Sequence[Judged]) -> ReportTable:
+def _table(runs: Sequence[ArenaResult]) -> ReportTable:
     header = ("seed", "arrive", "last [s]", "way [m]", "force 99 % [N]", "greatest [N]", "pushes", "deadlocks")
     rows = [
         (
@@ -185,9 +153,9 @@ def _table(runs: Sequence[Judged]) -> ReportTable:
             _number(max(run.arrived) if run.complete else np.nan, 1),
             f"{sum(run.path):.2f}",
             f"{run.force:.2f}",
-            f"{run.greatest:.2f}",
-            f"{run.pushes}",
-            f"{run.deadlocks}",
+            f"{max(run.greatest):.2f}",
+            f"{sum(run.pushes)}",
+            f"{sum(run.deadlocks)}",
         )
         for run in runs
     ]  # fmt: skip

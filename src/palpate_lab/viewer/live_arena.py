@@ -16,7 +16,10 @@ from palpate.viewer.camera import fit
 from palpate.viewer.legend import dot, item, strip
 from palpate.viewer.server import Served
 from palpate.viewer.widgets import card, dock, theme
-from palpate_lab.viewer.arena import Arena, ArenaScene, Trails, colour, newtons
+from palpate_lab.simulation.arena.layout import ArenaLayout
+from palpate_lab.simulation.arena.moment import ArenaMoment
+from palpate_lab.simulation.arena.settings import RobotSettings
+from palpate_lab.viewer.arena import Trails, colour, newtons, outline
 from palpate_lab.viewer.arena_picture import senses
 
 if TYPE_CHECKING:
@@ -42,6 +45,7 @@ class LiveArena(Served):
 
     Args:
         arena: arena to draw.
+        radius: radius of a robot [m].
         host: address to listen at.
         port: first port to try; 0 for any.
 
@@ -49,7 +53,9 @@ class LiveArena(Served):
         InputError: viser or OpenCV is not installed, or nothing can listen there.
     """
 
-    def __init__(self, arena: Arena, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(
+        self, arena: ArenaLayout, radius: float = RobotSettings.radius, host: str = "127.0.0.1", port: int = 8080
+    ) -> None:
         super().__init__(host, port)
         self.arena = arena
         self._trails = Trails(arena.robots)
@@ -62,8 +68,8 @@ class LiveArena(Served):
             space = self._server.scene
             space.configure_default_lights(cast_shadow=False)
             _add_field(space, arena)
-            self._blocks = [_add_block(space, arena, at) for at in range(len(arena.half))]
-            self._robots = [_Robot(space, robot, arena.radius) for robot in range(arena.robots)]
+            self._blocks = _add_blocks(space, arena)
+            self._robots = [_Robot(space, robot, radius) for robot in range(arena.robots)]
             self._add_panel()
 
     @property
@@ -81,7 +87,7 @@ class LiveArena(Served):
         self._paused = on
         self._button.label = "Resume" if on else "Pause"
 
-    def show(self, scene: ArenaScene, *, now: bool = False) -> None:
+    def show(self, scene: ArenaMoment, *, now: bool = False) -> None:
         """Draw a moment on the page, unless another one was drawn within the last `TICK` (1/15) seconds.
 
         Args:
@@ -91,27 +97,23 @@ class LiveArena(Served):
         self._trails.add(scene.poses)
         if not now and monotonic() - self._drawn < TICK:
             return
-        if self._drawn < 0.0:
-            _add_fixed(self._server.scene, self.arena, scene.blocks)
         self._drawn = monotonic()
         slow = now or self._drawn - self._told >= SLOW
         with self._server.atomic():
             for handle, (x, y, turn) in zip(self._blocks, scene.blocks.tolist(), strict=True):
-                if handle is not None:
-                    handle.position, handle.wxyz = (x, y, BLOCK / 2), _about_z(turn)
+                handle.position, handle.wxyz = (x, y, BLOCK / 2), _about_z(turn)
             for drawn in self._robots:
                 drawn.show(scene)
             if slow:
                 self._tell(scene)
 
-    def _tell(self, scene: ArenaScene) -> None:
+    def _tell(self, scene: ArenaMoment) -> None:
         """Update the trails, the text and the views, which are slow to draw."""
         self._told = monotonic()
         for drawn in self._robots:
             drawn.tell(scene, self._trails)
         self._words.content = _words(scene)
-        some = scene if self.arena.robots <= SEEN else _first(scene, SEEN)
-        self._views.content = _inline(senses(some, self.arena.radius, 120))
+        self._views.content = _inline(senses(scene, SEEN, 120))
 
     def wait(self, time: float) -> None:
         """Wait until a time [s] of the run is due on the page, and as long as the page is paused.
@@ -180,20 +182,20 @@ class _Robot:
         for arrow in self._arrows:
             arrow.visible = False
 
-    def show(self, scene: ArenaScene) -> None:
+    def show(self, scene: ArenaMoment) -> None:
         """Move the robot to its pose at a moment, and draw the forces on it."""
         x, y, heading = scene.poses[self._robot].tolist()
         self._frame.position, self._frame.wxyz = (x, y, 0.0), _about_z(heading)
         self._push(scene)
 
-    def tell(self, scene: ArenaScene, trails: Trails) -> None:
+    def tell(self, scene: ArenaMoment, trails: Trails) -> None:
         """Draw the robot's path so far."""
         if (length := trails.length(self._robot)) > max(1, self._shown):
             self._shown, way = length, trails.of(self._robot)
             way = np.column_stack([way, np.full(length, 0.003)]).astype(np.float32)
             self._trail.points, self._trail.visible = np.stack([way[:-1], way[1:]], axis=1), True
 
-    def _push(self, scene: ArenaScene) -> None:
+    def _push(self, scene: ArenaMoment) -> None:
         pose, felt = scene.poses[self._robot], scene.touches[self._robot]
         felt = np.zeros((0, 2)) if felt is None else felt
         rows: list[list[float]] = felt[np.argsort(-felt[:, 1], kind="stable")][:MOST].tolist()
@@ -212,7 +214,7 @@ class _Robot:
                 arrow.points = np.stack([tail, tip])[None].astype(np.float32)
 
 
-def _add_field(space: SceneApi, arena: Arena) -> None:
+def _add_field(space: SceneApi, arena: ArenaLayout) -> None:
     """Draw the floor, the walls and the goals."""
     width, height = arena.size
     space.add_box(
@@ -246,22 +248,19 @@ def _add_field(space: SceneApi, arena: Arena) -> None:
         )
 
 
-def _add_block(space: SceneApi, arena: Arena, at: int) -> Any:
-    """Draw a movable block in amber; return None for a fixed one, which `_add_fixed` draws."""
-    if not arena.movable[at]:
-        return None
-    wide, deep = (2.0 * arena.half[at]).tolist()
-    return space.add_box(f"/block_{at + 1}", _deep(mixed(STATUS[5], 0.0)), (wide, deep, BLOCK), cast_shadow=False)
-
-
-def _add_fixed(space: SceneApi, arena: Arena, blocks: Float[np.ndarray, "m 3"]) -> None:
-    """Draw the fixed blocks, cut off at the walls."""
-    for at in np.flatnonzero(~arena.movable).tolist():
-        corners = arena.outline(at, blocks[at])
-        if len(corners) > 2:
+def _add_blocks(space: SceneApi, arena: ArenaLayout) -> list[Any]:
+    """Draw the blocks, fixed ones cut off at the walls, and return the movable ones, which are amber."""
+    movable = list[Any]()
+    for at, block in enumerate(arena.blocks):
+        name = f"/block_{at + 1}"
+        if block.mass is not None:
+            sides = (2.0 * block.half[0], 2.0 * block.half[1], BLOCK)
+            movable.append(space.add_box(name, _deep(mixed(STATUS[5], 0.0)), sides, cast_shadow=False))
+        elif len(corners := outline(block, arena.size)) > 2:
             body, faces = _prism(corners, BLOCK)
             shade = _deep(mixed(STATUS[3], 0.0))
-            space.add_mesh_simple(f"/block_{at + 1}", body, faces, color=shade, flat_shading=True, cast_shadow=False)
+            space.add_mesh_simple(name, body, faces, color=shade, flat_shading=True, cast_shadow=False)
+    return movable
 
 
 def _disc(radius: float, high: float, sides: int = 40) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
@@ -298,21 +297,7 @@ def _inline(picture: np.ndarray) -> str:
     return f'<img decoding="sync" alt="" style="display:block;width:100%" src="data:image/jpeg;base64,{code}">'
 
 
-def _first(scene: ArenaScene, most: int) -> ArenaScene:
-    """Return a moment reduced to its first `most` robots."""
-    return ArenaScene(
-        scene.time,
-        scene.poses[:most],
-        scene.blocks,
-        scene.touches[:most],
-        scene.states[:most],
-        scene.whys[:most],
-        scene.arrived[:most],
-        None if scene.frames is None else scene.frames[:most],
-    )
-
-
-def _words(scene: ArenaScene) -> str:
+def _words(scene: ArenaMoment) -> str:
     """Return time, and each robot's state, forces and reason, as HTML."""
     rows = list[str]()
     for robot, (state, why) in enumerate(zip(scene.states, scene.whys, strict=True)):
@@ -333,11 +318,11 @@ def _words(scene: ArenaScene) -> str:
     )
 
 
-def _legend(arena: Arena) -> list[str]:
+def _legend(arena: ArenaLayout) -> list[str]:
     """Return the legend's entries for an arena, as HTML."""
     items = [item("arrow", "rgb(213,94,0)", f"push on a robot, and in its ring, up to {LONGEST / ARROW:.1f} N")]
-    if arena.movable.any():
+    if arena.movable:
         items.append(dot(mixed(STATUS[5], 0.0), "block that can be pushed"))
-    if not arena.movable.all():
+    if len(arena.movable) < len(arena.blocks):
         items.append(dot(mixed(STATUS[3], 0.0), "fixed block"))
     return [*items, item("line", STATUS[7], "way so far, in the robot's colour"), "<span>grid 0.5 m</span>"]

@@ -8,8 +8,10 @@ show it. Mistakes that explain a log equally well are named together, the simple
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
 from palpate.sensors.force_torque._payload_mistakes import MISTAKES, REVERSED, compose, corrected, mistake_of, parts
@@ -104,3 +106,24 @@ def _upward(settings: PayloadSettings, hypothesis: str) -> str:
     name = compose(hypothesis, REVERSED)
     reversed_sign = f"{MISTAKES[REVERSED].meaning} (hypothesis={name!r})"
     return f"The weight points {against}: either {cause}, or {reversed_sign}. The poses alone cannot tell which."
+
+
+def unused(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: str) -> Iterator[str]:
+    """Yield sentences about the rows that were not used: incomplete ones, and those of the others not kept."""
+    name = "rows" if of == "samples" else of
+    lost, away = np.flatnonzero(~finite), np.flatnonzero(finite)[~kept]
+    if len(lost):
+        yield f"{len(lost)} of {len(finite)} {name} hold NaN or infinity and were ignored ({name} {_listed(lost)})."
+    if len(away):
+        yield f"{len(away)} of {len(kept)} {of} are far from the fit and were set aside ({name} {_listed(away)})."
+
+
+def far_centre(centre: Float[np.ndarray, "3"]) -> Iterator[str]:
+    """Yield a sentence where a centre of mass [m] is too far from the sensor."""
+    far = float(np.linalg.norm(centre))
+    if far > FAR:
+        yield f"The centre of mass is {far:.3g} m from the sensor: check the unit of the torque."
+
+
+def _listed(rows: np.ndarray) -> str:
+    return ", ".join(str(row) for row in rows[:5]) + (", ..." if len(rows) > 5 else "")

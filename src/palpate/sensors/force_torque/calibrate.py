@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +11,12 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
-from palpate.sensors.force_torque._payload_hypotheses import WORST_SHARE, doubts, is_bad, mistaken
+from palpate.sensors.force_torque._payload_hypotheses import WORST_SHARE, doubts, far_centre, is_bad, mistaken, unused
 from palpate.sensors.force_torque._payload_mistakes import AS_IS, corrected
-from palpate.sensors.force_torque._payload_search import FAR
 from palpate.sensors.force_torque._payload_solve import PayloadSettings, judged, solve
 from palpate.signals.payload import STANDARD_GRAVITY, Payload
 from palpate.signals.recording import LARGEST
-from palpate.spatial._arrays import shaped
+from palpate.spatial._arrays import require_complete, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.uncertain import noise_covariance
@@ -92,7 +91,8 @@ def identify_payload(
         raise wrong
     payload, left = judged(solution, *undone, settings)
     wrongs = () if wrong is None else (f"{str(wrong)[0].upper()}{str(wrong)[1:]}",)
-    notes = (*_unused(finite, solution.kept, of), *payload.notes, *doubtful, *wrongs, *_far_centre(payload))
+    said = (*payload.notes, *doubtful, *wrongs, *far_centre(payload.center_of_mass))
+    notes = (*unused(finite, solution.kept, of), *said)
     options = {
         "gravity": "free" if gravity is None else "given",
         "robust": str(robust).lower(),
@@ -124,22 +124,8 @@ def _usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndar
     rows = np.column_stack([wrenches, rotations.reshape(-1, 9)])
     finite = np.asarray((np.abs(rows) <= LARGEST).all(axis=1), dtype=bool)
     _check_rotations(rotations, finite)
-    if not finite.any():
-        raise InputError(
-            f"none of the {len(wrenches)} rows is complete: each has a missing value.",
-            hint="Find the column that is empty.",
-        )
+    require_complete(finite)
     return wrenches[finite], rotations[finite], finite
-
-
-def _unused(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: str) -> Iterator[str]:
-    """Yield sentences about the rows that were not used: incomplete ones, and those of the others not kept."""
-    name = "rows" if of == "samples" else of
-    lost, away = np.flatnonzero(~finite), np.flatnonzero(finite)[~kept]
-    if len(lost):
-        yield f"{len(lost)} of {len(finite)} {name} hold NaN or infinity and were ignored ({name} {_listed(lost)})."
-    if len(away):
-        yield f"{len(away)} of {len(kept)} {of} are far from the fit and were set aside ({name} {_listed(away)})."
 
 
 def _unexplained(payload: Payload) -> InputError | None:
@@ -151,16 +137,6 @@ def _unexplained(payload: Payload) -> InputError | None:
         f"the fit leaves {payload.residual[0]:.2g} N, {share:.0%} of the weight, and no known mistake explains it.",
         hint="Check for touches, fast motion, and wrong units or times; or pass unchecked=True (--force).",
     )
-
-
-def _far_centre(payload: Payload) -> Iterator[str]:
-    far = float(np.linalg.norm(payload.center_of_mass))
-    if far > FAR:
-        yield f"The centre of mass is {far:.3g} m from the sensor: check the unit of the torque."
-
-
-def _listed(rows: np.ndarray) -> str:
-    return ", ".join(str(row) for row in rows[:5]) + (", ..." if len(rows) > 5 else "")
 
 
 def _check_rotations(rotations: np.ndarray, finite: Bool[np.ndarray, " n"]) -> None:

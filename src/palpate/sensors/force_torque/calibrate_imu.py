@@ -9,14 +9,14 @@ from jaxtyping import Float
 
 from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
-from palpate.sensors.force_torque._payload_hypotheses import WORST_SHARE
+from palpate.sensors.force_torque._payload_hypotheses import WORST_SHARE, far_centre, unused
 from palpate.sensors.force_torque._payload_imu import ImuFit, fit, left_out
-from palpate.sensors.force_torque._payload_search import FAR
 from palpate.sensors.force_torque._payload_solve import rms
 from palpate.signals.acceleration import kind_of_acceleration
 from palpate.signals.imu import Imu
 from palpate.signals.payload import STANDARD_GRAVITY, Payload
 from palpate.signals.recording import LARGEST
+from palpate.spatial._arrays import require_complete
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import quaternion_from_rotation
 
@@ -64,8 +64,7 @@ def identify_payload_with_imu(
     rows = np.concatenate([wrenches, accelerations], axis=1)
     complete = np.asarray((np.abs(rows) <= LARGEST).all(axis=1), dtype=bool)
     readings = rows[complete]
-    if not len(readings):
-        raise InputError(f"none of the {len(rows)} rows is complete: each has a missing value.")
+    require_complete(complete)
     _require_gravity(readings[:, 6:], magnitude)
     try:
         found = fit(readings, magnitude, of, robust=robust)
@@ -77,9 +76,8 @@ def identify_payload_with_imu(
     if wrong is not None:
         raise _mirrored(readings, magnitude, of, _share(found, readings, magnitude)) or wrong
     left = left_out(found, readings, magnitude, of)
-    notes = [*_unused(complete, found.kept, of), *_lengths(found, readings, magnitude), *left.notes]
-    if (far := float(np.linalg.norm(found.rest[3:6]))) > FAR:
-        notes.append(f"The centre of mass is {far:.3g} m from the sensor: check the unit of the torque.")
+    lengths, far = _lengths(found, readings, magnitude), far_centre(found.rest[3:6])
+    notes = [*unused(complete, found.kept, of), *lengths, *left.notes, *far]
     covariance = np.zeros((18, 18))
     covariance[2:, 2:] = left.widening * found.covariance
     options = {"gravity": "IMU", "robust": str(robust).lower(), "left_out": str(left)}
@@ -155,13 +153,6 @@ def _mirrored(readings: np.ndarray, magnitude: float, of: str, share: float) -> 
         "has left-handed axes, or the wrench acts on the payload.",
         hint="Reverse the accelerations or one axis of theirs, or correct axes or acts_on in the rig's [force_torque].",
     )
-
-
-def _unused(complete: np.ndarray, kept: np.ndarray, of: str) -> Iterator[str]:
-    if lost := int(np.count_nonzero(~complete)):
-        yield f"{lost} of {len(complete)} {of} hold NaN or infinity and were ignored."
-    if away := int(np.count_nonzero(~kept)):
-        yield f"{away} of {len(kept)} {of} are far from the fit and were set aside."
 
 
 def _lengths(found: ImuFit, readings: np.ndarray, magnitude: float) -> Iterator[str]:

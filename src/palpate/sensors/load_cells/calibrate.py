@@ -16,6 +16,7 @@ from palpate.sensors.load_cells._coverage import CalibratedRegion, coverage
 from palpate.sensors.load_cells._fit import Fit, ReferenceBlocks, fit, linear_start, touches, validated
 from palpate.sensors.load_cells._log import BenchLog, Blocks, UnloadedStretch, blocks_of, rest_noise, rests
 from palpate.sensors.load_cells.model import LENGTH, LoadCells, require_directions, require_layout, with_changes
+from palpate.spatial._arrays import require_complete
 from palpate.spatial.arguments import frozen_value, takes_arrays
 from palpate.surfaces import Surface
 
@@ -192,10 +193,7 @@ def _complete(
         raise InputError(f"time, forces and centres must have a row for each of the {len(u)} voltages.")
     t = np.zeros(len(u)) if torques is None else np.asarray(torques, dtype=np.float64)
     whole: Bool[np.ndarray, " n"] = np.all(np.isfinite(np.column_stack([at, u, f, c, t])), axis=1)
-    if not whole.any():
-        raise InputError(
-            f"none of the {len(u)} rows is complete: each has a missing value.", hint="Find the column that is empty."
-        )
+    require_complete(whole)
     return BenchLog(at[whole], u[whole], f[whole], c[whole], t[whole])
 
 

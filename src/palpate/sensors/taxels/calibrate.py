@@ -158,7 +158,7 @@ def identify_intensity(
     gained = gain > 0
     ends = presses.ends(common, np.append(zero[gained].mean(), zero), np.append(1.0, gain))
     common, own = replace(common, saturation=float(ends[0])), np.column_stack([gain, error, ends[1:]])[gained]
-    curves, notes = [_scaled(common, *each) for each in own.tolist()], _remarks(common, why)
+    curves, notes = [scaled(common, *each) for each in own.tolist()], _remarks(common, why)
     which[tuple(pressed[gained].T)] = 1 + np.arange(len(curves))
     if len(curves) < which.size:
         without = f"{which.size - len(curves)} of {which.size} cells"
@@ -237,7 +237,8 @@ def _in_turns(
     return common, why, left, zero, gain, error
 
 
-def _scaled(curve: Curve, gain: float, error: float, saturation: float) -> Curve:
+def scaled(curve: Curve, gain: float, error: float, saturation: float) -> Curve:
+    """Return the curve of a cell whose gain is known with a standard deviation of `error`."""
     values = curve.parameters
     covariance = gain**2 * curve.covariance + error**2 * np.outer(values, values)
     return replace(curve, parameters=gain * values, covariance=covariance, saturation=saturation)

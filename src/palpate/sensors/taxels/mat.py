@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError, NotIdentifiable
-from palpate.sensors.taxels.calibrate import identify_intensity
-from palpate.sensors.taxels.intensity import Curve, Intensity
+from palpate.sensors.taxels.calibrate import identify_intensity, scaled
+from palpate.sensors.taxels.intensity import Intensity
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.spatial.arguments import takes_arrays
 
@@ -73,7 +73,8 @@ def identify_by_pressures(
     which, curves = np.zeros(len(body), dtype=np.int64), [common]
     for k in np.flatnonzero(gain > LEAST).tolist():
         which[cells[k]] = len(curves)
-        curves.append(_scaled(common, float(gain[k]), float(error[k]), float(rest[cells[k]])))
+        end = float(rest[cells[k]]) + float(gain[k]) * common.saturation  # a reading; the common curve counts from rest
+        curves.append(scaled(common, float(gain[k]), float(error[k]), end))
     known = gain[gain > LEAST]
     notes = [*found.notes, f"gains of cells differ by {100 * float(np.std(known / known.mean())):.1f} %"]
     if len(known) < len(body):
@@ -91,16 +92,6 @@ def _line(
     slope = np.nansum(x * y, axis=0) / square
     freedom = np.maximum(np.isfinite(y).sum(axis=0) - 2, 1)
     return slope, np.sqrt(np.nansum((y - slope * x) ** 2, axis=0) / freedom / square)
-
-
-def _scaled(curve: Curve, gain: float, error: float, rest: float) -> Curve:
-    """Return a cell's curve; saturation is a reading, and the common curve's counts from rest."""
-    return replace(
-        curve,
-        parameters=gain * curve.parameters,
-        covariance=gain**2 * curve.covariance + error**2 * np.outer(curve.parameters, curve.parameters),
-        saturation=rest + gain * curve.saturation,
-    )
 
 
 @takes_arrays

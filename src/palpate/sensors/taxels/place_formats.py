@@ -98,6 +98,17 @@ def holds_taxels(path: Path) -> bool:
     return {*_PLACES} <= names <= {*_PLACES, *_NORMALS, "module", *_IDS}
 
 
+def require_suffix(path: Path) -> None:
+    """Check that a path has a suffix with which places can be written: .toml, .csv, .txt or .urdf.
+
+    Raises:
+        InputError: it is none of those.
+    """
+    if path.suffix.lower() not in _SUFFIXES:
+        hint = f"Use {', '.join(_SUFFIXES)}."
+        raise InputError(f"cannot write places of taxels as {path.suffix!r}.", where=str(path), hint=hint)
+
+
 def write_taxel_places(path: str | Path, places: TaxelPlaces, *, name: str = "skin") -> None:
     """Write taxel places in the format of the suffix; all but .toml store only places, normals and modules.
 
@@ -110,14 +121,11 @@ def write_taxel_places(path: str | Path, places: TaxelPlaces, *, name: str = "sk
         InputError: another suffix, or the file cannot be written.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        hint = f"Use {', '.join(SUFFIXES)}."
-        raise InputError(f"cannot write places of taxels as {path.suffix!r}.", where=str(path), hint=hint)
-    if suffix == ".toml":
+    require_suffix(path)
+    if path.suffix.lower() == ".toml":
         write_model(path, places)
     else:
-        write_text(path, _WRITERS[suffix](places, name))
+        write_text(path, _WRITERS[path.suffix.lower()](places, name))
 
 
 def _checked(places: TaxelPlaces, path: Path) -> TaxelPlaces:
@@ -371,4 +379,4 @@ def _urdf(places: TaxelPlaces, name: str) -> str:
 
 
 _WRITERS: Mapping[str, Callable[[TaxelPlaces, str], str]] = {".csv": _csv, ".txt": _icub, ".urdf": _urdf}
-SUFFIXES = (".toml", *_WRITERS)
+_SUFFIXES = (".toml", *_WRITERS)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from math import hypot, log, sqrt
 from typing import Any
 
 from palpate_lab.simulation.arena.layout import GRAVITY, ArenaLayout, Block
 from palpate_lab.simulation.arena.settings import FRAME, RobotSettings
+from palpate_lab.simulation.engine import words
 
 SUBSTEPS = 16  # of the physics, a frame
 _HEIGHT = 4.0  # of boxes, in radii of a robot
@@ -33,7 +33,7 @@ def mjcf(layout: ArenaLayout, robot: RobotSettings) -> str:
     tolerance="1e-9" iterations="30" gravity="0 0 {-GRAVITY!r}"><flag sleep="enable" midphase="disable"/></option>
   <default>
     <joint {_STICK}/>
-    <geom type="box" friction="{robot.friction!r} 0 0" condim="3" solimp="{_words((_GIVE, _GIVE, 1e-3, 0.5, 2.0))}"/>
+    <geom type="box" friction="{robot.friction!r} 0 0" condim="3" solimp="{words((_GIVE, _GIVE, 1e-3, 0.5, 2.0))}"/>
     <default class="hard">
       <geom priority="1" solref="0.006 1" solimp="0.95 0.95 0.001 0.5 2" friction="0.3 0 0"/>
     </default>
@@ -70,8 +70,8 @@ def soften(model: Any, layout: ArenaLayout, robot: RobotSettings) -> None:
 
 def _wall(block: Block, high: float) -> str:
     a, b = block.half
-    place = f'pos="{_words((block.x, block.y, high / 2))}" euler="0 0 {block.turn!r}"'
-    return f'<geom {place} size="{_words((a, b, high / 2))}" contype="0" conaffinity="3"/>'
+    place = f'pos="{words((block.x, block.y, high / 2))}" euler="0 0 {block.turn!r}"'
+    return f'<geom {place} size="{words((a, b, high / 2))}" contype="0" conaffinity="3"/>'
 
 
 def _border(size: tuple[float, float]) -> str:
@@ -79,7 +79,7 @@ def _border(size: tuple[float, float]) -> str:
     width, height = size
     sides = ((0.0, 0.0, "1 0 0"), (width, 0.0, "-1 0 0"), (0.0, 0.0, "0 1 0"), (0.0, height, "0 -1 0"))
     return "".join(
-        f'<geom type="plane" size="0 0 1" pos="{_words((x, y, 0.0))}" zaxis="{into}" contype="0" conaffinity="3"/>'
+        f'<geom type="plane" size="0 0 1" pos="{words((x, y, 0.0))}" zaxis="{into}" contype="0" conaffinity="3"/>'
         for x, y, into in sides
     )
 
@@ -90,7 +90,7 @@ def _robot(k: int, robot: RobotSettings) -> str:
     Coulomb's friction between the two is the tracks' grip.
     """
     grip = robot.grip * robot.mass * GRAVITY
-    turning = _words([0.5 * robot.mass * robot.radius**2] * 3)
+    turning = words([0.5 * robot.mass * robot.radius**2] * 3)
     return f"""
     <body pos="0 0 {robot.radius!r}" sleep="never">
       {_joints("xy")}
@@ -111,7 +111,7 @@ def _movable(k: int, block: Block, high: float) -> str:
     """
     assert block.mass is not None
     a, b = block.half
-    size = f'size="{_words((a, b, high / 2))}"'
+    size = f'size="{words((a, b, high / 2))}"'
     turning = block.mass * (a * a + b * b) / 3
     return f"""
     <body name="block{k}" pos="0 0 {high / 2}">
@@ -121,7 +121,7 @@ def _movable(k: int, block: Block, high: float) -> str:
       <geom {size} contype="2" conaffinity="2" class="hard"/>
       <body pos="0 0 {-high / 2}">
         <joint type="slide" axis="0 0 1"/>
-        <inertial pos="0 0 0" mass="{block.mass!r}" diaginertia="{_words([turning] * 3)}"/>
+        <inertial pos="0 0 0" mass="{block.mass!r}" diaginertia="{words([turning] * 3)}"/>
         <geom class="foot" pos="0 0 0.01" friction="{block.friction!r} {block.friction * _mean_distance(a, b)!r} 0"/>
       </body>
     </body>"""
@@ -157,7 +157,3 @@ def _mean_distance(a: float, b: float) -> float:
     """
     d = hypot(a, b)
     return (d + a * a / (2 * b) * log((b + d) / a) + b * b / (2 * a) * log((a + d) / b)) / 3
-
-
-def _words(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from palpate.errors import InputError
+from palpate.files.models.toml import toml_lines
 from palpate.opencv import opencv
 from palpate_lab.simulation.arena.layout import ArenaLayout
+from palpate_lab.simulation.arena.moment import ArenaMoment
 from palpate_lab.simulation.bags import header, open_bag
 
 QUALITY = 85  # of JPEG
@@ -39,61 +41,6 @@ RIG = """# The ring of one robot in {name}.mcap. What really touched it is in {n
 model = "{name}_ring.toml"
 topic = "/robot_1/camera/compressed"
 """
-
-
-@runtime_checkable
-class RecordedFrame(Protocol):
-    """A moment of a run, as a recorder takes it."""
-
-    @property
-    def time(self) -> float:
-        """Time [s]."""
-        ...
-
-    @property
-    def poses(self) -> Float[np.ndarray, "n 3"]:
-        """True x, y, heading of the robots, (n, 3) [m], [rad]."""
-        ...
-
-    @property
-    def tracked(self) -> Float[np.ndarray, "n 3"]:
-        """Poses that the robots were given, (n, 3) [m], [rad]."""
-        ...
-
-    @property
-    def blocks(self) -> Float[np.ndarray, "m 3"]:
-        """True x, y, turn of the movable blocks, (m, 3) [m], [rad]."""
-        ...
-
-    @property
-    def touches(self) -> Sequence[Float[np.ndarray, "_ 2"] | None]:
-        """Angle [rad] and force [N] of contacts that each robot feels, (k, 2); None while its skin gives no reading."""
-        ...
-
-    @property
-    def truths(self) -> Sequence[Float[np.ndarray, "_ 5"]]:
-        """Angle [rad], force [N], shear [N], depth [m] and kind of each robot's true contacts, (k, 5)."""
-        ...
-
-    @property
-    def wheels(self) -> Float[np.ndarray, "n 2"]:
-        """Commanded speeds of the tracks, (n, 2) [m/s]."""
-        ...
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """State of each robot, in a word or two."""
-        ...
-
-    @property
-    def whys(self) -> tuple[str, ...]:
-        """Reason for each state, in a sentence."""
-        ...
-
-    @property
-    def frames(self) -> Sequence[UInt8[np.ndarray, "h w 3"]] | None:
-        """Image of each camera, (h, w, 3): blue, green, red; None without images."""
-        ...
 
 
 def files_of(recording: Path, robots: int, images: bool) -> dict[str, Path]:
@@ -128,22 +75,15 @@ def write_arena(file: Path, layout: ArenaLayout, settings: Mapping[str, object])
         OSError: the file cannot be written.
     """
     lines = ["# Lengths in metres, angles in radians; a block without a mass is fixed."]
-    lines += [f"{name} = {_toml(value)}" for name, value in settings.items()]
-    lines += [f"name = {_toml(layout.name)}", f"size = {_toml(list(layout.size))}"]
-    lines += [f"starts = {_toml(layout.starts.tolist())}", f"goals = {_toml(layout.goals.tolist())}"]
+    stated = {**settings, "name": layout.name, "size": layout.size, "starts": layout.starts.tolist()}
+    lines += _lines({**stated, "goals": layout.goals.tolist()})
     for block in layout.blocks:
-        stated = {name: getattr(block, name) for name in ("x", "y", "turn", "half", "mass", "friction")}
-        known = {name: value for name, value in stated.items() if value is not None}
-        lines += ["", "[[block]]", *(f"{name} = {_toml(value)}" for name, value in known.items())]
+        lines += ["", "[[block]]", *_lines({name: value for name, value in vars(block).items() if value is not None})]
     file.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
-def _toml(value: object) -> str:
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(_toml(each) for each in cast('Sequence[object]', value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value) if isinstance(value, int | float) else '"{}"'.format(str(value).replace('"', "'"))
+def _lines(table: Mapping[str, object]) -> list[str]:
+    return [line for name, value in table.items() for line in toml_lines(name, value)]
 
 
 class RunRecorder:
@@ -172,7 +112,7 @@ class RunRecorder:
         self._single = [self._table(files[f"truth {k + 1}"], TOUCHES) for k in range(robots)] if images else []
         self._states, self._blocks = [""] * robots, np.zeros((0, 3))
 
-    def add(self, frame: RecordedFrame) -> None:
+    def add(self, frame: ArenaMoment) -> None:
         """Write the next moment to all files of the run.
 
         Raises:
@@ -251,7 +191,7 @@ class RunRecorder:
         head = header(self._bag.types, stamp, "arena")
         self._bag.write(stamp, BLOCKS, self._type("PoseArray")(head, [self._posed(each) for each in blocks]))
 
-    def _rows(self, frame: RecordedFrame) -> None:
+    def _rows(self, frame: ArenaMoment) -> None:
         time = f"{frame.time:.6f}"
         for robot, felt in enumerate(frame.touches):
             rows: list[list[float]] = [] if felt is None else felt.tolist()

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from palpate_lab.simulation.engine import words
+
 if TYPE_CHECKING:
     from palpate_lab.simulation.phantom.probes import Probe
 
@@ -78,10 +80,6 @@ JOINTS = tuple(link.name.replace("link", "joint") for link in LINKS)
 READY = (0.0, -0.3, 1.2, 0.0, 1.6, 0.0)  # [rad] the probe points down in front of the base, its x towards the base
 
 
-def _words(values: tuple[float, ...]) -> str:
-    return " ".join(repr(float(value)) for value in values)
-
-
 def _matrix(turn: Triple) -> Float[np.ndarray, "3 3"]:
     """Return the rotation of roll about x, then pitch about y, then yaw about z, all fixed axes, as in URDF."""
     (a, b, c), (i, j, k) = [cos(angle) for angle in turn], [sin(angle) for angle in turn]
@@ -93,17 +91,17 @@ def _matrix(turn: Triple) -> Float[np.ndarray, "3 3"]:
 
 def _axes(turn: Triple) -> str:
     """Return the first two columns of the turn, as MJCF's xyaxes takes them."""
-    return _words(tuple(_matrix(turn)[:, :2].T.ravel().tolist()))
+    return words(tuple(_matrix(turn)[:, :2].T.ravel().tolist()))
 
 
 def _urdf_inertial(mass: float, centre: Triple, inertia: tuple[float, ...]) -> str:
     terms = zip(("xx", "xy", "xz", "yy", "yz", "zz"), inertia, strict=True)
     moments = " ".join(f'i{name}="{value!r}"' for name, value in terms)
-    return f'<inertial><origin xyz="{_words(centre)}"/><mass value="{mass!r}"/><inertia {moments}/></inertial>'
+    return f'<inertial><origin xyz="{words(centre)}"/><mass value="{mass!r}"/><inertia {moments}/></inertial>'
 
 
 def _urdf_joint(name: str, kind: str, parent: str, child: str, place: tuple[Triple, Triple], inside: str = "") -> str:
-    origin = f'<origin xyz="{_words(place[0])}" rpy="{_words(place[1])}"/>'
+    origin = f'<origin xyz="{words(place[0])}" rpy="{words(place[1])}"/>'
     return (
         f'  <joint name="{name}" type="{kind}">{origin}<parent link="{parent}"/><child link="{child}"/>{inside}</joint>'
     )
@@ -147,7 +145,7 @@ def urdf(probe: Probe, mesh: str = "probe.stl") -> str:
 
 
 def _capsule(begin: Triple, end: Triple, radius: float) -> str:
-    return f'<geom type="capsule" fromto="{_words(begin)} {_words(end)}" size="{radius}" material="arm"/>'
+    return f'<geom type="capsule" fromto="{words(begin)} {words(end)}" size="{radius}" material="arm"/>'
 
 
 _DRAWN = (  # of links 1 to 6, in their frames: from joint to joint
@@ -162,7 +160,7 @@ _DRAWN = (  # of links 1 to 6, in their frames: from joint to joint
 
 def _mjcf_inertial(mass: float, centre: Triple, inertia: tuple[float, ...]) -> str:
     xx, xy, xz, yy, yz, zz = inertia
-    return f'<inertial pos="{_words(centre)}" mass="{mass!r}" fullinertia="{_words((xx, yy, zz, xy, xz, yz))}"/>'
+    return f'<inertial pos="{words(centre)}" mass="{mass!r}" fullinertia="{words((xx, yy, zz, xy, xz, yz))}"/>'
 
 
 def mjcf(probe: Probe, *, timestep: float, accelerometer: Triple, phantom: Triple) -> str:
@@ -174,11 +172,11 @@ def mjcf(probe: Probe, *, timestep: float, accelerometer: Triple, phantom: Tripl
         accelerometer: its position in the sensor's frame [m].
         phantom: half sizes of the drawn phantom [m], its surface at the body's origin.
     """
-    points, faces = _words(tuple(probe.vertices.ravel().tolist())), " ".join(str(i) for i in probe.faces.ravel())
+    points, faces = words(tuple(probe.vertices.ravel().tolist())), " ".join(str(i) for i in probe.faces.ravel())
     xx, yy, zz = probe.inertia
     body = _mjcf_inertial(probe.mass, probe.centre, (xx, 0.0, 0.0, yy, 0.0, zz))
     links = "".join(
-        f'<body name="{link.name}" pos="{_words(link.origin)}" xyaxes="{_axes(link.turn)}">'
+        f'<body name="{link.name}" pos="{words(link.origin)}" xyaxes="{_axes(link.turn)}">'
         f"{_mjcf_inertial(link.mass, link.centre, link.inertia)}"
         f'<joint name="{name}" axis="0 0 1"/>{_capsule(*drawn)}'
         for name, link, drawn in zip(JOINTS, LINKS, _DRAWN, strict=True)
@@ -205,16 +203,16 @@ def mjcf(probe: Probe, *, timestep: float, accelerometer: Triple, phantom: Tripl
     <light pos="0.5 -0.8 1.6" dir="-0.1 0.5 -1" castshadow="true"/>
     <geom type="plane" size="1 1 0.1" material="floor"/>
     <body name="phantom" mocap="true">
-      <geom type="box" size="{_words(phantom)}" pos="0 0 {-z!r}" material="phantom"/>
-      <geom type="box" size="{_words((1.1 * x, 1.1 * y, 0.004))}" pos="0 0 {-2 * z - 0.004!r}" rgba="0.3 0.3 0.34 1"/>
+      <geom type="box" size="{words(phantom)}" pos="0 0 {-z!r}" material="phantom"/>
+      <geom type="box" size="{words((1.1 * x, 1.1 * y, 0.004))}" pos="0 0 {-2 * z - 0.004!r}" rgba="0.3 0.3 0.34 1"/>
     </body>
     <body name="elfin_base" xyaxes="{_axes((0.0, 0.0, BASE_TURN))}">
       <geom type="cylinder" fromto="0 0 0 0 0 0.12" size="0.06" material="arm"/>
       {links}
-      <body name="{SENSOR}" pos="{_words(FLANGE)}">
+      <body name="{SENSOR}" pos="{words(FLANGE)}">
         {body}
         <site name="{SENSOR}" size="0.004"/>
-        <site name="accelerometer" pos="{_words(accelerometer)}" size="0.004"/>
+        <site name="accelerometer" pos="{words(accelerometer)}" size="0.004"/>
         <geom type="cylinder" fromto="0 0 0 0 0 0.018" size="0.035" rgba="0.25 0.25 0.28 1"/>
         <geom type="mesh" mesh="probe" material="probe"/>
       </body>

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -90,13 +91,13 @@ def probe(name: str, spacing: float = 0.001) -> Probe:
     if name not in PROBES:
         raise InputError(f"the probe {name!r} is unknown.", hint=f"Use one of {', '.join(PROBES)}.")
     shape = PROBES[name]
-    face, loop = _face(shape), _loop(shape, spacing)
+    loop = _loop(shape, spacing)
     along, across = _edges(shape, spacing)
     around = np.arange(len(loop[0]), dtype=np.float64)
     arc = np.linspace(0.0, 1.0, 9)
     wall = np.linspace(0.0, 1.0, 2)
     rows = np.linspace(0.0, WALL / _wall_length(shape), 1 + round(WALL / spacing))
-    fillet, side = _fillet(shape, loop), _side(shape, loop)
+    face, fillet, side = partial(_face, shape), partial(_fillet, shape, loop), partial(_side, shape, loop)
     cells = [_cells(face, along, across), _cells(fillet, around, arc[::2]), _cells(side, around, rows)]
     points, normals, areas = (np.concatenate(parts) for parts in zip(*cells, strict=True))
     patches = [_patch(face, along, across), _patch(fillet, around, arc)[::-1], _patch(side, around, wall)[::-1]]
@@ -129,12 +130,10 @@ def _inner(shape: Shape, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.n
     return point, normal
 
 
-def _face(shape: Shape) -> Surface:
-    def surface(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        point, normal = _inner(shape, x, y)
-        return point + shape.edge * normal, normal
-
-    return surface
+def _face(shape: Shape, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points and normals of the face."""
+    point, normal = _inner(shape, x, y)
+    return point + shape.edge * normal, normal
 
 
 def _loop(shape: Shape, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -156,41 +155,37 @@ def _loop(shape: Shape, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndar
     return np.concatenate(xs), np.concatenate(ys), np.concatenate(turns)
 
 
-def _at(loop: tuple[np.ndarray, ...], place: np.ndarray) -> list[np.ndarray]:
-    return [np.interp(place, np.arange(len(values)), values) for values in loop]
+def _on_loop(
+    shape: Shape, loop: tuple[np.ndarray, ...], place: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the inner body's points and normals at places in its outline, and the outward directions there."""
+    x, y, turn = (np.interp(place, np.arange(len(values)), values) for values in loop)
+    return *_inner(shape, x, y), np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=-1)
 
 
-def _fillet(shape: Shape, loop: tuple[np.ndarray, ...]) -> Surface:
-    """Return the round edge as a surface of (place in the loop, 0 at the face to 1 at the wall)."""
-
-    def surface(place: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x, y, turn = _at(loop, place)
-        point, start = _inner(shape, x, y)
-        end = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=-1)
-        angle = np.arccos((start * end).sum(axis=-1))[..., None]
-        share = share[..., None]
-        normal = (np.sin((1 - share) * angle) * start + np.sin(share * angle) * end) / np.sin(angle)
-        return point + shape.edge * normal, normal
-
-    return surface
+def _fillet(
+    shape: Shape, loop: tuple[np.ndarray, ...], place: np.ndarray, share: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return points and normals of the round edge, at places in the loop, shares 0 (face) to 1 (wall)."""
+    point, start, end = _on_loop(shape, loop, place)
+    angle = np.arccos((start * end).sum(axis=-1))[..., None]
+    share = share[..., None]
+    normal = (np.sin((1 - share) * angle) * start + np.sin(share * angle) * end) / np.sin(angle)
+    return point + shape.edge * normal, normal
 
 
 def _wall_length(shape: Shape) -> float:
     return TIP - TOP - shape.edge
 
 
-def _side(shape: Shape, loop: tuple[np.ndarray, ...]) -> Surface:
-    """Return the straight walls as a surface of (place in the loop, 0 at the edge to 1 at the top)."""
-
-    def surface(place: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x, y, turn = _at(loop, place)
-        point, _ = _inner(shape, x, y)
-        normal = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=-1)
-        point = point + shape.edge * normal
-        point[..., 2] += share * (TOP - point[..., 2])
-        return point, normal
-
-    return surface
+def _side(
+    shape: Shape, loop: tuple[np.ndarray, ...], place: np.ndarray, share: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return points and normals of the straight walls, at places in the loop, shares 0 (edge) to 1 (top)."""
+    point, _, normal = _on_loop(shape, loop, place)
+    point = point + shape.edge * normal
+    point[..., 2] += share * (TOP - point[..., 2])
+    return point, normal
 
 
 def _patch(surface: Surface, first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +10,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from palpate_lab.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
+from palpate.spatial.pose import Pose
+from palpate_lab.simulation.bags import Stamped, header, joint_states, nanoseconds, poses, wrenches, write_bag
 from palpate_lab.simulation.phantom.elfin3 import JOINTS, SENSOR, urdf
 from palpate_lab.simulation.phantom.lab import PhantomLab, PhantomTruth, Reading
 from palpate_lab.simulation.phantom.probes import Probe
+from palpate_lab.simulation.tables import write_rows
 
 WRENCH, JOINT, COMMAND, IMU = "/ft_sensor/wrench", "/joint_states", "/robot/command", "/ft_sensor/imu"
 FORCE, PHANTOM, PROBE, STATE = "/truth/wrench", "/truth/phantom", "/truth/sensor", "/controller/state"
@@ -113,10 +114,7 @@ def write_run(run: PhantomRun, lab: PhantomLab, recording: Path, name: str) -> N
         force=max(settings.force_noise, 1e-4), torque=max(settings.torque_noise, 1e-5),
     )  # fmt: skip
     files["rig"].write_text(filled, encoding="utf-8")
-    with files["truth"].open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(TRUTH)
-        writer.writerows(_truth_row(truth, probe) for truth in run.truths if truth.press > 0.0)
+    write_rows(files["truth"], TRUTH, (_truth_row(truth, probe) for truth in run.truths if truth.press > 0.0))
 
 
 def _truth_row(truth: PhantomTruth, probe: Probe) -> list[str]:
@@ -144,15 +142,16 @@ def _topics(run: PhantomRun, types: Any) -> Iterable[Iterable[Stamped]]:
     times, shown = np.array([reading.time for reading in fresh]), np.array([reading.wrench for reading in fresh])
     acts = np.array([_contact_wrench(truth) for truth in run.truths])
     fed = [reading for reading in run.readings if reading.joints_time == reading.time]
+    joints = np.array([each.joints for each in fed])
     sent = np.flatnonzero(np.r_[True, np.any(np.diff(run.commands, axis=0) != 0.0, axis=1)])
     return (
         wrenches(types, WRENCH, times, shown),
-        _joints(types, JOINT, np.array([each.time for each in fed]), np.array([each.joints for each in fed])),
-        _joints(types, COMMAND, run.time[sent], run.commands[sent]),
+        joint_states(types, JOINT, np.array([each.time for each in fed]), JOINTS, joints),
+        joint_states(types, COMMAND, run.time[sent], JOINTS, run.commands[sent]),
         _accelerations(types, run.readings),
         wrenches(types, FORCE, run.time, acts),
-        _poses(types, PHANTOM, run.truths),
-        _poses(types, PROBE, run.truths),
+        _poses(types, PHANTOM, run.time, [truth.phantom for truth in run.truths]),
+        _poses(types, PROBE, run.time, [truth.sensor for truth in run.truths]),
         _states(types, run),
     )
 
@@ -163,27 +162,20 @@ def _contact_wrench(truth: PhantomTruth) -> Float[np.ndarray, "6"]:
     return np.concatenate([turn @ truth.force, turn @ truth.moment])
 
 
-def _joints(types: Any, topic: str, time: np.ndarray, joints: np.ndarray) -> Iterator[Stamped]:
-    kind, none = types["sensor_msgs/msg/JointState"], np.zeros(0)
-    for stamp, row in zip(nanoseconds(time), joints, strict=True):
-        yield stamp, topic, kind(header(types, stamp, ""), list(JOINTS), row, none, none)
+def _poses(types: Any, topic: str, time: Float[np.ndarray, " n"], seen: list[Pose]) -> Iterator[Stamped]:
+    turns, places = np.array([pose.quaternion() for pose in seen]), np.array([pose.translation for pose in seen])
+    return poses(types, topic, time, turns, places)
 
 
 def _accelerations(types: Any, readings: list[Reading]) -> Iterator[Stamped]:
-    imu, vector, turn = (types[name] for name in _names("sensor_msgs/msg/Imu", "Vector3", "Quaternion"))
+    imu, vector, turn = (
+        types[name] for name in ("sensor_msgs/msg/Imu", "geometry_msgs/msg/Vector3", "geometry_msgs/msg/Quaternion")
+    )
     nothing, unknown = np.zeros(9), np.array([-1.0, *[0.0] * 8])  # -1: no orientation, no angular velocity
     for stamp, reading in zip(nanoseconds(np.array([each.time for each in readings])), readings, strict=True):
         rest = turn(0.0, 0.0, 0.0, 1.0), unknown, vector(0.0, 0.0, 0.0), unknown
         felt = vector(*reading.acceleration.tolist())
         yield stamp, IMU, imu(header(types, stamp, SENSOR), *rest, felt, nothing)
-
-
-def _poses(types: Any, topic: str, truths: list[PhantomTruth]) -> Iterator[Stamped]:
-    point, turn, pose, stamped = (types[name] for name in _names("Point", "Quaternion", "Pose", "PoseStamped"))
-    for stamp, truth in zip(nanoseconds(np.array([each.time for each in truths])), truths, strict=True):
-        seen = truth.phantom if topic == PHANTOM else truth.sensor
-        at, way = point(*seen.translation.tolist()), turn(*seen.quaternion().tolist())
-        yield stamp, topic, stamped(header(types, stamp, "base"), pose(at, way))
 
 
 def _states(types: Any, run: PhantomRun) -> Iterator[Stamped]:
@@ -193,7 +185,3 @@ def _states(types: Any, run: PhantomRun) -> Iterator[Stamped]:
         if state != before:
             yield stamp, STATE, types["std_msgs/msg/String"](state)
         before = state
-
-
-def _names(*names: str) -> tuple[str, ...]:
-    return tuple(name if "/" in name else f"geometry_msgs/msg/{name}" for name in names)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from palpate_lab.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
+from palpate_lab.simulation.bags import Stamped, header, joint_states, nanoseconds, wrenches, write_bag
 from palpate_lab.simulation.robot.plan import RATE, RobotTouch
 from palpate_lab.simulation.robot.run import RobotRun
 from palpate_lab.simulation.robot.sensors import (
@@ -74,7 +74,7 @@ def write_robot_log(robot: LabRobot, run: RobotRun, path: Path) -> None:
     names = [link.joint for link in moving(robot.links)]
 
     def made(types: Any) -> Iterable[Iterable[Stamped]]:
-        yield _joint_states(types, START + run.joint_time, run.joints, names)
+        yield joint_states(types, JOINTS, START + run.joint_time, names, run.joints[:, 0], run.joints[:, 1])
         for sensor in robot.sensors:
             time, values = run.readings[sensor.name]
             yield _messages(types, sensor, START + time, values)
@@ -117,14 +117,6 @@ def _felt(robot: LabRobot, touch: RobotTouch) -> list[str]:
     part: TouchedPart = region.parts[touch.part]
     names = ["" if isinstance(part, BareFace) else part.name, region.wrist]
     return [name for name in names if name]
-
-
-def _joint_states(
-    types: Any, time: Float[np.ndarray, " n"], joints: Float[np.ndarray, "n 2 k"], names: list[str]
-) -> Iterator[Stamped]:
-    state, none = types["sensor_msgs/msg/JointState"], np.zeros(0)
-    for stamp, (position, velocity) in zip(nanoseconds(time), joints, strict=True):
-        yield stamp, JOINTS, state(header(types, stamp, ""), names, position, velocity, none)
 
 
 def _messages(types: Any, sensor: Sensor, time: Float[np.ndarray, " n"], values: np.ndarray) -> Iterator[Stamped]:

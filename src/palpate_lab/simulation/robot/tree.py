@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from palpate.spatial.pose import Pose
+from palpate_lab.simulation.engine import words
 
 Three = tuple[float, float, float]
 GRAVITY = 9.80665  # m/s^2, down the base's z
@@ -116,13 +117,13 @@ def mjcf(name: str, links: Iterable[RobotLink], sites: Iterable[str]) -> str:
     """Return the robot as MJCF with a force and a torque sensor in the frames of the links named by `sites`."""
     root = _Element("mujoco", model=name)
     ElementTree.SubElement(root, "compiler", angle="radian")
-    ElementTree.SubElement(root, "option", gravity=_words((0.0, 0.0, -GRAVITY)))
+    ElementTree.SubElement(root, "option", gravity=words((0.0, 0.0, -GRAVITY)))
     bodies = {"": ElementTree.SubElement(root, "worldbody")}
     equal, sensors = ElementTree.SubElement(root, "equality"), ElementTree.SubElement(root, "sensor")
     for link in links:
         bodies[link.name] = _body(bodies[link.parent], link)
         if link.mimic is not None:
-            coefficients = _words((0.0, link.mimic[1], 0.0, 0.0, 0.0))
+            coefficients = words((0.0, link.mimic[1], 0.0, 0.0, 0.0))
             ElementTree.SubElement(
                 equal, "joint", joint1=link.joint, joint2=f"{link.mimic[0]}_joint", polycoef=coefficients
             )
@@ -137,17 +138,17 @@ def _urdf_link(root: _Element, link: RobotLink) -> None:
     element = ElementTree.SubElement(root, "link", name=link.name)
     if link.mass:
         inertial = ElementTree.SubElement(element, "inertial")
-        ElementTree.SubElement(inertial, "origin", xyz=_words(link.centre), rpy="0 0 0")
+        ElementTree.SubElement(inertial, "origin", xyz=words(link.centre), rpy="0 0 0")
         ElementTree.SubElement(inertial, "mass", value=repr(link.mass))
         moments = dict(zip(("ixx", "iyy", "izz"), map(repr, link.inertia()), strict=True))
         ElementTree.SubElement(inertial, "inertia", {**moments, "ixy": "0", "ixz": "0", "iyz": "0"})
     uses = [(shape, use) for shape in link.shapes for use in ("visual", "collision")]
     for shape, use in [*uses, *((shape, "visual") for shape in link.looks)]:
         part = ElementTree.SubElement(element, use)
-        ElementTree.SubElement(part, "origin", xyz=_words(shape.at), rpy="0 0 0")
+        ElementTree.SubElement(part, "origin", xyz=words(shape.at), rpy="0 0 0")
         geometry = ElementTree.SubElement(part, "geometry")
         if shape.kind == "box":
-            ElementTree.SubElement(geometry, "box", size=_words([2 * half for half in shape.size]))
+            ElementTree.SubElement(geometry, "box", size=words([2 * half for half in shape.size]))
         elif shape.kind == "cylinder":
             radius, length = repr(shape.size[0]), repr(2 * shape.size[1])
             ElementTree.SubElement(geometry, "cylinder", radius=radius, length=length)
@@ -160,11 +161,11 @@ def _urdf_link(root: _Element, link: RobotLink) -> None:
 def _urdf_joint(root: _Element, link: RobotLink) -> None:
     kind = "fixed" if link.axis is None else "revolute"
     joint = ElementTree.SubElement(root, "joint", name=link.joint, type=kind)
-    ElementTree.SubElement(joint, "origin", xyz=_words(link.xyz), rpy=_words(link.rpy))
+    ElementTree.SubElement(joint, "origin", xyz=words(link.xyz), rpy=words(link.rpy))
     ElementTree.SubElement(joint, "parent", link=link.parent)
     ElementTree.SubElement(joint, "child", link=link.name)
     if link.axis is not None:
-        ElementTree.SubElement(joint, "axis", xyz=_words(link.axis))
+        ElementTree.SubElement(joint, "axis", xyz=words(link.axis))
         bounds = {"lower": repr(link.middle - link.span), "upper": repr(link.middle + link.span)}
         ElementTree.SubElement(joint, "limit", bounds | {"velocity": repr(_SPEED), "effort": repr(_EFFORT)})
     if link.mimic is not None:
@@ -173,14 +174,14 @@ def _urdf_joint(root: _Element, link: RobotLink) -> None:
 
 def _body(parent: _Element, link: RobotLink) -> _Element:
     x, y, z, w = link.origin().quaternion().tolist()
-    body = ElementTree.SubElement(parent, "body", name=link.name, pos=_words(link.xyz), quat=_words((w, x, y, z)))
+    body = ElementTree.SubElement(parent, "body", name=link.name, pos=words(link.xyz), quat=words((w, x, y, z)))
     if link.mass:
-        about = {"pos": _words(link.centre), "mass": repr(link.mass), "diaginertia": _words(link.inertia())}
+        about = {"pos": words(link.centre), "mass": repr(link.mass), "diaginertia": words(link.inertia())}
         ElementTree.SubElement(body, "inertial", about)
     if link.axis is not None:
-        ElementTree.SubElement(body, "joint", name=link.joint, axis=_words(link.axis))
+        ElementTree.SubElement(body, "joint", name=link.joint, axis=words(link.axis))
     for shape in link.shapes:
-        place = {"pos": _words(shape.at), "size": _words(shape.size), "contype": "0", "conaffinity": "0"}
+        place = {"pos": words(shape.at), "size": words(shape.size), "contype": "0", "conaffinity": "0"}
         ElementTree.SubElement(body, "geom", {"type": shape.kind, **place})
     return body
 
@@ -188,7 +189,3 @@ def _body(parent: _Element, link: RobotLink) -> _Element:
 def _text(root: _Element) -> str:
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
-
-
-def _words(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)

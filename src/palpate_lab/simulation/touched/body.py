@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.spatial._arrays import Value, frozen
-from palpate_lab.simulation.engine import engine
+from palpate_lab.simulation.engine import engine, words
 from palpate_lab.simulation.touched.plan import COMING, PlannedTouch, course
 from palpate_lab.simulation.touched.settings import GRAVITY, STEP_RATE, ForearmSettings
 
@@ -50,7 +50,7 @@ class Physics(Value):
 def mjcf(settings: ForearmSettings) -> str:
     """Return the model as MJCF text: only the link and indenters collide, and indenters have no weight."""
     x, y, z, w = settings.mount.quaternion().tolist()
-    at, link = _words(settings.mount.translation.tolist()), _words((w, x, y, z))
+    at, link = words(settings.mount.translation.tolist()), words((w, x, y, z))
     slots = range(settings.touches)
     across = 0.5 * settings.mass * settings.sheet.radius**2
     along = settings.mass * (settings.sheet.radius**2 / 4 + settings.half_length**2 / 3)
@@ -68,12 +68,12 @@ def mjcf(settings: ForearmSettings) -> str:
   <default><geom type="sphere" friction="{settings.friction!r} 0 0" condim="3" {_CONTACT}/></default>
   <worldbody>
     <body name="link" pos="{at}" quat="{link}">
-      <inertial pos="{_words(settings.centre)}" mass="{settings.mass!r}"
-        diaginertia="{_words((along, along, across))}"/>
+      <inertial pos="{words(settings.centre)}" mass="{settings.mass!r}"
+        diaginertia="{words((along, along, across))}"/>
       <geom name="link" type="cylinder" size="{settings.sheet.radius!r} {settings.half_length!r}" contype="1"
         conaffinity="0"/>
-      <site name="sensor" pos="{_words(settings.mount.inverse().translation.tolist())}"
-        quat="{_words((w, -x, -y, -z))}"/>
+      <site name="sensor" pos="{words(settings.mount.inverse().translation.tolist())}"
+        quat="{words((w, -x, -y, -z))}"/>
     </body>
     {indenters}
   </worldbody>
@@ -191,7 +191,3 @@ class _Contacts:
         back = self._back
         speed = np.array([row[5] for row in rows])
         return frame, touch, *map(frozen, (back.apply(point), back.rotate(normal), back.rotate(force), speed))
-
-
-def _words(values: Sequence[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)

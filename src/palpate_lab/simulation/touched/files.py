@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.files.models.kinds import write_model
+from palpate.sensors.taxels.intensity import Curve, Intensity
+from palpate.sensors.taxels.skin_map.model import SkinMap
+from palpate.signals.payload import Payload
 from palpate.signals.recording import CELLS, ORIENTATION, Recording
 from palpate_lab.simulation.bags import Stamped, poses, readings, wrenches, write_bag
 from palpate_lab.simulation.skin_bench import HIGH, JOINT, LOW
@@ -55,46 +60,7 @@ topic = "{pose_topic}"               # of the sensor in the base
 method = "soft_finger"
 contact = {{ on = 0.5, off = 0.3 }}    # N
 """
-_PAYLOAD = """# Payload and bias of a force/torque sensor. Written by `palpate simulate forearm`, which knows it.
-kind = "payload"
-
-weight = {weight}  # N, in the base frame
-force_bias = {force}  # N, in the sensor's frame, as all that follows
-center_of_mass = {centre}  # m
-torque_bias = {torque}  # N m
-magnitude = {magnitude}  # m/s^2, of gravity
-residual = [0.0, 0.0]  # N, N m: of no fit
-samples = 0
-# of weight, force_bias, center_of_mass, torque_bias, in this order
-covariance = [
-{covariance}
-]
-"""
-_INTENSITY = """# From readings of taxels to forces. By `palpate simulate forearm`: the curve of a cell of gain 1.
-kind = "intensity"
-
-unit = "counts"
-
-[[curve]]
-kind = "two_range"
-parameters = [{low}, 0.0, {high}]
-covariance = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-largest = {largest}  # N
-saturation = 255.0
-joint = {joint}  # N
-"""
-_MAP = """# Where the cells of a sheet sit, in the link's frame. Written by `palpate simulate forearm`, which knows it.
-kind = "skin map"
-
-rows = {rows}
-columns = {columns}
-pitch = [{pitch}, {pitch}]  # m, between rows and between columns
-# row by row: x y z [m], nx ny nz outward, area [m^2], u v of the surface
-cells = [
-{cells}
-]
-overlap = {overlap}
-"""
+_MADE = {"made by": "palpate simulate forearm, which knows it"}
 _README = """A simulated forearm, touched at up to {touches} places at once (MuJoCo): `palpate simulate forearm`.
 
 both.mcap       {wrench_topic} (WrenchStamped, {wrench_rate} Hz), {skin_topic} (UInt8MultiArray, {skin_rate} Hz),
@@ -137,12 +103,12 @@ def write_forearm(run: ForearmRun, folder: Path, free: Recording | None = None) 
     trimesh.Trimesh(*link_mesh(settings), process=False).export(folder / "link.stl")
     for name, text in (
         ("both.toml", _rig(settings)),
-        ("payload.toml", _payload(settings)),
-        ("intensity.toml", intensity_model()),
-        ("skin_map.toml", _map(settings)),
         ("README.txt", _about(settings, free)),
     ):
         (folder / name).write_text(text, encoding="utf-8")
+    write_model(folder / "payload.toml", _payload(settings))
+    write_model(folder / "intensity.toml", intensity_model())
+    write_model(folder / "skin_map.toml", _map(settings))
     _write_truth(run.truth, folder / "truth.csv")
     _write_presses(run, folder / "load_cell_log.csv")
 
@@ -176,9 +142,11 @@ def link_mesh(settings: ForearmSettings, around: int = 120) -> tuple[Float[np.nd
     return vertices, np.concatenate([lower, upper, bottom_end, top_end])
 
 
-def intensity_model() -> str:
-    """Return the curve of a cell of gain 1 as TOML text, as `palpate calibrate intensity` writes it."""
-    return _INTENSITY.format(low=LOW, high=HIGH, largest=_LARGEST, joint=JOINT)
+def intensity_model() -> Intensity:
+    """Return the `Intensity` of cells of gain 1."""
+    nothing = np.zeros((3, 3))
+    curve = Curve("two_range", np.array([LOW, 0.0, HIGH]), nothing, _LARGEST, saturation=255.0, joint=JOINT)
+    return Intensity((curve,), provenance=_MADE)
 
 
 def _write_both(run: ForearmRun, path: Path) -> None:
@@ -213,32 +181,18 @@ def _rig(settings: ForearmSettings) -> str:
     )
 
 
-def _payload(settings: ForearmSettings) -> str:
+def _payload(settings: ForearmSettings) -> Payload:
     """Return the payload before the bias drifted; its weight is as uncertain as the drift states."""
     covariance = np.zeros((12, 12))
     covariance[2, 2] = 0.0 if settings.drift is None else settings.drift.weight**2
-    return _PAYLOAD.format(
-        weight=[0.0, 0.0, -GRAVITY * settings.mass],
-        force=list(settings.bias[:3]),
-        centre=settings.mount.apply(np.array(settings.centre)).tolist(),
-        torque=list(settings.bias[3:]),
-        magnitude=GRAVITY,
-        covariance=_rows(covariance),
-    )
+    weight, centre = np.array([0.0, 0.0, -GRAVITY * settings.mass]), settings.mount.apply(np.array(settings.centre))
+    force, torque = np.split(np.array(settings.bias), 2)
+    return Payload(weight, force, centre, torque, covariance, GRAVITY, provenance=_MADE)
 
 
-def _map(settings: ForearmSettings) -> str:
+def _map(settings: ForearmSettings) -> SkinMap:
     place = settings.sheet.layout()
-    rest = np.zeros((place.rows * place.columns, 2))
-    cells = (place.centres.reshape(-1, 3), place.normals.reshape(-1, 3), place.areas.reshape(-1, 1), rest)
-    overlap = f"[{', '.join(['false'] * len(rest))}]"
-    return _MAP.format(
-        rows=place.rows,
-        columns=place.columns,
-        pitch=settings.sheet.pitch,
-        cells=_rows(np.concatenate(cells, axis=1)),
-        overlap=overlap,
-    )
+    return replace(place, uv=np.zeros((*place.areas.shape, 2)), provenance=_MADE)
 
 
 def _about(settings: ForearmSettings, free: Recording | None) -> str:
@@ -268,7 +222,3 @@ def _write_presses(run: ForearmRun, path: Path) -> None:
     numbers = np.column_stack([force, counts, cell])
     header, layout = "force,intensity,row,column", ["%.4f", "%d", "%d", "%d"]
     np.savetxt(path, numbers, fmt=layout, delimiter=",", header=header, comments="", encoding="utf-8")
-
-
-def _rows(values: Float[np.ndarray, "n k"]) -> str:
-    return "\n".join(f"    {row}," for row in values.tolist())

@@ -19,7 +19,7 @@ from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.logs import contents
 from palpate.sensors.taxels.files import of_taxels
 from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
-from palpate.sensors.taxels.place_formats import SUFFIXES, read_taxel_places, write_taxel_places
+from palpate.sensors.taxels.place_formats import read_taxel_places, require_suffix, write_taxel_places
 from palpate.sensors.taxels.places import SURFACE_POSE, TaxelPlaces
 from palpate.sensors.taxels.poking import Priors, TaxelCalibration, calibrate_taxels
 from palpate.sensors.taxels.poking.activations import Block
@@ -95,9 +95,7 @@ class CalibrateTaxels(Calibration):
             NotIdentifiable: too few pokes.
             GeometryError: the file of the surface has no usable surface.
         """
-        if self.output.suffix.lower() not in SUFFIXES:
-            hint, kind = f"Use {', '.join(SUFFIXES)}.", self.output.suffix
-            raise InputError(f"cannot write places of taxels as {kind!r}.", where=str(self.output), hint=hint)
+        require_suffix(self.output)
         require_positive(self.threshold, "--threshold")
         require_positive(self.spacing, "--spacing")
         if self.spacing is not None and self.method != "modules":
@@ -244,10 +242,8 @@ def _layout(name: str | None, setup: Setup, known: TaxelPlaces | Pokes) -> tuple
             f"{taxels} taxels cannot be divided into modules of {len(places)}, as in {chosen}.", where="layout"
         )
     whole = ModuleLayout.repeated(places, count)
-    if isinstance(known, Pokes):
-        there = np.bincount(whole.module, known.counts(), minlength=count)[whole.module] > 0
-    else:
-        there = np.bincount(whole.module, known.there, minlength=count)[whole.module] > 0
+    answered = known.counts() if isinstance(known, Pokes) else known.there
+    there = np.bincount(whole.module, answered, minlength=count)[whole.module] > 0
     there = there & np.isfinite(whole.places).all(axis=1)
     kept = np.unique(whole.module[there])
     absent = np.setdiff1d(np.arange(count), kept).tolist()
