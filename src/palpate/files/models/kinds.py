@@ -81,7 +81,7 @@ def write_model(path: str | Path, value: Any) -> None:
         InputError: the file cannot be written.
     """
     kind, model = _model(cast("type[Any]", type(value)))
-    head = [f"# {model.description} Written by `{model.command}`.", *toml_lines("kind", kind), ""]
+    head = [f"# {model.description} As `{model.command}` writes it.", *toml_lines("kind", kind), ""]
     write_text(Path(path), "\n".join([*head, *_table(value, model.forms, ""), ""]))
 
 
