@@ -292,8 +292,9 @@ def run_fitting(
     estimator: ContactEstimator, time: Times, readings: np.ndarray, extra_channels: Channels, out: Rows, counts: Counts
 ) -> int:
     """Do what an estimator's `run_into` does, for arrays like those that it took as they are."""
-    done = estimator._arrays(time, readings, extra_channels, out, counts)  # pyright: ignore[reportPrivateUsage]
-    estimator._samples += done  # pyright: ignore[reportPrivateUsage] - no method: nobody else may leave the checks out
+    given = time, readings, extra_channels, out, counts
+    done = estimator._arrays(*given)  # pyright: ignore[reportPrivateUsage] - no method: it checks nothing
+    estimator._samples += done  # pyright: ignore[reportPrivateUsage] - the same
     return done
 
 
