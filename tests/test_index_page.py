@@ -1,11 +1,10 @@
 """The README as an index page shows it, where no file of the project lies beside it."""
 
 import re
-from pathlib import Path
 
 from hatch_build import RELATIVE, for_an_index
+from tests.support.blocks import ROOT
 
-ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 HOME = "https://example.org/palpate"
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import palpate
+from claims.timings import streams
 from claims.timings.peers import HEIGHT, Scene, bota_plane, measure, parts, scenes
 
 RIGID = ("Palpate, wrench_axis", "first hit of the line of action, embreex", "nearest vertex by torque residual")
@@ -49,3 +50,11 @@ def test_with_pitch_the_rigid_methods_miss_and_ours_does_not() -> None:
 def test_the_section_names_every_estimator() -> None:
     said = str(parts(4)["peers"])
     assert all(name in said for name in ("soft_finger", "wrench_axis", "nearest vertex", "numeric Jacobian"))
+
+
+def test_every_row_of_the_table_has_its_time() -> None:
+    lines = streams.report(300).splitlines()
+    rows = [line.split("|")[1:-1] for line in lines if line.startswith("| ") and not line.startswith("| ---")]
+    timed = [(name.strip(), spent.strip()) for name, spent, _ in rows if spent.strip() != "us"]
+    assert len(timed) == 4 + 4 + 6
+    assert all(float(spent.replace(",", "")) > 0.0 for _, spent in timed)
