@@ -184,8 +184,9 @@ class OpenedLog:
             unit, _ = judged_unit(head.time, "time")
             if unit == "s":
                 raise
-            hint = f"A step between samples is {np.median(np.diff(head.time)):.4g} s, so times look like {unit}: "
-            raise InputError(problem.what, where=problem.where, hint=f'{hint}unit = "{unit}" in [time].') from problem
+            step = f"A step between samples is {np.median(np.diff(head.time)):.4g} s"
+            hint = f'{step}, so times look like {unit}: unit = "{unit}" in [time].'
+            raise InputError(problem.what, where=problem.where or head.source, hint=hint) from problem
 
     def __iter__(self) -> Iterator[Recording]:
         """Yield every sample once, in blocks, from the start."""
