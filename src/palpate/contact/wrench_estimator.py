@@ -201,9 +201,9 @@ class WrenchEstimator(ContactEstimator):
         given = time, readings, out, *beside.values()
         cuts = self._wrenches.cuts(time[:count]) if count else []
         for cut in cuts:
-            uncut = len(time) == len(out) == cut.stop - cut.start
-            when, read, rows, *rest = given if uncut else [each[cut] for each in given]
-            known = dict(zip(beside, rest, strict=True))
+            everything = len(time) == len(out) == cut.stop - cut.start  # as a rule, live: no slices, which take time
+            when, read, rows, *channels = given if everything else [each[cut] for each in given]
+            known = dict(zip(beside, channels, strict=True))
             follower = self._wrenches.entered(float(when[0]), DriftTracker.kelvin(known))
             inputs = live.inputs(when, read, known)
             live.run(when, rows, inputs)

@@ -144,8 +144,7 @@ class Replay:
             if self.poses or self.felt:
                 extra = (ORIENTATION, batch.orientation), (POSITION, batch.position), (ACCELERATION, batch.acceleration)
                 for name, into in extra:
-                    if name in block.channels:
-                        into[:count] = block.channels[name][part]
+                    into[:count] = block.channels[name][part] if name in block.channels else np.nan
             self._next = start + count
             if self._next == len(block.due):
                 self._block = None

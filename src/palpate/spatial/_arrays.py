@@ -61,14 +61,17 @@ def require_finite(array: np.ndarray, name: str) -> None:
         raise InputError(f"{name} must be finite.")
 
 
-def require_complete(whole: np.ndarray) -> None:
-    """Require a row without a missing value.
+def require_complete(complete: np.ndarray) -> None:
+    """Require that at least one row is complete.
+
+    Args:
+        complete: (n,) whether each row has no missing value.
 
     Raises:
-        InputError: none of the rows is whole (n,).
+        InputError: no row is.
     """
-    if not whole.any():
-        what = f"none of the {len(whole)} rows is complete: each has a missing value."
+    if not complete.any():
+        what = f"none of the {len(complete)} rows is complete: each has a missing value."
         raise InputError(what, hint="Find the column that is empty.")
 
 

@@ -1,4 +1,4 @@
-"""What is drawn of an arena: its blocks, the colours of the robots and their trails."""
+"""Place blocks, choose colours of robots and keep their trails, for pictures of an arena."""
 
 from __future__ import annotations
 

@@ -313,7 +313,7 @@ def _jumps(urdf: Urdf, kinematics: Kinematics, time: np.ndarray, values: np.ndar
 
 def _still(names: Sequence[str], time: np.ndarray, values: np.ndarray) -> tuple[list[str], list[str]]:
     """Return a note on joints that never move while others do, and a sentence for each that stops changing at all."""
-    changes, idle, said = np.diff(values, axis=0) != 0, list[str](), list[str]()
+    changes, idle, hanging = np.diff(values, axis=0) != 0, list[str](), list[str]()
     for name, own in zip(names, changes.T, strict=True):
         moving = 2 * (np.count_nonzero(changes, axis=1) - own) > len(names) - 1
         moves, when = own[moving], time[1:][moving]
@@ -324,11 +324,11 @@ def _still(names: Sequence[str], time: np.ndarray, values: np.ndarray) -> tuple[
         if not moves.any() and len(when) >= _HUNG:
             idle.append(repr(name))
         elif len(when) >= _HUNG and np.ptp(when) >= _STILL and np.mean(others) > _CHANGES:
-            said.append(
+            hanging.append(
                 f"joint {name!r} stands still from {when[0]:.3f} s to {when[-1]:.3f} s, while most others move: if it "
                 "moved, its encoder hangs, and contacts of the links that it moves are in the wrong place"
             )
-    return [f"the position of {', '.join(idle)} never changes, and those of most joints do"] if idle else [], said
+    return [f"the position of {', '.join(idle)} never changes, and those of most joints do"] if idle else [], hanging
 
 
 def _lost(name: str, time: np.ndarray, duration: float, max_gap: float) -> list[str]:

@@ -91,8 +91,8 @@ def identify_payload(
         raise wrong
     payload, left = judged(solution, *undone, settings)
     wrongs = () if wrong is None else (f"{str(wrong)[0].upper()}{str(wrong)[1:]}",)
-    said = (*payload.notes, *doubtful, *wrongs, *far_centre(payload.center_of_mass))
-    notes = (*unused(finite, solution.kept, of), *said)
+    remarks = (*payload.notes, *doubtful, *wrongs, *far_centre(payload.center_of_mass))
+    notes = (*unused(finite, solution.kept, of), *remarks)
     options = {
         "gravity": "free" if gravity is None else "given",
         "robust": str(robust).lower(),

@@ -192,9 +192,9 @@ def _complete(
     if at.shape != (len(u),) or f.shape != (len(u), 3) or c.shape != (len(u), 3):
         raise InputError(f"time, forces and centres must have a row for each of the {len(u)} voltages.")
     t = np.zeros(len(u)) if torques is None else np.asarray(torques, dtype=np.float64)
-    whole: Bool[np.ndarray, " n"] = np.all(np.isfinite(np.column_stack([at, u, f, c, t])), axis=1)
-    require_complete(whole)
-    return BenchLog(at[whole], u[whole], f[whole], c[whole], t[whole])
+    complete: Bool[np.ndarray, " n"] = np.all(np.isfinite(np.column_stack([at, u, f, c, t])), axis=1)
+    require_complete(complete)
+    return BenchLog(*(each[complete] for each in (at, u, f, c, t)))
 
 
 def _unexplained(white: np.ndarray, basis: np.ndarray, blocks: Blocks, correlation: float) -> tuple[float, float]:
