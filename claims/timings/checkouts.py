@@ -26,6 +26,7 @@ LASTS = 0.1  # s of CPU that a round takes at least: of rounds of 5 ms, two equa
 CALLS = {
     "one `palpate.locate`": "palpate.locate(wrench, mesh)",
     "one live sample, six-axis (`update_into`)": "estimator.update_into(0.0, wrench, row)",
+    "one untouched live sample of a stream, six-axis with payload and poses (`Live`)": "live.pass_on(0.0)",
     "10,000 wrenches by `Locator.run`": "locator.run(many, sequential=False)",
     SKIN: "(skin.reset(), skin.run(touched))",
     **{f"{name}: 100 samples by `update_into`": f"loop({name!r})" for name in SENSORS},
@@ -35,6 +36,7 @@ CALLS = {
 SIDE = """
 import sys, time
 import numpy as np, palpate
+from palpate.live.live import Live
 from palpate.sensors.force_torque.compensation import Compensation
 from palpate.sensors.taxels.health import examine
 from palpate.signals.motion import Motion
@@ -71,6 +73,19 @@ def loop(name):
     for time, reading, *more in given:
         estimator.update_into(time, reading, out, *more)
 
+class Stream:
+    shape, dtype, poses, stamp = (6,), np.float64, True, 0
+    events = list
+
+    def __init__(self, log):
+        self.wrenches, self.turns = log.wrenches()[:20], log.channels["orientation"][:20]  # untouched
+
+    def receive(self, batch, timeout):
+        self.stamp, row = self.stamp + 1_000_000, self.stamp // 1_000_000 % 20
+        batch.stamp[0], batch.values[0] = self.stamp, self.wrenches[row]
+        batch.orientation[0], batch.position[0] = self.turns[row], 0.0
+        return 1
+
 def pressed():
     sheet, rng, time = Rolled(6, 22, 0.005, np.inf).layout(), np.random.default_rng(3), np.arange(2000) / 100.0
     row, column = (each.ravel() for each in np.mgrid[:6, :22])
@@ -88,6 +103,7 @@ arms, logs = (dict(zip(WAYS, each)) for each in zip(arm(0.0), arm(0.5), strict=T
 locator = palpate.Locator(mesh, noise=[0.02] * 3 + [0.001] * 3)
 estimator = palpate.WrenchEstimator(locator, palpate.ForceTorque([0.02] * 3 + [0.001] * 3))
 wrench, row = np.array([0.5, 0.0, -5.0, 0.0, 0.001, 0.001]), estimator.empty()
+live = Live(palpate.load_rig("tests/v03/six-axis/rig.toml"), source=Stream(sides["six-axis"][1]))
 many = np.random.default_rng(0).normal(size=(10_000, 6)) * [5, 5, 5, 0.02, 0.02, 0.02]
 for line in sys.stdin:
     count, call = line.rstrip().split(" ", 1)
